@@ -41,10 +41,10 @@ void main() {
         shown *= SHADE_LEAST + (1.0 - SHADE_LEAST) * cosine;
     }
     if (has_edges) {
-        vec3 width = fwidth(corner);
+        vec3 width = max(fwidth(corner), 1e-6);
         vec3 near = smoothstep(0.1 * width, 0.95 * width, corner);
         float crowded = clamp(1.6 - 5.0 * max(width.x, max(width.y, width.z)), 0.0, 1.0);
-        shown *= 1.0 - 0.25 * crowded * (1.0 - min(near.x, min(near.y, near.z)));
+        shown *= 1.0 - 0.5 * crowded * (1.0 - min(near.x, min(near.y, near.z)));
     }
     if ((flags & HIGHLIGHTED) != 0u) {
         float at = fract((gl_FragCoord.x + gl_FragCoord.y) / STRIPES);

@@ -2,7 +2,7 @@
 //
 // Positions are not indexed, so the face is gl_VertexID / 3. Level and group of each face are texels
 // of textures TEXELS_A_ROW wide; a row of `palette` belongs to a level, and one of `groups` to a group.
-// PICKING leaves colours out.
+// PICKING leaves colours out. PIECES are parts of faces: triangles that name their face.
 
 uniform mat4 clip_from_world;
 uniform vec3 eye;                   // where one looks from; a parallel view: minus its direction
@@ -10,9 +10,14 @@ uniform bool is_parallel;
 uniform highp usampler2D levels;
 uniform highp usampler2D face_groups;
 uniform highp usampler2D groups;    // bits: 1 hidden, 2 two-sided, 4 transparent, 8 highlighted
+uniform highp usampler2D creases;   // bits 1, 2, 4: the edge opposite the corner is a line
 uniform sampler2D palette;
 uniform int which;                  // 0: all faces, 1: opaque ones, 2: transparent ones
 
+#ifdef PIECES
+in uint parent;                     // face that the corner is of
+in vec3 weights;                    // its barycentric coordinates there
+#endif
 in vec3 position;                   // metres from the origin of the soup
 
 flat out uint id;                   // index of the face + 1
@@ -20,7 +25,7 @@ flat out uint flags;
 flat out vec3 colour;
 out vec3 world;
 out vec3 to_eye;
-out vec3 corner;                    // barycentric coordinates, for lines along the edges
+out vec3 corner;                    // barycentric coordinates, 1 where the edge has no line
 
 const uint HIDDEN = 1u, TRANSPARENT = 4u;
 
@@ -29,7 +34,13 @@ ivec2 texel(uint index) {
 }
 
 void main() {
+#ifdef PIECES
+    uint face = parent;
+#else
     uint face = uint(gl_VertexID / 3);
+    int side = gl_VertexID % 3;
+    vec3 weights = vec3(side == 0, side == 1, side == 2);
+#endif
     id = face + 1u;
     flags = texelFetch(groups, texel(texelFetch(face_groups, texel(face), 0).r), 0).r;
     bool is_transparent = (flags & TRANSPARENT) != 0u;
@@ -40,8 +51,8 @@ void main() {
 #else
     colour = texelFetch(palette, ivec2(texelFetch(levels, texel(face), 0).r, 0), 0).rgb;
 #endif
-    int side = gl_VertexID % 3;
-    corner = vec3(side == 0, side == 1, side == 2);
+    uvec3 lines = uvec3(texelFetch(creases, texel(face), 0).r) >> uvec3(0u, 1u, 2u) & 1u;
+    corner = mix(vec3(1.0), weights, vec3(lines));
     world = position;
     to_eye = is_parallel ? eye : eye - position;
     gl_Position = is_left_out ? vec4(2.0, 2.0, 2.0, 1.0) : clip_from_world * vec4(position, 1.0);

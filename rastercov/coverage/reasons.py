@@ -96,7 +96,7 @@ REASONS = {
     "too_few_views": Words(
         "too few cameras", "are covered by too few cameras", "", (230, 120, 180)
     ),
-    "no_cameras": Words("no cameras", "have no camera", "", (52, 56, 62)),
+    "no_cameras": Words("no cameras", "have no camera", "", (218, 198, 176)),
 }
 """By the name of the reason: the members of `Reason`, in their order, and two of a network."""
 NAMES = tuple(REASONS)

@@ -212,6 +212,13 @@ class Constrain(Action):
     is_kept: bool
 
 
+class OfVariant(Action):
+    """Keep the present rig as a variant of a name, show a variant, or drop it."""
+
+    do: Literal["keep_variant", "show_variant", "drop_variant"]
+    name: Name
+
+
 class Request(Action):
     """An edit, and the faces to give back after it."""
 
@@ -221,7 +228,7 @@ class Request(Action):
     station: int | None = None
     is_drag: bool = False
     # mypy reads no union that is made from a table.
-    action: Annotated[Union[(*_FORMS, Step, Constrain)], Field(discriminator="do")]  # type: ignore[valid-type]
+    action: Annotated[Union[(*_FORMS, Step, Constrain, OfVariant)], Field(discriminator="do")]  # type: ignore[valid-type]
 
 
 def request_of(entries: Mapping[str, Any]) -> Request:

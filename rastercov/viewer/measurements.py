@@ -85,6 +85,7 @@ class Measurements:
         Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
+        self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
         """Row of each of some stations of a state."""
@@ -94,8 +95,10 @@ class Measurements:
         for key, station in zip(keys, stations, strict=True):
             if key not in self._rows:
                 missing.setdefault(key[0], {})[key] = station.pose
+        self.progress = [0, sum(map(len, missing.values()))]
         for camera, poses in missing.items():
             self._measure(camera, task, poses)
+        self.progress = [0, 0]
         found = [self._rows[key] for key in keys]
         for key in keys:
             self._rows.move_to_end(key)
@@ -128,6 +131,7 @@ class Measurements:
                 coverage, reason, density = figures
                 row = Row(coverage.astype(np.float32), reason.copy(), density.astype(np.float32))
                 self._rows[next(keys)] = row
+            self.progress[0] += len(batch.pose_ids)
 
 
 class NetworkFigures:

@@ -3,8 +3,10 @@
 Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
@@ -16,6 +18,7 @@ import rastercov
 from rastercov.base.arguments import annotations_of, documented, metadata_of
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import UnreadableError, printable, read_json
+from rastercov.base.format import percent
 from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
@@ -27,11 +30,12 @@ from rastercov.placement.candidates.clearance import KeepOutBox, Place, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.scene import candidate_pool, named_scene
+from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
 from rastercov.report.pages import described_camera, described_mesh, described_mode
 from rastercov.report.panorama import is_inside
 from rastercov.viewer.actions import CAMERA_FIELDS
-from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.rig_state import MOST_STATIONS, RigState
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
@@ -95,9 +99,50 @@ class Scene:
             limits.spaces or limits.keep_out or limits.clearance or limits.stand_off or self.pool
         )
 
+    @property
+    def placement(self) -> dict[str, Any]:
+        """Way to place cameras, ready for JSON: by the plan or not, number to propose, words."""
+        cameras: int | None = None
+        asked = self.plan.selection if self.plan and self.pool and self.plan.candidates else None
+        if asked is None:
+            words, cameras = "one after another, each where it adds most", 4
+        elif isinstance(asked, BestSelection):
+            within = "" if asked.budget is None else f" within a cost of {asked.budget:g}"
+            cameras, words = asked.cameras, f"for the best coverage{within}, by the plan"
+        else:
+            words = f"the fewest that cover {percent(asked.coverage)}"
+        return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
+
+    def cost(self, state: RigState) -> float | None:
+        """Cost of the cameras that are on: that of the nearest candidate of the plan for each.
+
+        None where no plan has candidates for all of them, or they are mounted as rigs.
+        """
+        if self.pool is None or self.plan is None or self.plan.mounts.has_rigs:
+            return None
+        costs = [self._cost_at(each.camera, each.pose[:3, 3].tobytes()) for each in state.on]
+        return None if np.isnan(costs).any() else float(np.sum(costs))
+
+    @cached_property
+    def _cost_at(self) -> Callable[[str, bytes], float]:
+        """Cost of a camera by its name at a place, kept for places that stay; NaN for none."""
+        assert self.plan is not None
+        assert self.pool is not None
+        found, costs, names = self.pool.candidates, self.pool.costs, self.plan.mounts.names
+
+        @lru_cache(MOST_STATIONS)
+        def cost(camera: str, eye: bytes) -> float:
+            own = np.flatnonzero(found.camera == (names.index(camera) if camera in names else -1))
+            away = np.linalg.norm(found.poses[own, :3, 3] - np.frombuffer(eye), axis=1)
+            return float(costs[own[away.argmin()]]) if len(own) else math.nan
+
+        return cost
+
     def space(self, state: RigState) -> PoseSpace:
         """Allowed places of cameras: by the plan, or around the mesh."""
-        return default_space(self.mesh, state) if self.pool is None else self.pool.space
+        if self.pool is not None:
+            return self.pool.space
+        return default_space(self.mesh, state, is_room=self.is_room)
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
@@ -115,11 +160,12 @@ class Scene:
             ],
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
+            "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
         }
 
-    @property
+    @cached_property
     def is_room(self) -> bool:
         """True where most cameras are within the mesh, or its closed surface holds all of it."""
         low, high = np.asarray(self.mesh.bounds)
@@ -142,11 +188,11 @@ class Scene:
         return {"boxes": boxes, "keep_out": volumes}
 
 
-def default_space(mesh: Mesh, state: RigState) -> PoseSpace:
+def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> PoseSpace:
     """Places of cameras where no plan limits them: around the part, or within the room."""
     low, high = np.asarray(mesh.bounds)
     eyes, size = state.eyes, float(np.linalg.norm(high - low))
-    reach = 0.0 if is_inside(mesh, eyes) else 2.0 * size
+    reach = 0.0 if is_room or is_inside(mesh, eyes) else 2.0 * size
     box = np.stack((low - reach, high + reach))
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))

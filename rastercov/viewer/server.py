@@ -188,6 +188,9 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         origin, data = soup_of(session.scene.mesh)
         return data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))}
 
+    def ping(query: Any, body: Any) -> dict[str, Any]:
+        return {"revision": session.history.revision, "measured": session.measurements.progress}
+
     def image(query: Any, body: Any) -> bytes:
         side = _whole(query, "side") if "side" in query else 720
         return session.image(_whole(query, "station"), side)
@@ -201,10 +204,11 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         ("soup", "GET", soup),
         ("groups", "GET", lambda query, body: groups_of(session.scene.mesh)),
         ("state", "GET", lambda query, body: session.described_state()),
-        ("ping", "GET", lambda query, body: {"revision": session.history.revision}),
+        ("ping", "GET", ping),
         ("act", "POST", lambda query, body: session.act(body)),
         ("image", "GET", image),
         ("why", "GET", lambda query, body: session.why(_whole(query, "face"))),
+        ("pieces", "GET", lambda query, body: session.pieces()),
         ("zones", "GET", lambda query, body: session.zones()),
         ("job", "POST", lambda query, body: {"id": work.start(body)}),
         ("job", "GET", lambda query, body: work.described()),

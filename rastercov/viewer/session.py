@@ -7,7 +7,6 @@ long, such as a refinement, runs in `rastercov.viewer.work` and hands its state 
 import json
 import secrets
 import struct
-import time
 from collections.abc import Mapping
 from io import BytesIO
 from threading import RLock
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.base.checks import number
+from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation, segment
@@ -26,8 +26,8 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
-from rastercov.report.pages import described_frame, zone_entries
-from rastercov.viewer.actions import Constrain, Request, Step, applied, request_of
+from rastercov.report.pages import described_frame, soup_of, zone_entries
+from rastercov.viewer.actions import Constrain, OfVariant, Request, Step, applied, request_of
 from rastercov.viewer.measurements import (
     Measurements,
     NetworkFigures,
@@ -64,6 +64,7 @@ class Session:
         self.history = History(scene.start)
         self.measurements = Measurements(scene.mesh, method)
         self.is_kept = scene.has_constraints
+        self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self._figures: NetworkFigures | None = None
         self._areas: tuple[RigState, AreaNetwork] | None = None
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
@@ -88,7 +89,12 @@ class Session:
     def described_state(self) -> dict[str, Any]:
         """The present state and what may be undone, ready for JSON."""
         state, entries = self.history.described()  # which does not wait for a measurement
-        own = {"session": self.name, "is_kept": self.is_kept}
+        variants = [
+            figures
+            | {"name": name, "is_shown": kept is state, "is_of_task": kept.task == state.task}
+            for name, (kept, figures) in self.variants.copy().items()
+        ]
+        own = {"session": self.name, "is_kept": self.is_kept, "variants": variants}
         return described_state(self.scene, state, entries | own)
 
     def act(self, entries: Mapping[str, Any]) -> bytes:
@@ -121,17 +127,10 @@ class Session:
     def frame(self, mode: str, options: Mapping[str, Any], station: int | None = None) -> bytes:
         """Frame of the present state: JSON, then the level of each face."""
         with self.lock:
-            began = time.process_time()
             figures = self.figures()
             values = self._values(figures, mode, options, station)
             painted = mode_of(mode).paint(self.scene.mesh, values)
-            summary = figures.summary()
-            areas = self._known_areas()
-            summary["exact_area_percent"] = (
-                None if areas is None else areas.summary(self.state.needed)["percent"]
-            )
-            summary["cpu_ms"] = 1e3 * (time.process_time() - began)
-            head = described_frame(mode, painted) | {"summary": summary}
+            head = described_frame(mode, painted) | {"summary": self._summary()}
             head["state"] = self.described_state()
             return framed(head, painted.levels.tobytes())
 
@@ -147,16 +146,38 @@ class Session:
     def areas(self) -> AreaNetwork:
         """Exact area that they cover, kept for the present state; ConfigError as `exact_area`."""
         with self.lock:
-            found = self._known_areas()
-            if found is None:
-                found = exact_area(self.scene.mesh, self.state)
-                self._areas = self.state, found
+            found = self._known_areas() or exact_area(self.scene.mesh, self.state)
+            self._areas = self.state, found
             return found
 
-    def keep_areas(self, state: RigState, found: AreaNetwork) -> None:
-        """Take the exact area of a state that was computed elsewhere."""
-        with self.lock:
-            self._areas = state, found
+    def pieces(self) -> bytes:
+        """Frame of the convex pieces that too few cameras cover.
+
+        Number of pieces, face of each, and corners of each, uint32; then the corners, float32 from
+        the origin of the soup. It computes beside other answers.
+
+        Raises
+        ------
+        StaleError
+            Where the rig changes meanwhile.
+        ConfigError
+            As `exact_area`.
+        """
+        state, mesh = self.state, self.scene.mesh
+
+        def watch(done: int, total: int) -> None:
+            if self.state is not state:
+                raise StaleError("the rig has changed since; ask again")
+
+        found = self._known_areas() or exact_area(mesh, state, watch)
+        watch(0, 0)
+        self._areas = state, found
+        zones = found.zones(state.needed)
+        counts = np.diff(zones.starts)
+        corners = to_world(mesh, np.repeat(zones.face, counts), zones.xy) - soup_of(mesh)[0]
+        numbers = np.concatenate(([len(counts)], zones.face, counts)).astype("<u4")
+        head = {"percent": found.summary(state.needed)["percent"]}
+        return framed(head, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:
         """Frame of a camera's own image: JSON, then a PNG."""
@@ -192,10 +213,25 @@ class Session:
             if action.is_kept and not self.scene.has_constraints:
                 raise ConfigError("there are no constraints to keep; open a plan that has some")
             self.is_kept = action.is_kept
+        elif isinstance(action, OfVariant):
+            self._vary(action)
         else:
             state, words = applied(action, self.state, self._settled)
             if words:
                 history.take(state, words, is_drag=request.is_drag)
+
+    def _vary(self, action: OfVariant) -> None:
+        name, known = action.name, self.variants
+        if action.do == "keep_variant":
+            figures = self._summary()
+            kept = {each: figures[each] for each in ("covered", "exact_area_percent", "cost")}
+            known[name] = self.state, kept | {"cameras": len(self.state.on)}
+        elif name not in known:
+            raise ConfigError(f"there is no variant {shown(name)}; it may have been dropped")
+        elif action.do == "drop_variant":
+            del known[name]
+        elif known[name][0] is not self.state:
+            self.history.take(known[name][0], f"show {name}")
 
     def _check_revision(self, revision: int) -> None:
         if revision != self.history.revision:
@@ -214,6 +250,13 @@ class Session:
         pose = wanted.copy()
         pose[:3, 3] = eyes[0]
         return pose
+
+    def _summary(self) -> dict[str, Any]:
+        """Figures of the network, with its exact area where that is known, and its cost."""
+        areas, state = self._known_areas(), self.state
+        exact = None if areas is None else areas.summary(state.needed)["percent"]
+        own = {"exact_area_percent": exact, "cost": self.scene.cost(state)}
+        return self.figures().summary() | own
 
     def _known_areas(self) -> AreaNetwork | None:
         return self._areas[1] if self._areas and self._areas[0] is self.state else None

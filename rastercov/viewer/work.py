@@ -1,11 +1,14 @@
 """Work of a viewer that takes long: one at a time, in a thread, with progress and cancelling.
 
 One camera refined, or the best next one added: both count what the cameras that are on cover
-together, by the area of whole faces. They report progress after every few poses, and end where
-`Progress` raises `Cancelled`.
+together, by the area of whole faces. Cameras are placed by the plan, as `rastercov place` does, or
+one after another. All report progress after every few poses, and end where `Progress` raises
+`Cancelled`.
 """
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from threading import Event, Lock, Thread
 from typing import Annotated, Any, Literal
@@ -16,7 +19,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.format import area
+from rastercov.base.format import area, plural
 from rastercov.base.interrupts import ABANDONED
 from rastercov.camera.camera import Camera
 from rastercov.coverage.coverage import evaluate_batches
@@ -26,9 +29,13 @@ from rastercov.mesh import Mesh
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
+from rastercov.placement.plan.prepare import Step
+from rastercov.placement.plan.run import place
+from rastercov.placement.plan.sections import BestSelection
 from rastercov.viewer.actions import Action
-from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
-from rastercov.viewer.rig_state import RigState, Station
+from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
+from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
+from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, StaleError
 
 FloatArray = NDArray[np.float64]
@@ -142,6 +149,41 @@ def with_next(
     return state.with_new(camera, candidates[best]), gain
 
 
+def placed(
+    own: Measurements, state: RigState, scene: Scene, count: int | None, step: Step
+) -> RigState:
+    """Cameras in place of all stations.
+
+    With a plan that has a selection these are the cameras of `rastercov place`, and thresholds and
+    lenses are the plan's; else `count` times the best next one of the first lens.
+
+    Parameters
+    ----------
+    count : int, optional
+        Cameras at most, in place of the number of the plan, where its goal has one.
+    step : callable
+        Context manager by the name of a step, which yields its progress.
+    """
+    plan = scene.plan
+    if plan is not None and scene.placement["is_by_plan"]:
+        if count is not None and isinstance(plan.selection, BestSelection):
+            other = plan.selection.model_copy(update={"cameras": count})
+            plan = plan.model_copy(update={"selection": other})
+        found = place(plan, None, step)
+        return replace(scene.start, stations=RigState.of(plan.rig, found.cameras.placed).stations)
+    made, camera, count = replace(state, stations=()), next(iter(state.cameras)), count or 1
+    for number in range(count):
+        with step(f"camera {number + 1} of {count}") as progress:
+            try:
+                poses = tries(own, made, camera, scene.space(made), seed=number)
+                made, _ = with_next(own, made, camera, poses, progress)
+            except ConfigError:  # nothing is left to cover, or out of reach
+                if not made.stations:
+                    raise
+                break
+    return made
+
+
 def tries(
     measurements: Measurements,
     state: RigState,
@@ -216,15 +258,15 @@ class AddNext(Action):
     camera: str
 
 
-class ExactArea(Action):
-    """Exact area of the network."""
+class Place(Action):
+    """Cameras in place of all that there are; see `placed`."""
 
-    kind: Literal["area"]
+    kind: Literal["place"]
+    cameras: Annotated[int, Field(ge=1, le=MOST_STATIONS)] | None = None
 
 
-_ASKED: TypeAdapter[Refine | AddNext | ExactArea] = TypeAdapter(
-    Annotated[Refine | AddNext | ExactArea, Field(discriminator="kind")]
-)
+Asked = Refine | AddNext | Place
+_ASKED: TypeAdapter[Asked] = TypeAdapter(Annotated[Asked, Field(discriminator="kind")])
 
 
 class BusyError(ConfigError):
@@ -259,7 +301,7 @@ class Work:
         except ValidationError:
             raise ConfigError(
                 'work must be {"kind": "refine", "station": ID}, {"kind": "add", "camera": NAME} '
-                f'or {{"kind": "area"}}, got {shown(entries)}'
+                f'or {{"kind": "place", "cameras": N}}, got {shown(entries)}'
             ) from None
         with self._lock:
             if self._said.get("status") == "running":
@@ -269,15 +311,23 @@ class Work:
                 "id": number, "kind": asked.kind, "status": "running", "done": 0, "total": None,
                 "words": "",
             }  # fmt: skip
+            self._began = self._step_began = time.monotonic()
             self._cancel.clear()
             self._thread = Thread(target=self._run, args=(asked,), daemon=True, name=ABANDONED)
             self._thread.start()
         return number
 
     def described(self) -> dict[str, Any]:
-        """The work that is running or was last, ready for JSON; `id` is None before the first."""
+        """The work that is running or was last, ready for JSON; `id` is None before the first.
+
+        While it is running, `words` name its step, and there are the seconds that it and its step
+        have taken.
+        """
         with self._lock:
-            return dict(self._said)
+            now, said = time.monotonic(), dict(self._said)
+            if said.get("status") == "running":
+                said |= {"seconds": now - self._began, "step_seconds": now - self._step_began}
+            return said
 
     def cancel(self) -> dict[str, Any]:
         """Ask the work to end, so that what it found is dropped; `described` of it."""
@@ -295,7 +345,17 @@ class Work:
         with self._lock:
             self._said |= {"done": int(done), "total": int(total)}
 
-    def _run(self, asked: Refine | AddNext | ExactArea) -> None:
+    @contextmanager
+    def _step(self, words: str) -> Iterator[Progress]:
+        """A step of the work with its own progress."""
+        with self._lock:
+            self._step_began = time.monotonic()
+            self._said |= {"words": words, "done": 0, "total": None}
+        if self._cancel.is_set():
+            raise Cancelled
+        yield self._progress
+
+    def _run(self, asked: Asked) -> None:
         try:
             hand_over = self._made(asked)
             with self._lock:  # who sees the new state finds the work done
@@ -312,29 +372,26 @@ class Work:
         with self._lock:
             self._said |= said
 
-    def _made(self, asked: Refine | AddNext | ExactArea) -> Callable[[], str]:
+    def _made(self, asked: Asked) -> Callable[[], str]:
         """Do the work; what hands its result to the session and gives words on it."""
         session = self.session
         with session.lock:
             state, revision = session.state, session.history.revision
-        if isinstance(asked, ExactArea):
-            found = exact_area(session.scene.mesh, state, self._progress)
-            percent = found.summary(state.needed)["percent"]
-
-            def keep() -> str:
-                session.keep_areas(state, found)
-                return f"{percent:.4g} % of the area is covered"
-
-            return keep
+        gain: float | None
         own = Measurements(session.scene.mesh, session.measurements.method)
         try:
             if isinstance(asked, Refine):
                 words = f"refine {state.station(asked.station).name}"
-                made, gain = refined(own, state, asked.station, session.space(), self._progress)
+                with self._step(words) as progress:
+                    made, gain = refined(own, state, asked.station, session.space(), progress)
+            elif isinstance(asked, Place):
+                made, gain = placed(own, state, session.scene, asked.cameras, self._step), None
+                words = f"place {plural(len(made.stations), 'camera')}"
             else:
                 words = "add the best next camera"
                 candidates = self._candidates(own, state, asked.camera)
-                made, gain = with_next(own, state, asked.camera, candidates, self._progress)
+                with self._step(words) as progress:
+                    made, gain = with_next(own, state, asked.camera, candidates, progress)
         finally:
             own.close()
 
@@ -342,7 +399,7 @@ class Work:
             if made is state:
                 return f"{words}: no move covers more"
             session.take(made, words, revision)
-            return f"{words}: {area(gain)} more"
+            return words if gain is None else f"{words}: {area(gain)} more"
 
         return take
 

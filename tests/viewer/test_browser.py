@@ -1,14 +1,18 @@
 """The page in a real Chromium: what it shows is what rastercov computes, and nothing is lost."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from browser import Tab
-from rigs_to_view import EYES, ROOM, percent_covered
+from browser import Program, Tab
+from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
+from rastercov.coverage.area.zones import zones_at
+from rastercov.coverage.reasons import REASONS, Reason
+from rastercov.mesh import shapes
 from rastercov.report.pages import described_camera
 from rastercov.viewer.saving import export_page
 
@@ -151,7 +155,7 @@ def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
 
 
 def test_pixels_have_the_colours_of_the_legend(tab):
-    tab.js("rastercov.setOption('hasEdges', false)")
+    tab.js("['hasEdges', 'hasPieces'].map(each => rastercov.setOption(each, false))")
     camera, image = picture_and_image(tab)
     pixels, levels = inner_pixels(image, 40, seed=2), tab.levels()
     legend = "[...document.querySelectorAll('.legend .swatch')].map(each =>"
@@ -175,6 +179,23 @@ def test_pixels_have_the_colours_of_the_legend(tab):
     np.testing.assert_allclose(
         lit, np.multiply(flat, (least + (1 - least) * cosine)[:, None]), atol=1.6
     )
+
+
+def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
+    tab.page.wait_for_function("rastercov.session.pieces !== undefined")
+    tab.js("rastercov.setOption('isFlat', true), rastercov.setOption('hasEdges', false)")
+    _, image = picture_and_image(tab)
+    pixels = inner_pixels(image, 100, seed=3)
+    pick = "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))"
+    found = tab.js(pick, pixels)
+    read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
+    shown = (np.array(tab.js(read, pixels)) == REASONS["covered"].colour).all(axis=1)
+    zones = program.session.areas().zones()
+    faces, points = (np.array([each[name] for each in found]) for name in ("face", "point"))
+    is_covered = zones_at(zones, faces, points, 1) < 0
+    levels = np.frombuffer(tab.levels(), np.uint8)[faces]
+    assert (shown == is_covered).mean() > 0.98  # float32 on the borders of pieces
+    assert (shown != (levels == Reason.COVERED)).any()
 
 
 def test_all_modes_are_reached_and_drawn(tab):
@@ -308,7 +329,58 @@ def test_a_new_user_gains_ten_points_and_saves_in_three_clicks(tab, program, tmp
     assert tab.area_percent() == pytest.approx(after, abs=1e-9)
 
 
+@pytest.fixture
+def empty(context):
+    """Page of a closed box without a camera."""
+    session = session_of(shapes.box(), 0)
+    program = Program(session)
+    program.start()
+    tab = Tab(context, program.url)
+    yield tab
+    assert tab.faults == []
+    program.stop()
+    session.close()
+
+
+def test_an_empty_rig_is_clay_with_a_card_of_ways_to_cameras(empty):
+    tab, card = empty, empty.page.get_by_label("First cameras")
+    assert card.is_visible()
+    assert tab.js("[...new Set(rastercov.levels())].map(rastercov.palette)") == [
+        list(REASONS["no_cameras"].colour)
+    ]
+    creases = tab.js("[...rastercov.view.creases]")
+    assert sorted(each.bit_count() for each in creases) == [2] * 12  # no diagonal of a side
+    tab.page.get_by_label("Cameras to place").fill("2")
+    card.get_by_role("button", name="Place").click()
+    tab.page.wait_for_function("rastercov.state().stations.length === 2")
+    tab.idle()
+    assert card.is_hidden()
+    tab.button("Undo")
+    assert card.is_visible()
+
+
+def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
+    tab.open("Image")
+    tab.button("Enlarge")
+    tab.page.wait_for_function("document.querySelector('dialog.large img').naturalWidth == 640")
+    tab.keys("Escape")
+    width = tab.js("rastercov.view.canvas.clientWidth")
+    tab.button("fold Why")
+    tab.button("fold Panels")
+    tab.page.reload()
+    tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+    assert tab.js("rastercov.view.canvas.clientWidth") > width + 400
+    assert tab.page.get_by_role("tab", name="Image", exact=True).is_hidden()
+    tab.keys("4")  # unfolds them
+    heads = tab.page.get_by_role("tab").all()
+    boxes = [each.bounding_box() for each in heads]
+    apart = [b["x"] - a["x"] - a["width"] for a, b in pairwise(boxes)]
+    assert min(apart) >= 3
+
+
 def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
+    tab.page.wait_for_function("rastercov.session.pieces !== undefined")
+    tab.idle()
     tab.js(
         "() => { window.drawn = 0; const draw = rastercov.view.draw.bind(rastercov.view);"
         " rastercov.view.draw = () => { window.drawn += 1; draw(); }; }"

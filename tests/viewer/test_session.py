@@ -21,7 +21,7 @@ from rastercov.report.modes import OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene, task_fields
-from rastercov.viewer.session import Session
+from rastercov.viewer.session import Session, StaleError, unframed
 
 MESH = part()
 POSES = around(MESH)
@@ -247,6 +247,50 @@ def test_a_rig_that_was_kept_comes_back(session):
     acted(other, do="undo")
     assert len(other.state.cameras) == 1
     other.close()
+
+
+def test_variants_keep_a_rig_with_its_figures(session):
+    head, first = acted(session)
+    acted(session, do="keep_variant", name="A")
+    acted(session, do="delete", station=2)
+    changed, second = acted(session, do="task", changes={"min_pixels": 2})
+    acted(session, do="keep_variant", name="B")
+    state = session.described_state()
+    shown = [[each[k] for k in ("name", "cameras", "is_shown", "is_of_task")]
+             for each in state["variants"]]  # fmt: skip
+    assert shown == [["A", 4, False, False], ["B", 3, True, True]]
+    percents = [each["summary"]["covered"]["area_percent"] for each in (head, changed)]
+    assert [each["covered"]["area_percent"] for each in state["variants"]] == percents
+    for name, levels in (("A", first), ("B", second)):
+        assert np.array_equal(acted(session, do="show_variant", name=name)[1], levels)
+    acted(session, do="drop_variant", name="A")
+    with pytest.raises(rc.ConfigError, match="no variant 'A'"):
+        acted(session, do="show_variant", name="A")
+    acted(session, do="undo")  # the rig of A is in the history
+    assert np.array_equal(acted(session)[1], first)
+
+
+def test_pieces_are_what_is_not_covered_of_each_face(session, monkeypatch):
+    head, payload = unframed(session.pieces())
+    numbers = np.frombuffer(payload, np.uint32)
+    n = int(numbers[0])
+    faces, counts = numbers[1 : n + 1], numbers[n + 1 : 2 * n + 1]
+    corners = np.split(np.frombuffer(payload[4 + 8 * n :], np.float32).reshape(-1, 3),
+                       np.cumsum(counts)[:-1])  # fmt: skip
+    sizes = [
+        np.linalg.norm(np.cross(c[1:-1] - c[0], c[2:] - c[0]).sum(axis=0)) / 2 for c in corners
+    ]
+    dead = np.bincount(faces, sizes, MESH.n_faces)
+    found = session.areas()
+    np.testing.assert_allclose(
+        dead, MESH.areas - found.covered.area[0], atol=1e-5 * MESH.areas.max()
+    )
+    assert head["percent"] == acted(session)[0]["summary"]["exact_area_percent"]
+    acted(session, do="delete", station=0)
+    monkeypatch.setattr("rastercov.viewer.session.exact_area", lambda mesh, state, watch: (
+        acted(session, do="undo"), watch(1, 3)))  # fmt: skip
+    with pytest.raises(StaleError):
+        session.pieces()
 
 
 def test_sliders_have_the_limits_of_the_task():

@@ -37,6 +37,7 @@ export class Server {
   scene = () => this.#json("scene");
   state = () => this.#json("state");
   zones = () => this.#json("zones");
+  pieces = async () => frameOf(await (await this.#ask("pieces")).arrayBuffer());
   job = () => this.#json("job");
   ping = () => this.#json("ping", { signal: AbortSignal.timeout(8000) });
   why = (face) => this.#json(`why?face=${face}`);

@@ -129,7 +129,8 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
         "isCulled",
         "look into rooms from outside (B)",
       ),
-      optionToggle(session, view, "Lines along edges", "hasEdges", "edges of the faces (O)"),
+      optionToggle(session, view, "Exact pieces at rest", "hasPieces", "parts of faces that are not covered"),
+      optionToggle(session, view, "Lines along edges", "hasEdges", "creases, borders, and edges between groups (O)"),
       optionToggle(
         session,
         view,

@@ -1,4 +1,4 @@
-/** Panels "Camera" (what one camera covers) and "Image" (what it sees, and what is sharp). */
+/** Panels "Camera" (what one camera covers) and "Image" (what it sees, and what is sharp), and a large image. */
 
 import { blurAt } from "rastercov/frusta.js";
 import {
@@ -14,11 +14,13 @@ import {
   metres,
   percent,
   section,
+  toggle,
 } from "rastercov/dom.js";
 import { inCamera } from "rastercov/maths.js";
 import { modeList } from "rastercov/modes.js";
 
 const IMAGE_SIDE = 720;
+const LARGE_SIDE = 2048;
 const IMAGE_AFTER = 250; // ms without a change
 
 /** Menu of the cameras; what it chooses is chosen everywhere. */
@@ -74,18 +76,15 @@ export function cameraPanel(session, view) {
   );
 }
 
-export function imagePanel(session, view, frusta, isVisible) {
+/** Image of the chosen camera, at most `side` pixels long, with its caption, its legend, and a note; `load` asks for it once a state. */
+function cameraImage(session, side) {
   const picture = element("img.camera-image", { alt: "image of the chosen camera" });
   const caption = element("figcaption");
   const keys = element("ul.keys");
   const note = element("p.soft");
-  const blur = element("p.blur", { "aria-live": "polite" });
-  const isRecorded = session.server.isRecorded;
-  let timer = 0;
   let asked = "";
-  const show = async () => {
+  const load = async () => {
     const station = session.station();
-    if (!isVisible() || isRecorded) return;
     picture.hidden = !station;
     if (!station) return;
     const wanted = `${station.id} ${session.state.revision}`;
@@ -93,7 +92,7 @@ export function imagePanel(session, view, frusta, isVisible) {
     asked = wanted;
     note.textContent = "drawing…";
     try {
-      const { json, payload } = await session.server.image(station.id, IMAGE_SIDE);
+      const { json, payload } = await session.server.image(station.id, side);
       if (asked !== wanted) return;
       URL.revokeObjectURL(picture.src);
       picture.src = URL.createObjectURL(new Blob([payload], { type: "image/png" }));
@@ -108,6 +107,55 @@ export function imagePanel(session, view, frusta, isVisible) {
       asked = "";
       note.textContent = error.message;
     }
+  };
+  return { picture, caption, keys, note, load };
+}
+
+/** Dialog with the image of the chosen camera as large as the window, or in its own pixels. */
+export function largeImage(session) {
+  const { picture, caption, keys, note, load } = cameraImage(session, LARGE_SIDE);
+  const own = toggle("Own pixels", false, (isOn) => dialog.classList.toggle("own-size", isOn), {
+    title: "a pixel of the page for each pixel of the image",
+  });
+  const dialog = element(
+    "dialog.large",
+    { "aria-label": "Image of the chosen camera" },
+    element(
+      "header",
+      {},
+      button("‹", () => session.chooseNext(-1), { title: "previous camera (←)", "aria-label": "previous camera" }),
+      button("›", () => session.chooseNext(1), { title: "next camera (→)", "aria-label": "next camera" }),
+      caption,
+      own,
+      button("Close", () => dialog.close()),
+    ),
+    element("div.frame", {}, picture),
+    element("footer", {}, keys, note),
+  );
+  dialog.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (step) session.chooseNext(step);
+  });
+  session.on("state chosen", () => dialog.open && load());
+  dialog.show = () => {
+    dialog.showModal();
+    load();
+  };
+  return dialog;
+}
+
+export function imagePanel(session, view, frusta, isVisible, large) {
+  const { picture, caption, keys, note, load } = cameraImage(session, IMAGE_SIDE);
+  const enlarge = button("Enlarge", () => session.station() && large.show(), {
+    title: "the image as large as the window",
+  });
+  picture.addEventListener("click", () => large.show());
+  const blur = element("p.blur", { "aria-live": "polite" });
+  const isRecorded = session.server.isRecorded;
+  let timer = 0;
+  const show = () => {
+    enlarge.disabled = !session.station();
+    if (isVisible() && !isRecorded) load();
   };
   const later = () => {
     clearTimeout(timer);
@@ -133,7 +181,7 @@ export function imagePanel(session, view, frusta, isVisible) {
       stationMenu(session),
       isRecorded
         ? element("p.soft", {}, "This file holds no images.")
-        : element("figure", {}, picture, caption),
+        : [element("figure", {}, picture, caption), element("div.buttons", {}, enlarge)],
       keys,
       note,
     ]),

@@ -2,6 +2,7 @@
 
 import { button, choice, count, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
 import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
+import { variantsSection } from "rastercov/variants.js";
 import { control, labelOf, numberBox } from "rastercov/fields.js";
 
 export function camerasPanel(session, { view, tools, jobs }) {
@@ -14,7 +15,9 @@ export function camerasPanel(session, { view, tools, jobs }) {
     {},
     section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
   );
-  if (session.canEdit) panel.append(poseSection(session, { view, tools, jobs }), lensSection(session));
+  if (session.canEdit) {
+    panel.append(variantsSection(session), poseSection(session, { view, tools, jobs }), lensSection(session));
+  }
   return panel;
 }
 
@@ -66,31 +69,37 @@ function stationRows(session) {
       element("span.figure", {}, alone(share)),
     );
   });
-  return rows.length ? [head, rows] : [element("p.soft", {}, "No camera yet: add one below.")];
+  return rows.length ? [head, rows] : [element("p.soft.empty", {}, "No camera yet.")];
 }
 
 const isAllowed = (station) => !station.place || station.place === "allowed";
 const placeWords = (station) =>
   `${station.name} is at a place that the plan does not allow: ${station.place}`;
 
+/** The lens that a further camera gets. */
+const lensOfNext = (session) => session.station()?.camera ?? Object.keys(session.state.cameras)[0];
+
+/** Adds a camera with the pose of the present view. */
+export function addHere(session, view) {
+  session.act({ do: "add", camera: lensOfNext(session), pose: view.camera.pose() });
+}
+
+/** Adds the candidate that covers most of what is not covered. */
+export function addNext(session, jobs) {
+  return jobs.start({ kind: "add", camera: lensOfNext(session) });
+}
+
 function rigButtons(session, view, jobs) {
-  const add = () => {
-    const camera = session.station()?.camera ?? Object.keys(session.state.cameras)[0];
-    session.act({ do: "add", camera, pose: view.camera.pose() });
-  };
   const remove = button("Delete", () => session.act({ do: "delete", station: session.chosen }), {
     title: "delete the chosen camera (Del)",
   });
   const copy = button("Duplicate", () => session.act({ do: "duplicate", station: session.chosen }), {
     title: "a second camera at the same pose (Ctrl+D)",
   });
-  const best = button(
-    "Add the best next camera",
-    () => {
-      jobs.start({ kind: "add", camera: session.station()?.camera ?? Object.keys(session.state.cameras)[0] });
-    },
-    { title: "searches the candidates for the camera that adds most", kind: "primary" },
-  );
+  const best = button("Add the best next camera", () => addNext(session, jobs), {
+    title: "searches the candidates for the camera that adds most",
+    kind: "primary",
+  });
   const show = () => {
     remove.disabled = copy.disabled = session.chosen === null;
   };
@@ -99,7 +108,7 @@ function rigButtons(session, view, jobs) {
   return element(
     "div.buttons",
     {},
-    button("Add here", add, { title: "a camera with the pose of the present view" }),
+    button("Add here", () => addHere(session, view), { title: "a camera with the pose of the present view" }),
     copy,
     remove,
     best,

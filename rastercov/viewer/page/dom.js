@@ -60,9 +60,52 @@ export function choice(label, choices, value, onChange, { title = "" } = {}) {
   return menu;
 }
 
-/** Section of a panel that folds. */
-export function section(title, children, { isOpen = true } = {}) {
-  return element("details.section", { open: isOpen }, element("summary", {}, title), children);
+const KEPT_KEY = "rastercov-page:";
+
+/** What this browser remembers of the page under a name, or `otherwise`. */
+export function remembered(name, otherwise) {
+  try {
+    return JSON.parse(localStorage.getItem(KEPT_KEY + name)) ?? otherwise;
+  } catch {
+    return otherwise; // forbidden by the browser
+  }
+}
+
+export function remember(name, value) {
+  try {
+    localStorage.setItem(KEPT_KEY + name, JSON.stringify(value));
+  } catch {
+    // full, or forbidden by the browser: the next page begins anew
+  }
+}
+
+/** Section of a panel that folds, and stays so in the next page by its name; null: it does not. */
+export function section(title, children, { isOpen = true, name = title } = {}) {
+  const made = element(
+    "details.section",
+    { open: name === null ? isOpen : remembered(`section ${name}`, isOpen) },
+    element("summary", {}, title),
+    children,
+  );
+  if (name !== null) made.addEventListener("toggle", () => remember(`section ${name}`, made.open));
+  return made;
+}
+
+/** Column at the side of the picture with a button that folds it, remembered by its name. */
+export function side(name, label, ...children) {
+  const fold = button("", () => show(!made.classList.contains("folded")), { kind: "fold" });
+  const made = element(`aside.${name}`, { "aria-label": label }, fold, element("div.inner", {}, children));
+  const show = (isFolded) => {
+    made.classList.toggle("folded", isFolded);
+    fold.textContent = isFolded === (name === "left") ? "›" : "‹";
+    fold.title = `${isFolded ? "show" : "fold"} this side`;
+    fold.setAttribute("aria-label", `${isFolded ? "show" : "fold"} ${label}`);
+    fold.setAttribute("aria-expanded", String(!isFolded));
+    remember(`side ${name}`, isFolded);
+  };
+  show(remembered(`side ${name}`, false));
+  made.unfold = () => show(false);
+  return made;
 }
 
 /** Replaces all children. */

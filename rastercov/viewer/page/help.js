@@ -164,7 +164,7 @@ function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
   } else if (event.key.toLowerCase() === "l") {
     if (session.station()) view.lookThrough(session.station());
   } else if (event.key.toLowerCase() === "n") {
-    nextStation(session, event.shiftKey ? -1 : 1);
+    session.chooseNext(event.shiftKey ? -1 : 1);
   } else if (event.key === "Delete" && session.canEdit && session.chosen !== null) {
     session.act({ do: "delete", station: session.chosen });
   } else if (event.key === "Enter") {
@@ -173,11 +173,4 @@ function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
     return gizmo.key(event) || navigation.key(event);
   }
   return true;
-}
-
-function nextStation(session, step) {
-  const { stations } = session.state;
-  if (!stations.length) return;
-  const at = stations.findIndex((station) => station.id === session.chosen);
-  session.choose(stations[(at + step + stations.length) % stations.length].id);
 }

@@ -1,10 +1,13 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
+import { legendOfPieces, shownPieces } from "rastercov/pieces.js";
 import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
+const BUSY_EVERY = 700;
 
-export function legend(session) {
+export function legend(session, view) {
+  const unit = element("p.soft.unit-of-legend");
   const entries = element("ul.keys");
   const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
   const ends = element("div.ends", { hidden: true });
@@ -13,10 +16,13 @@ export function legend(session) {
     title: "what the colours mean (M: next)",
   });
   session.on("mode", () => (menu.value = session.mode));
-  session.on("frame", (figures) => {
+  session.on("frame view", () => {
+    const { figures } = session;
+    const pieces = shownPieces(session, view);
+    unit.textContent = pieces ? "Exact pieces: point by point." : "";
     fill(
       entries,
-      (figures.legend ?? []).map((each) => legendEntry(each)),
+      legendOfPieces(session, figures, pieces).map((each) => legendEntry(each)),
     );
     showScale(session, figures.scale, ramp, ends);
   });
@@ -35,6 +41,7 @@ export function legend(session) {
     ramp,
     ends,
     entries,
+    unit,
   );
   return root;
 }
@@ -76,7 +83,6 @@ export function summary(session) {
   const main = element("strong.covered");
   const change = element("span.change");
   const rest = element("span.soft");
-  const timing = element("span.soft.timing");
   let first = null;
   let timer = 0;
   const root = element(
@@ -86,21 +92,29 @@ export function summary(session) {
     main,
     change,
     rest,
-    timing,
   );
   session.on("busy", () => {
     clearTimeout(timer);
-    timer = setTimeout(() => {
+    const began = performance.now();
+    const say = async () => {
       root.classList.add("busy");
-      if (first === null)
-        rest.textContent = "measuring… (the first time, loops are compiled: a minute or two)";
-    }, BUSY_AFTER);
+      const mine = timer;
+      const [done, total] = await session.measured().catch(() => []);
+      if (timer !== mine) return;
+      const seconds = Math.round((performance.now() - began) / 1000);
+      const firstTime = first === null ? " (the first time, loops are compiled: a minute or two)" : "";
+      const which = total ? ` ${count(done)} of ${count(total)} cameras` : "";
+      rest.textContent = `measuring${which}, ${seconds} s${firstTime}`;
+      timer = setTimeout(say, BUSY_EVERY);
+    };
+    timer = setTimeout(say, BUSY_AFTER);
   });
   session.on("idle", () => {
     clearTimeout(timer);
+    timer = 0;
     root.classList.remove("busy");
   });
-  session.on("frame", ({ summary: now, cpu_ms: cpu }) => {
+  session.on("frame", ({ summary: now }) => {
     const { covered } = now;
     main.textContent = percent(covered.area_percent);
     first ??= covered.area_percent;
@@ -112,9 +126,6 @@ export function summary(session) {
     rest.textContent =
       `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
       (exact === null || exact === undefined ? "" : `, exact area ${exact.toFixed(2)} %`);
-    const took = now.cpu_ms ?? cpu;
-    timing.textContent = took === undefined || took === null ? "" : `${figure(took, 2)} ms`;
-    timing.title = "time of the program for these figures";
   });
   return root;
 }

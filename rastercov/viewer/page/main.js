@@ -2,10 +2,10 @@
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
 import { fitAll, toolBar, topBar } from "rastercov/bars.js";
-import { cameraPanel, imagePanel } from "rastercov/camera_panel.js";
+import { cameraPanel, imagePanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
-import { element, section } from "rastercov/dom.js";
+import { element, section, side } from "rastercov/dom.js";
 import { Frusta, fieldOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
@@ -14,8 +14,10 @@ import { legend, summary } from "rastercov/legend.js";
 import { Navigation } from "rastercov/navigation.js";
 import { networkPanel } from "rastercov/network_panel.js";
 import { objectPanel } from "rastercov/object_panel.js";
+import { followPieces } from "rastercov/pieces.js";
 import { SceneView } from "rastercov/scene_view.js";
 import { Session } from "rastercov/session.js";
+import { startCard } from "rastercov/start_card.js";
 import { Jobs, connectionBanner, messages, offerLost } from "rastercov/status.js";
 import { tabs } from "rastercov/tabs.js";
 import { Tools } from "rastercov/tools.js";
@@ -42,19 +44,23 @@ async function open() {
   };
 
   const bar = toolBar(session, { view, tools, frusta, gizmo });
+  const card = startCard(session, view, jobs);
   const lines = messages(session);
   let isImageShown = () => false;
-  const image = imagePanel(session, view, frusta, () => isImageShown());
+  const large = largeImage(session);
+  const image = imagePanel(session, view, frusta, () => isImageShown(), large);
   const panels = tabs(
     [
       ["Object", objectPanel(session, view, shown)],
       ["Cameras", camerasPanel(session, { view, tools, jobs })],
       ["Camera", cameraPanel(session, view)],
       ["Image", image],
-      ["Network", networkPanel(session, jobs)],
+      ["Network", networkPanel(session)],
     ],
     1,
   );
+  const left = side("left", "Panels", panels.root);
+  panels.onShow(left.unfold);
   isImageShown = () => panels.isShown("Image");
 
   document.body.replaceChildren(
@@ -63,16 +69,12 @@ async function open() {
     element(
       "main",
       {},
-      element("aside.left", { "aria-label": "Panels" }, panels.root),
-      element("div.stage", {}, canvas, overlay, bar, legend(session), jobs.root, lines),
-      element(
-        "aside.right",
-        { "aria-label": "Why" },
-        section("Why", [whyPanel(session, view)]),
-        zonesPanel(session, tools),
-      ),
+      left,
+      element("div.stage", {}, canvas, overlay, bar, legend(session, view), card, jobs.root, lines),
+      side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),
     ),
     help,
+    large,
   );
 
   await view.open();
@@ -80,7 +82,9 @@ async function open() {
   fitAll(session, view);
   window.rastercov = testHandle(session, view, tools, frusta, gizmo);
   await session.refresh();
+  followPieces(session, view);
   session.watch();
+  if (session.canEdit) jobs.resume();
   offerLost(session, lines);
 }
 

@@ -32,6 +32,7 @@ export class MeshPass {
     const defines = { TEXELS_A_ROW, SHADE_LEAST: SHADE_LEAST.toFixed(4) };
     this.colours = program(gl, MESH_STAGES, ["position"], defines);
     this.picks = program(gl, MESH_STAGES, ["position"], { ...defines, PICKING: 1 });
+    this.parts = program(gl, MESH_STAGES, ["position", "parent", "weights"], { ...defines, PIECES: 1 });
     this.corners = gl.createVertexArray();
     gl.bindVertexArray(this.corners);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -39,8 +40,11 @@ export class MeshPass {
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     this.levels = table(gl, this.nFaces, gl.R8UI);
+    this.pieceLevels = table(gl, this.nFaces, gl.R8UI);
+    this.pieces = { corners: gl.createVertexArray(), buffers: [0, 1, 2].map(() => gl.createBuffer()), count: 0 };
     this.faceGroups = table(gl, this.nFaces, gl.R16UI);
     write(gl, this.faceGroups, faceGroups, gl.UNSIGNED_SHORT);
+    this.creases = table(gl, this.nFaces, gl.R8UI);
     this.groups = table(gl, Math.max(1, nGroups), gl.R8UI);
     this.palette = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, this.palette);
@@ -53,6 +57,29 @@ export class MeshPass {
   /** Level of each face, (F) bytes. */
   setLevels(levels) {
     write(this.gl, this.levels, levels, this.gl.UNSIGNED_BYTE);
+  }
+
+  /** Parts of faces that are drawn over them, as `pieces.js` has them; null for none. */
+  setPieces(made) {
+    const { gl, pieces } = this;
+    pieces.count = made ? made.parents.length : 0;
+    if (!made || pieces.made === made) return;
+    pieces.made = made;
+    write(gl, this.pieceLevels, made.levels, gl.UNSIGNED_BYTE);
+    gl.bindVertexArray(pieces.corners);
+    const arrays = [new Float32Array(made.positions), new Uint32Array(made.parents), new Float32Array(made.weights)];
+    arrays.forEach((values, at) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, pieces.buffers[at]);
+      gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(at);
+      if (at === 1) gl.vertexAttribIPointer(at, 1, gl.UNSIGNED_INT, 0, 0);
+      else gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 0, 0);
+    });
+  }
+
+  /** Bits of the edges of each face that are lines, see `creasesOf`. */
+  setCreases(flags) {
+    write(this.gl, this.creases, flags, this.gl.UNSIGNED_BYTE);
   }
 
   /** 256 sRGB colours, 768 bytes. */
@@ -80,13 +107,24 @@ export class MeshPass {
     this.#prepare(this.colours, look);
     gl.disable(gl.BLEND);
     this.#triangles(this.colours, look.hasTransparent ? 1 : 0, 1);
+    if (this.pieces.count) this.#drawPieces(look);
     if (!look.hasTransparent) return;
+    this.#prepare(this.colours, look);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
     this.#triangles(this.colours, 2, SEEN_THROUGH);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
+  }
+
+  #drawPieces(look) {
+    const { gl } = this;
+    this.#prepare(this.parts, look, this.pieces.corners, this.pieceLevels);
+    gl.enable(gl.POLYGON_OFFSET_FILL); // over the face that they lie in
+    gl.polygonOffset(-0.05, -4); // corners are rounded to parts of a pixel, depths to units
+    this.#triangles(this.parts, look.hasTransparent ? 1 : 0, 1, this.pieces.count);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
   }
 
   /**
@@ -111,7 +149,7 @@ export class MeshPass {
     return { face: found[0] - 1, point: [...new Float32Array(found.buffer, 4, 3)] };
   }
 
-  #prepare({ program: used, uniforms }, look) {
+  #prepare({ program: used, uniforms }, look, corners = this.corners, levels = this.levels) {
     const { gl } = this;
     gl.useProgram(used);
     gl.enable(gl.DEPTH_TEST);
@@ -127,8 +165,9 @@ export class MeshPass {
     gl.uniform1i(uniforms.has_edges, look.hasEdges ? 1 : 0);
     gl.uniform3fv(uniforms.accent, look.accent);
     const textures = [
-      [uniforms.levels, this.levels.texture],
+      [uniforms.levels, levels.texture],
       [uniforms.face_groups, this.faceGroups.texture],
+      [uniforms.creases, this.creases.texture],
       [uniforms.groups, this.groups.texture],
       [uniforms.palette, this.palette],
     ];
@@ -138,13 +177,13 @@ export class MeshPass {
       gl.uniform1i(uniform, at);
     });
     gl.activeTexture(gl.TEXTURE0);
-    gl.bindVertexArray(this.corners);
+    gl.bindVertexArray(corners);
   }
 
-  #triangles({ uniforms }, which, opacity) {
+  #triangles({ uniforms }, which, opacity, count = 3 * this.nFaces) {
     this.gl.uniform1i(uniforms.which, which);
     this.gl.uniform1f(uniforms.opacity, opacity);
-    this.gl.drawArrays(this.gl.TRIANGLES, 0, 3 * this.nFaces);
+    this.gl.drawArrays(this.gl.TRIANGLES, 0, count);
   }
 }
 

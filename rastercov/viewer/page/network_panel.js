@@ -4,14 +4,14 @@ import { button, element, fill, percent, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
 
-export function networkPanel(session, jobs) {
+export function networkPanel(session) {
   const modes = modeList(session, "network");
   return element(
     "div",
     {},
     section("All cameras together", [modes, reasons(session)]),
     session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
-    session.canEdit ? section("Exact area", [exactArea(session, jobs)]) : null,
+    session.canEdit ? section("Exact area", [exactArea(session)]) : null,
   );
 }
 
@@ -59,7 +59,7 @@ function thresholds(session) {
   );
 }
 
-function exactArea(session, jobs) {
+function exactArea(session) {
   const words = element("p");
   const show = () => {
     const exact = session.figures?.summary.exact_area_percent;
@@ -70,14 +70,15 @@ function exactArea(session, jobs) {
   };
   session.on("frame", show);
   show();
+  const compute = async () => {
+    words.textContent = "computing… (a change of the rig ends it)";
+    await session.computePieces();
+    show();
+  };
   return element(
     "div",
     {},
     words,
-    element(
-      "div.buttons",
-      {},
-      button("Compute exact area", () => jobs.start({ kind: "area" }), { title: "may take a while" }),
-    ),
+    element("div.buttons", {}, button("Compute exact area", compute, { title: "may take a while" })),
   );
 }

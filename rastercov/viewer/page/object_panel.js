@@ -41,7 +41,7 @@ export function objectPanel(session, view, shown) {
   return element(
     "div",
     {},
-    section(scene.title, [facts]),
+    section(scene.title, [facts], { name: "facts" }),
     section("Groups", [element("ul.plain", {}, groups)]),
     modes ? section("Segmentation", [modes]) : null,
     hasConstraints(scene.constraints)

@@ -5,8 +5,10 @@
  * `onDrawn(look)`, after each picture. `look` says how the world projects: see `look()`.
  */
 
+import { creasesOf } from "rastercov/creases.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
 import { add, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
+import { shownPieces } from "rastercov/pieces.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
 import { ViewCamera } from "rastercov/view_camera.js";
@@ -31,9 +33,10 @@ export class SceneView {
     this.camera = new ViewCamera(session.scene.bounds, session.scene.up);
     this.options = {
       isFlat: false,
-      hasEdges: session.scene.n_faces <= 60_000,
+      hasEdges: session.scene.n_faces <= 200_000,
       isCulled: Boolean(session.scene.is_room),
       isTransparent: false,
+      hasPieces: true,
       section: null,
     };
     this.hiddenGroups = new Set();
@@ -78,11 +81,20 @@ export class SceneView {
     this.sketches = new SketchPass(this.gl);
     this.#colour();
     this.showGroups();
+    this.#showCreases();
+  }
+
+  #showCreases() {
+    if (!this.options.hasEdges || this.isLost) return;
+    this.creases ??= creasesOf(this.session.corners, this.session.faceGroups);
+    this.mesh.setCreases(this.creases);
   }
 
   #colour() {
     if (!this.session.levels || this.isLost) return;
-    this.mesh.setLevels(this.session.levels);
+    const pieces = shownPieces(this.session, this);
+    this.mesh.setLevels(pieces ? pieces.base : this.session.levels);
+    this.mesh.setPieces(pieces);
     this.mesh.setPalette(this.session.palette);
   }
 
@@ -110,6 +122,8 @@ export class SceneView {
   setOption(name, value) {
     this.options[name] = value;
     if (name === "isTransparent") this.showGroups();
+    if (name === "hasEdges") this.#showCreases();
+    if (name === "hasPieces") this.#colour();
     this.session.emit("view");
     this.request();
   }

@@ -90,6 +90,14 @@ export class Session {
     if (this.modeOf().panel === "camera" && id !== null) this.refresh();
   }
 
+  /** Chooses the next camera of the list, or the one before it. */
+  chooseNext(step) {
+    const { stations } = this.state;
+    if (!stations.length) return;
+    const at = stations.findIndex((station) => station.id === this.chosen);
+    this.choose(stations[(at + step + stations.length) % stations.length].id);
+  }
+
   setMode(id) {
     if (id === this.mode) return;
     this.mode = id;
@@ -226,6 +234,11 @@ export class Session {
   async takeOver() {
     this.state = await this.server.state();
     await this.refresh();
+  }
+
+  /** [done, total] of the cameras that the program measures now. */
+  async measured() {
+    return (await this.server.ping?.())?.measured ?? [];
   }
 
   /** Asks every two seconds whether the server is there and the rig still ours. */

@@ -1,6 +1,6 @@
 /** Lines for the user: short ones that pass, the banner of a lost server, and the work in progress. */
 
-import { button, element } from "rastercov/dom.js";
+import { button, count, element } from "rastercov/dom.js";
 
 const SHOWN_FOR = 6000;
 const JOB_EVERY = 400;
@@ -77,12 +77,12 @@ export class Jobs {
   constructor(session) {
     this.session = session;
     this.bar = element("progress", { max: 1 });
-    this.words = element("span");
+    this.words = element("strong");
+    this.times = element("span.soft.times");
     this.root = element(
       "div.job",
       { hidden: true, role: "status" },
-      this.words,
-      this.bar,
+      element("div.what", {}, this.words, this.bar, this.times),
       button("Cancel", () => this.#cancel(), { title: "and keep the rig as it was" }),
     );
   }
@@ -92,9 +92,20 @@ export class Jobs {
       this.session.emit("notice", "One piece of work at a time: wait for it, or cancel it.");
       return;
     }
+    await this.#run(() => this.session.server.startJob(what));
+  }
+
+  /** Follows work that an earlier page of this program began. */
+  async resume() {
+    const { status } = await this.session.server.job();
+    if (status === "running" && !this.isRunning) await this.#run(() => {});
+  }
+
+  async #run(begin) {
     this.isRunning = true;
+    this.session.emit("job");
     try {
-      await this.session.server.startJob(what);
+      await begin();
       await this.#follow();
     } catch (error) {
       this.session.emit("fault", error.message);
@@ -108,6 +119,7 @@ export class Jobs {
   async #follow() {
     this.root.hidden = false;
     this.words.textContent = "beginning…";
+    this.times.textContent = "";
     this.bar.removeAttribute("value");
     for (;;) {
       const job = await this.session.server.job();
@@ -123,7 +135,9 @@ export class Jobs {
         }
         return;
       }
-      this.words.textContent = job.words;
+      const step = job.words || "beginning…";
+      this.words.textContent = job.kind === "place" ? `Placing cameras: ${step}` : step;
+      this.times.textContent = timesOf(job);
       if (job.total) this.bar.value = job.done / job.total;
       else this.bar.removeAttribute("value");
       await new Promise((resolve) => setTimeout(resolve, JOB_EVERY));
@@ -138,4 +152,18 @@ export class Jobs {
       this.session.emit("fault", error.message);
     }
   }
+}
+
+/** What is done of a step, and how long the work has taken and its step will take. */
+function timesOf({ done, total, seconds, step_seconds: ofStep }) {
+  const parts = [];
+  if (total) parts.push(`${count(done)} of ${count(total)}`);
+  if (seconds !== undefined) parts.push(duration(seconds));
+  if (total && done && ofStep > 1) parts.push(`about ${duration((ofStep * (total - done)) / done)} left`);
+  return parts.join(" · ");
+}
+
+function duration(seconds) {
+  const whole = Math.round(seconds);
+  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
 }

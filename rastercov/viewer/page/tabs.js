@@ -1,6 +1,6 @@
 /** Panels behind tabs; arrows go from tab to tab, as the ARIA pattern has it. */
 
-import { element } from "rastercov/dom.js";
+import { element, remember, remembered } from "rastercov/dom.js";
 
 /**
  * @param {[string, HTMLElement][]} panels titles and contents
@@ -25,8 +25,11 @@ export function tabs(panels, first) {
     element("div.panel", { role: "tabpanel", id: `panel-${title}`, "aria-labelledby": `tab-${title}` }, body),
   );
   let shown = first;
+  let onShow = () => {};
   const show = (at) => {
     shown = at;
+    onShow();
+    remember("tab", at);
     heads.forEach((head, k) => {
       head.setAttribute("aria-selected", String(k === at));
       head.tabIndex = k === at ? 0 : -1;
@@ -42,8 +45,9 @@ export function tabs(panels, first) {
     heads[shown].focus();
     event.preventDefault();
   });
-  show(first);
+  show(Math.min(remembered("tab", first), panels.length - 1));
   return {
+    onShow: (listener) => (onShow = listener),
     root: element("div.tabbed", {}, list, bodies),
     show,
     isShown: (title) => panels[shown][0] === title,

@@ -1,6 +1,7 @@
 /** Panel at the right: why a face is covered or not, and the dead zones of the network. */
 
 import { button, count, element, fill, percent, section, squareMetres } from "rastercov/dom.js";
+import { shownPieces } from "rastercov/pieces.js";
 import { planeOf } from "rastercov/tools.js";
 
 const ZONES_AFTER = 400; // ms without a change
@@ -52,6 +53,9 @@ function explained(session, view, answer) {
   return [
     element("p.verdict", {}, answer.words),
     faceFacts(answer.face, answer.group, answer.area),
+    shownPieces(session, view)
+      ? element("p.soft", {}, "This is of the whole face; the picture shows the parts of it.")
+      : null,
     button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
     answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
   ];
@@ -139,7 +143,7 @@ function flyToFace(view, face) {
 export function zonesPanel(session, tools) {
   const list = element("ol.zones");
   const note = element("p.soft");
-  const root = section("Dead zones", [note, list], { isOpen: false });
+  const root = section("Dead zones", [note, list], { isOpen: false, name: null }); // it begins work
   root.id = "zones";
   let timer = 0;
   let known = -1;

@@ -1,0 +1,133 @@
+/**
+ * Exact pieces at rest: where no gesture goes on, the parts of faces that are not covered have the
+ * colour of their reason, and the rest of each face that of what is covered. Whole faces meanwhile.
+ */
+
+import { cross, dot, subtract } from "rastercov/maths.js";
+
+const REST = 500; // ms without an act
+/** Pairs of a face and a camera up to which pieces come by themselves; beyond, by a button. */
+const MOST_PAIRS = 2_000_000;
+/** Part of a face from which a piece is all of it. */
+const WHOLE = 0.99999;
+
+/** Keeps `session.pieces` for the present rig, and emits "pieces" when they come or go. */
+export function followPieces(session, view) {
+  let timer = 0;
+  let refused = -1;
+  const isWanted = () =>
+    session.canEdit &&
+    view.options.hasPieces &&
+    session.mode === "reason" &&
+    session.isIdle &&
+    !session.localPoses.size &&
+    session.pieces?.revision !== session.state.revision &&
+    refused !== session.state.revision;
+  const ask = async (isAsked = false) => {
+    const { revision, stations } = session.state;
+    if (!stations.length || !(isAsked || isWanted())) return;
+    if (!isAsked && stations.length * session.scene.n_faces > MOST_PAIRS) return;
+    try {
+      const { json, payload } = await session.server.pieces();
+      if (revision !== session.state.revision) return;
+      session.pieces = { revision, percent: json.percent, ...trianglesOf(session, payload) };
+      session.figures.summary.exact_area_percent = json.percent;
+      session.emit("frame", session.figures);
+    } catch (error) {
+      refused = revision; // by a threshold of whole faces, or the rig has moved on
+      if (isAsked) session.emit("fault", error.message);
+    }
+  };
+  const later = () => {
+    clearTimeout(timer);
+    timer = setTimeout(ask, REST);
+  };
+  session.on("idle mode view", later);
+  later();
+  session.computePieces = () => ask(true);
+}
+
+/** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */
+export function shownPieces(session, view) {
+  const { pieces, state, mode } = session;
+  const isShown = pieces && view.options.hasPieces && mode === "reason" && pieces.revision === state.revision;
+  return isShown ? pieces : null;
+}
+
+/** Legend by the area of pieces; `figures` as the server gave them. */
+export function legendOfPieces(session, figures, pieces) {
+  if (!pieces) return figures.legend ?? [];
+  const dead = [...pieces.areas.values()].reduce((sum, area) => sum + area, 0);
+  const share = (level) => ((pieces.areas.get(level) ?? 0) / dead) * (100 - pieces.percent) || 0;
+  const others = (figures.legend ?? []).filter((each) => each.level !== pieces.covered);
+  const known = [...others.filter(({ percent: by }) => by !== null)].map((each) => ({
+    ...each,
+    percent: share(each.level),
+  }));
+  const covered = { level: pieces.covered, label: "covered", percent: pieces.percent };
+  const rows = [{ ...covered, colour: colourOf(session, pieces.covered) }, ...known];
+  return [...rows.sort((a, b) => b.percent - a.percent), ...others.filter(({ percent: by }) => by === null)];
+}
+
+const colourOf = (session, level) => [...session.palette.subarray(3 * level, 3 * level + 3)];
+
+/** Triangles of the pieces, level of each face beside them, and area by level. */
+function trianglesOf(session, payload) {
+  const names = Object.keys(session.scene.reasons);
+  const [covered, occluded, tooFew] = ["covered", "occluded", "too_few_views"].map((name) => names.indexOf(name));
+  const data = payload.slice().buffer;
+  const n = new Uint32Array(data, 0, 1)[0];
+  const faces = new Uint32Array(data, 4, n);
+  const counts = new Uint32Array(data, 4 + 4 * n, n);
+  const corners = new Float32Array(data, 4 + 8 * n);
+  const levels = session.levels.slice();
+  const level = (face) => {
+    if (levels[face] !== covered) return levels[face];
+    return session.state.task.views > 1 ? tooFew : occluded; // what a threshold forgave the whole face
+  };
+  const base = levels.slice();
+  base.forEach((each, face) => (base[face] = each < names.length ? covered : each));
+  const areas = new Map();
+  const made = { positions: [], weights: [], parents: [], levels };
+  let first = 0;
+  for (let piece = 0; piece < n; piece++) {
+    const [face, count] = [faces[piece], counts[piece]];
+    const corner = (k) => [0, 1, 2].map((axis) => corners[3 * (first + k) + axis]);
+    const frame = frameOf(session.corners, face);
+    const polygon = Array.from({ length: count }, (_, k) => corner(k));
+    let twice = 0;
+    for (let k = 2; k < count; k++)
+      twice += Math.hypot(...cross(subtract(polygon[k - 1], polygon[0]), subtract(polygon[k], polygon[0])));
+    areas.set(level(face), (areas.get(level(face)) ?? 0) + twice / 2);
+    first += count;
+    if (twice > WHOLE * Math.sqrt(frame.size)) {
+      base[face] = level(face);
+      continue;
+    }
+    for (let k = 2; k < count; k++) {
+      for (const point of [polygon[0], polygon[k - 1], polygon[k]]) {
+        made.positions.push(...point);
+        made.weights.push(...weightsOf(frame, point));
+        made.parents.push(face);
+      }
+    }
+  }
+  for (const face of new Set(faces)) levels[face] = level(face);
+  return { ...made, base, areas, covered };
+}
+
+/** Corner, sides and normal of a face, for `weightsOf`. */
+function frameOf(soup, face) {
+  const [a, b, c] = [0, 3, 6].map((at) => [...soup.subarray(9 * face + at, 9 * face + at + 3)]);
+  const [u, v] = [subtract(b, a), subtract(c, a)];
+  const normal = cross(u, v);
+  return { a, u, v, normal, size: dot(normal, normal) || 1 };
+}
+
+/** Barycentric coordinates of a point of a face. */
+function weightsOf({ a, u, v, normal, size }, point) {
+  const away = subtract(point, a);
+  const second = dot(cross(away, v), normal) / size;
+  const third = dot(cross(u, away), normal) / size;
+  return [1 - second - third, second, third];
+}

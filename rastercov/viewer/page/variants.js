@@ -1,0 +1,101 @@
+/** Section of the panel "Cameras": variants of the rig side by side, with coverage and cost. */
+
+import { button, element, figure, fill, percent, section } from "rastercov/dom.js";
+
+export function variantsSection(session) {
+  const table = element("table.variants");
+  const note = element("p.soft");
+  const name = element("input.text", { type: "text", "aria-label": "Name of the variant", maxlength: "60" });
+  const keep = async () => {
+    const done = await session.act({ do: "keep_variant", name: name.value.trim() || free(session) });
+    if (done) name.value = "";
+  };
+  name.addEventListener("keydown", (event) => event.key === "Enter" && keep());
+  const keeping = button("Keep as variant", keep, { title: "the rig and the thresholds as they are now" });
+  const show = () => {
+    const { stations, variants = [] } = session.state;
+    const { covered, exact_area_percent: exact, cost } = session.figures?.summary ?? {};
+    const present = {
+      name: "present rig",
+      cameras: stations.filter((station) => station.is_on).length,
+      covered,
+      exact_area_percent: exact,
+      cost,
+      is_of_task: true,
+    };
+    const isKept = variants.some((each) => each.is_shown);
+    const rows = isKept || !variants.length ? variants : [present, ...variants];
+    keeping.disabled = isKept || !stations.length;
+    name.disabled = keeping.disabled;
+    name.placeholder = keeping.disabled ? "" : free(session);
+    fill(table, rows.length ? tableOf(session, rows) : []);
+    note.textContent = variants.some((each) => !each.is_of_task)
+      ? "* counted by thresholds of its own, which it brings back."
+      : variants.length
+        ? ""
+        : "Keep the rig as a variant, change it, and compare.";
+  };
+  session.on("state frame", show);
+  show();
+  return section("Variants", [table, note, element("div.buttons.keep", {}, name, keeping)]);
+}
+
+/** First letter that no variant has as its name. */
+function free(session) {
+  const taken = new Set((session.state.variants ?? []).map((each) => each.name));
+  for (let number = 0; ; number++) {
+    const name = `variant ${number < 26 ? String.fromCharCode(65 + number) : number}`;
+    if (!taken.has(name)) return name;
+  }
+}
+
+function tableOf(session, rows) {
+  const columns = [
+    ["cameras", "cameras that are on", (row) => String(row.cameras)],
+    ["covers", "of the task's area, by whole faces", (row) => percent(shareOf(row)) + (row.is_of_task ? "" : "*")],
+    ["exact", "of the task's area, point by point", (row) => percent(row.exact_area_percent), "exact_area_percent"],
+    ["cost", "of each camera that of the plan's nearest candidate", (row) => figure(row.cost, 4), "cost"],
+  ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
+  const best = Math.max(...rows.map((row) => shareOf(row) ?? 0));
+  return [
+    element(
+      "thead",
+      {},
+      element(
+        "tr",
+        {},
+        element("th", { scope: "col" }, "Variant"),
+        columns.map(([text, title]) => element("th", { scope: "col", title }, text)),
+        element("td"),
+      ),
+    ),
+    element("tbody", {}, rows.map((row) => rowOf(session, row, columns, best))),
+  ];
+}
+
+const shareOf = (row) => row.covered?.area_percent;
+
+function rowOf(session, row, columns, best) {
+  const isKept = "is_shown" in row;
+  const name = isKept
+    ? button(row.name, () => session.act({ do: "show_variant", name: row.name }), {
+        kind: "link",
+        title: "show this variant",
+        "aria-current": String(row.is_shown),
+      })
+    : row.name;
+  const drop = button("×", () => session.act({ do: "drop_variant", name: row.name }), {
+    kind: "quiet",
+    title: `drop ${row.name}`,
+    "aria-label": `drop ${row.name}`,
+  });
+  return element(
+    row.is_shown ?? true ? "tr.chosen" : "tr",
+    {},
+    element("th", { scope: "row" }, name),
+    columns.map(([text, , value]) =>
+      element(text === "covers" && shareOf(row) === best ? "td.best" : "td", {}, value(row)),
+    ),
+    element("td", {}, isKept ? drop : null),
+  );
+}
