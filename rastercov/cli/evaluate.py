@@ -81,6 +81,7 @@ def evaluate(
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
+    level: options.Level = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -104,7 +105,7 @@ def evaluate(
     skips = conventions.skip_bad_poses
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
-    run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
+    run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers, level)
 
 
 def run_and_print(
@@ -116,6 +117,7 @@ def run_and_print(
     settings: Any,
     as_json: bool,
     workers: "Workers | None" = None,
+    level: int | None = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
@@ -138,7 +140,7 @@ def run_and_print(
         print(json_text(summary))
     else:
         console = Console()
-        console.print(summary_table(summary))
+        console.print(summary_table(summary, level))
         if (table := camera_table(summary)) is not None:
             console.print(table)
         console.print(run_table(summary))

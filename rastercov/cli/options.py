@@ -84,6 +84,10 @@ TwoSided = Annotated[
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, hardware, egl:0, surfaceless, osmesa.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+Level = Annotated[
+    int | None,
+    typer.Option(min=1, help="Parts in the table: 1 for whole parts, 2 for what they hold, ..."),
+]
 Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")]
 
 

@@ -20,6 +20,7 @@ from rastercov.cli.options import (
     AsJson,
     CameraName,
     CamerasOption,
+    Level,
     Processes,
     expanded,
 )
@@ -62,6 +63,7 @@ def place(
             "--skip-bad-poses", help="Accept that poses which kill a worker are left out."
         ),
     ] = False,
+    level: Level = None,
     as_json: AsJson = False,
 ) -> None:
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
@@ -94,7 +96,7 @@ def place(
         console = Console()
         console.print(report.cameras_table(placed))
         network = report.summary(placed)["network"]
-        console.print(summary_table(network))
+        console.print(summary_table(network, level))
         if (by_camera := camera_table(network)) is not None:
             console.print(by_camera)
         left = report.left_lines(placed)

@@ -21,10 +21,11 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import NAMES, Reason, reason_rows
 from rastercov.coverage.task import Task
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
+from rastercov.mesh.groups import parts_of
 from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
@@ -47,6 +48,10 @@ SUMMED: dict[str, Any] = {
     "in_view_fraction": np.float64,
 }
 """Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
+
+
+UNSEEABLE = "inside closed bodies of the mesh, or in contact with them all over: proved"
+"""Reason of faces that no camera outside the bodies can ever see."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,27 +437,44 @@ class Network:
 
         Occluder-only groups are left out of all totals.
         """
-        task_faces, covered = self.mesh.task_mask, self.covered
+        mesh, task_faces, covered = self.mesh, self.mesh.task_mask, self.covered
+        why = reason_rows(self.reason, covered, len(self.pose_ids))
+        hidden, is_zero = self.unseeable_areas, self.best == 0
+        is_left = ~covered & (hidden == 0)
 
-        def share(part: BoolArray) -> dict[str, float]:
-            return share_of_faces(self.mesh, task_faces & part, task_faces)
+        def figures(members: BoolArray) -> dict[str, Any]:
+            area, unseeable = float(mesh.areas[members].sum()), float(hidden[members].sum())
+            found = {"area_m2": area, "unseeable_m2": unseeable}
+            covered_m2 = float(mesh.areas[members & covered].sum())
+            return {
+                "covered": share_of_faces(mesh, members & covered, members),
+                "zero_in_every_camera": share_of_faces(mesh, members & is_zero, members),
+                "seeable_not_covered_because": shares_by_reason(
+                    mesh, why, members & is_left, members
+                ),
+                **found,
+                "covered_of_seeable_percent": percent_of_seeable(covered_m2, found),
+            }
 
-        reasons = {
-            reason.name.lower() if reason != Reason.COVERED else "too_few_views": share(faces)
-            for reason in Reason
-            if (faces := task_faces & ~covered & (self.reason == reason)).any()
-        }
-        if not self.pose_ids:
-            reasons = {"no_cameras": share(~covered)}
+        def entry(name: str, rows: list[int]) -> dict[str, Any]:
+            scored = [row for row in rows if not mesh.groups[row].is_occluder]
+            roles = {mesh.groups[row].role for row in scored or rows}
+            members = np.isin(mesh.face_group, scored or rows)
+            return {
+                "name": name,
+                "role": roles.pop() if len(roles) == 1 else "task",
+                "two_sided": all(mesh.groups[row].is_two_sided for row in rows),
+                "faces": int(members.sum()),
+                **(figures(members) if scored else {}),
+            }
+
         return {
             "poses": len(self.pose_ids),
-            "faces": self.mesh.n_faces,
+            "faces": mesh.n_faces,
             "task_faces": int(task_faces.sum()),
             "required_views": self.task.views,
-            "covered": share(covered),
-            "not_covered": share(~covered),
-            "zero_in_every_camera": share(self.best == 0),
-            "not_covered_because": reasons,
+            "not_covered": share_of_faces(mesh, task_faces & ~covered, task_faces),
+            "not_covered_because": shares_by_reason(mesh, why, task_faces & ~covered, task_faces),
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
             "visibility_figures": {
@@ -461,23 +483,31 @@ class Network:
             "largest_visibility_bound": self.largest_bound,
             "largest_visibility_bound_of_covered": self.largest_covered_bound,
             "near_clipped_poses": self.clipped_poses,
-            "groups": [self._group(index) for index in range(len(self.mesh.groups))],
+            **figures(task_faces),
+            "unseeable_because": UNSEEABLE if hidden.any() else "",
+            "groups": [entry(group.name, [row]) for row, group in enumerate(mesh.groups)],
+            "parts": [
+                entry(name, rows) | {"level": 1 + name.count("/"), "groups": len(rows)}
+                for name, rows in parts_of(mesh.groups).items()
+            ],
         }
 
-    def _group(self, index: int) -> dict[str, Any]:
-        group, members = self.mesh.groups[index], self.mesh.face_group == index
-        entry: dict[str, Any] = {
-            "name": group.name,
-            "role": group.role,
-            "two_sided": group.is_two_sided,
-            "faces": int(members.sum()),
-        }
-        if not group.is_occluder:
-            entry["covered"] = share_of_faces(self.mesh, members & self.covered, members)
-            entry["zero_in_every_camera"] = share_of_faces(
-                self.mesh, members & (self.best == 0), members
-            )
-        return entry
+    @property
+    def unseeable_areas(self) -> FloatArray:
+        """(F,) area that no camera can ever see: proved, m^2; see `rastercov.mesh.unseeable`.
+
+        0 of all where a camera sees one of them: it is inside a surface that is no body, then.
+        """
+        from rastercov.mesh.unseeable import unseeable_areas  # loads numba
+
+        areas = unseeable_areas(self.mesh)
+        return np.zeros_like(areas) if self.best[areas > 0].any() else areas
+
+
+def percent_of_seeable(covered_m2: float, entry: Mapping[str, float]) -> float | None:
+    """Covered percentage of the area that can be seen; None where none can be."""
+    seeable = entry["area_m2"] - entry["unseeable_m2"]
+    return min(100 * covered_m2 / seeable, 100.0) if seeable > 0 else None
 
 
 def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, float]:
@@ -486,3 +516,13 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
     by_count = 100 * part.sum() / max(1, whole.sum())
     by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
     return {"faces": int(part.sum()), "percent": float(by_count), "area_percent": float(by_area)}
+
+
+def shares_by_reason(
+    mesh: Mesh, why: NDArray[np.uint8], left: BoolArray, whole: BoolArray
+) -> dict[str, dict[str, float]]:
+    """Share of the faces that are left of a whole, by the names of the `reason_rows` of all."""
+    return {
+        NAMES[row]: share_of_faces(mesh, left & (why == row), whole)
+        for row in np.unique(why[left]).tolist()
+    }

@@ -1,7 +1,9 @@
 """Groups of faces: roles, flags, and names of groups and mesh files.
 
-Names have one meaning in commands, plan files and functions: a name is a group, or a file by its
-path, its name or its stem; `*`, `?` and `[...]` are wildcards, unless something has just that name.
+Names have one meaning in commands, plan files and functions: a name is a group, a part, or a file
+by its path, its name or its stem; `*`, `?` and `[...]` are wildcards, unless something has just
+that name. Groups are the leaves of a tree: "/" separates the levels of a name, and each beginning
+of it that ends before a "/" is a part, of all groups below it.
 """
 
 import difflib
@@ -44,6 +46,11 @@ def listed(names: Iterable[str], near: str = "") -> str:
         chosen = similar or every[:MOST_LISTED]
     more = f" and {len(every) - len(chosen):,} more" if len(every) > len(chosen) else ""
     return ", ".join(shortened(name, LONGEST_LISTED) for name in chosen) + more
+
+
+def parts_above(group: str) -> list[str]:
+    """Names of the parts that hold a group, the outermost first."""
+    return [group[:at] for at, sign in enumerate(group) if sign == "/" and at]
 
 
 def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
@@ -105,6 +112,16 @@ def of_files(what: str, given: Any, paths: Sequence[StrPath], other: Any) -> lis
     return values
 
 
+def parts_of(groups: Sequence["Group"]) -> dict[str, list[int]]:
+    """Rows of the groups of each part, the outermost first; a group may have the name of a part."""
+    found: dict[str, list[int]] = {name: [] for each in groups for name in parts_above(each.name)}
+    for row, group in enumerate(groups):
+        for name in (*parts_above(group.name), group.name):
+            if name in found:
+                found[name].append(row)
+    return found
+
+
 class FileGroups(NamedTuple):
     """A mesh file and its groups."""
 
@@ -142,14 +159,24 @@ class Names:
         rows, _ = files_named(name, [each.path for each in self.files])
         if name in self._known:
             return [self._known[name]]
-        found = {group for row in rows for group in self.files[row].groups}
-        found |= {group for word, group in self._known.items() if fnmatchcase(word, name)}
+        if below := [group for group in self.groups if group.startswith(f"{name}/")]:
+            return below
+        found = {group for row in rows for group in self.files[row].groups} | self._like(name)
+        found = found or self._like(f"*/{name}")  # the levels above may be left out
         if not found:
             raise MeshError(
                 f"there is no group {quoted(name)}, nor a mesh file of that name; groups are "
                 f"{listed(self.groups, name)}"
             )
         return [group for group in self.groups if group in found]
+
+    def _like(self, name: str) -> set[str]:
+        """Groups that a name with wildcards means, by themselves or by a part that holds them."""
+        return {
+            group
+            for word, group in self._known.items()
+            if any(fnmatchcase(each, name) for each in (word, *parts_above(word)))
+        }
 
     def by_group(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Value of each group from values by name; the name of a group goes before all others.

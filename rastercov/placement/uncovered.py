@@ -30,7 +30,7 @@ from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.network import Network, share_of_faces
+from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
 from rastercov.coverage.task import Task
@@ -297,12 +297,8 @@ class Leftover:
         }
 
     def _reasons(self, members: BoolArray) -> dict[str, Any]:
-        names = self.reason_names()
-        left = np.unique(names[self.left & members])
-        return {
-            str(name): share_of_faces(self.mesh, (names == name) & members, members)
-            for name in sorted(left, key=NAMES.index)
-        }
+        why = reason_rows(self.reason, ~self.left, self.n_cameras)
+        return shares_by_reason(self.mesh, why, self.left & members, members)
 
     def lines(self) -> list[str]:
         """Sentences for people, the largest share first."""

@@ -9,49 +9,63 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural, size_in_words
+from rastercov.base.format import area, percent, plural, shortened, size_in_words
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.reasons import REASONS
 
-BY_FACE = ("faces", "covered %", "by area %", "uncovered", "at zero")
-BY_AREA = ("area", "covered %", "faces", "not whole", "at zero")
-"""Columns of `summary_table` after the name of the group."""
+LONGEST_NAME = 22
+"""Characters of the name of a part in a table."""
 
 
-def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
-    """`Network.summary` for a terminal of 80 columns: groups, the whole task, reasons.
+def summary_table(summary: Mapping[str, Any], level: int | None = None) -> Table:
+    """`Network.summary` for a terminal of 80 columns: parts or groups, the whole task, reasons.
 
-    Groups with the least covered come first, at most `rows` of them. By area, "not whole" are faces
-    that no camera covers as a whole. "At zero" are faces whose coverage is 0 in every camera.
+    Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
+    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of the area of
+    whole faces that are not covered, and "seeable %" the covered share of what a camera outside
+    all bodies can see.
     """
     poses, views = summary["poses"], summary["required_views"]
     title = f"Covered by {plural(poses, 'camera')}"
-    by_area = "covered_area" in summary
-    table = Table(title=title + (f", {views} a face" if views > 1 else ""), title_justify="left")
-    table.add_column("group", no_wrap=True, max_width=19)
-    for name in BY_AREA if by_area else BY_FACE:
+    title += f", {views} a face" if views > 1 else ""
+    by_area, of_seeable = "covered_area" in summary, summary["covered_of_seeable_percent"]
+    if summary["unseeable_m2"] and of_seeable is not None:
+        share = (
+            summary["covered_area"]["percent"] if by_area else summary["covered"]["area_percent"]
+        )
+        title += f": {share:.1f} % of the area, {of_seeable:.1f} % of what can be seen"
+    table = Table(title=title, title_justify="left", caption_justify="left")
+    table.add_column("part" if summary["parts"] else "group", no_wrap=True, max_width=LONGEST_NAME)
+    for name in ("area", "covered %", "seeable %"):
         table.add_column(name, justify="right", no_wrap=True)
-    task = [group for group in summary["groups"] if group["role"] != "occluder"]
-    occluders = [group for group in summary["groups"] if group["role"] == "occluder"]
-    task.sort(key=lambda group: float(group["covered_area" if by_area else "covered"]["percent"]))
-    for group in task[:rows]:
-        name = group["name"] + (" (target)" if group["role"] == "target" else "")
-        table.add_row(Text(name), *_shares(group, group["faces"]))
-    if task[rows:]:
-        table.add_row(f"... {len(task) - rows} more", style="dim")
-    for group in occluders[:rows]:
-        table.add_row(Text(group["name"]), str(group["faces"]), "occluder", style="dim")
-    if len(task) != 1:
+    table.add_column("mainly", no_wrap=True)
+    rows = part_rows(summary, level)
+    for row in rows[:MOST_ROWS]:
+        table.add_row(Text(shortened(row.name, LONGEST_NAME)), *_cells(row))
+    if rows[MOST_ROWS:]:
+        file = "summary.json" if "run" in summary else "plan.json"
+        table.caption = f"and {len(rows) - MOST_ROWS} more, see {file}"
+    occluders = [entry for entry in entries_at(summary, level) if "covered" not in entry]
+    for entry in occluders[:MOST_ROWS]:
+        cell = Text(shortened(entry["name"], LONGEST_NAME))
+        table.add_row(cell, str(entry["faces"]), "occluder", style="dim")
+    if len(rows) != 1:
         table.add_section()
-        table.add_row("all to be seen", *_shares(summary, summary["task_faces"]), style="bold")
+        table.add_row("all to be seen", *_cells(PartRow.of(summary)), style="bold")
     reasons = summary["not_covered_because"]
     if reasons:
         table.add_section()
         table.add_row("whole faces are not" if by_area else "not covered because", style="dim")
     for name in sorted(reasons, key=lambda name: -int(reasons[name]["faces"])):
-        count = str(reasons[name]["faces"])
-        table.add_row(f"  {REASONS[name].label}", "", "", *(["", count] if by_area else [count]))
+        table.add_row(f"  {REASONS[name].label}", str(reasons[name]["faces"]))
     return table
+
+
+def _cells(row: PartRow) -> tuple[str, ...]:
+    """Cells of a part after its name."""
+    of_seeable = "" if row.of_seeable_percent is None else f"{row.of_seeable_percent:.1f}"
+    return area(row.area_m2), f"{row.percent:.1f}", of_seeable, row.reason
 
 
 def run_table(summary: Mapping[str, Any]) -> Table:

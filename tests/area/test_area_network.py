@@ -93,7 +93,7 @@ def test_groups_may_need_views_of_their_own():
     front = areas.summary({"back": 2})
     assert front["m2"] == pytest.approx(areas.covered.area[0, 2:].sum())
     assert areas.summary({"back": 2, "front": 2})["m2"] == 0
-    found = {"groups": [{"name": "back", "covered": {}}, {"name": "front", "covered": {}}]}
+    found = Network(mesh, areas.task).summary()
     areas.add_to(found, {"back": 2})
     assert [group["covered_area"]["views"] for group in found["groups"]] == [2, 1]
     assert found["groups"][1]["covered_area"]["percent"] == pytest.approx(100)

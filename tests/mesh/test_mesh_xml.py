@@ -70,9 +70,9 @@ def test_nodes_are_placed_by_their_transforms_in_order(load):
         f'<scale>2 2 2</scale><node name="inner">{matrix}{HERE}</node>{HERE}</node>'
     )
     mesh = load("a.dae", dae(nodes))
-    assert sorted(names(mesh)) == ["inner", "outer"]
+    assert sorted(names(mesh)) == ["outer", "outer/inner"]
     x, y, z = POINTS.T
-    for name, shift in (("inner", 1), ("outer", 0)):
+    for name, shift in (("outer/inner", 1), ("outer", 0)):
         placed = np.stack([10 - 2 * y, 2 * (x + shift), 2 * z], axis=1)
         corners = triangles(mesh)[mesh.face_group == names(mesh).index(name)]
         np.testing.assert_allclose(corners, placed[FACES], atol=1e-12)
@@ -218,7 +218,7 @@ def test_every_instance_of_an_object_is_counted_and_placed(load):
     pair = components(1).replace("</c", f"<component {turned}/></c")
     build = '<item objectid="2"/><item objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 5"/>'
     mesh = load("a.3mf", threemf(object_of(2, pair), build))
-    assert [group.name for group in mesh.groups] == ["part", "part #2", "part #3"]
+    assert [group.name for group in mesh.groups] == ["object 2/part", "object 2/part #2", "part"]
     x, y, z = POINTS.T
     corners = [POINTS, np.stack([10 - 2 * y, 2 * x, 2 * z], axis=1), POINTS + np.array([0, 0, 5])]
     np.testing.assert_array_equal(triangles(mesh), np.concatenate([c[FACES] for c in corners]))

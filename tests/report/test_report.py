@@ -355,12 +355,14 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
     reason[:, 0] = Reason.OCCLUDED
     network.add(made_up(poses=2, reason=reason, task=network.task))
     summary = network.summary()
-    long = summary["groups"][-2] | {"name": "a group with a very long name indeed, number 1"}
-    many = printed(tables.summary_table(summary | {"groups": summary["groups"] + [long] * 48}))
-    assert "30 more" in many
+    long = [
+        summary["groups"][-2] | {"name": f"a group with a very long name {i}"} for i in range(48)
+    ]
+    many = printed(tables.summary_table(summary | {"groups": summary["groups"] + long}))
+    assert "and 38 more, see plan.json" in many
     text = printed(tables.summary_table(summary))
     assert max(map(len, (many + text).splitlines())) <= 80
-    assert re.search(r"left\W+2\W+50\.0\W+50\.0\W+1\W+0\W", text)
+    assert re.search(r"left\W+\d+ m²\W+50\.0\W+50\.0\W+occluded", text)
     for words in ("2 cameras, 2 a face", "middle [bold]", "occluder", "75.0", "occluded"):
         assert words in text  # a name is not markup
 

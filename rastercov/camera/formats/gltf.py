@@ -86,9 +86,9 @@ def read(source: Source, border: Border) -> Views:
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
-        world_from_camera=_without_scale(np.array([pose for *_, pose in found])) @ OPENGL_AXES,
+        world_from_camera=_without_scale(np.array([each[2] for each in found])) @ OPENGL_AXES,
         camera=[used.index(node["camera"]) for node, *_ in found],
-        images=[name for _, name, _ in found],
+        images=[name for _, name, *_ in found],
         metres=1.0,
     )
 

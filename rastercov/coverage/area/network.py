@@ -5,7 +5,7 @@ camera where any of its poses covers it, whatever number of views the task wants
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -22,9 +22,10 @@ from rastercov.coverage.area.regions import Regions, check_pointwise
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, dead_zones, summary_of
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import JudgedPoses, Network
+from rastercov.coverage.network import JudgedPoses, Network, percent_of_seeable, share_of_faces
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.groups import parts_of
 
 UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
@@ -98,31 +99,41 @@ class AreaNetwork:
             self._kept[key] = make()
         return self._kept[key]
 
-    def summary(self, views: Mapping[str, int] | None = None) -> dict[str, Any]:
-        """Covered area of all task faces, ready for JSON.
+    def summary(
+        self, views: Mapping[str, int] | None = None, rows: Iterable[int] | None = None
+    ) -> dict[str, Any]:
+        """Covered area of all task faces, or of those of the groups of some rows, ready for JSON.
 
         `views` are those of groups by name, 1 for the others; those of the task unless given.
         """
-        whole = self.of_faces(self.mesh.task_mask)
+        every = self.mesh.groups
+        scored = [i for i in rows or range(len(every)) if not every[i].is_occluder]
+        whole = self.of_faces(np.isin(self.mesh.face_group, scored))
         if views is None:
             return whole
         parts = [
-            self.of_faces(self.mesh.face_group == index, views.get(group.name, 1))
-            for index, group in enumerate(self.mesh.groups)
-            if not group.is_occluder
+            self.of_faces(self.mesh.face_group == i, views.get(every[i].name, 1)) for i in scored
         ]
         area = sum(part["m2"] for part in parts)
         percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
-        return whole | {"percent": percent * area, "m2": area, "views": dict(views)}
+        own = {every[i].name: views[every[i].name] for i in scored if every[i].name in views}
+        return whole | {"percent": percent * area, "m2": area, "views": own}
 
     def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
-        """Add `covered_area` to the summary of a `Network`, and to each of its scored groups."""
+        """Add `covered_area` to the summary of a `Network`, and to its scored groups and parts."""
         summary["covered_area"] = self.summary(views)
         for index, group in enumerate(summary["groups"]):
             if "covered" in group:
                 wanted = None if views is None else views.get(group["name"], 1)
                 members = self.mesh.face_group == index
                 group["covered_area"] = self.of_faces(members, wanted)
+        for part, rows in zip(summary["parts"], parts_of(self.mesh.groups).values(), strict=True):
+            if "covered" in part:
+                part["covered_area"] = self.summary(views, rows)
+        for entry in (summary, *summary["groups"], *summary["parts"]):
+            if "covered_area" in entry:
+                m2 = entry["covered_area"]["m2"]
+                entry["covered_of_seeable_percent"] = percent_of_seeable(m2, entry)
 
     def dead_zones(
         self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
@@ -249,9 +260,10 @@ class ByCamera:
         """Figures of each camera, ready for JSON."""
         found = []
         for index, network in self._networks.items():
-            own = network.summary()
-            entry = {"camera": self.names[index], "poses": own["poses"], "covered": own["covered"]}
-            found.append(entry | self.entry(index))
+            mesh, task = network.mesh, network.mesh.task_mask
+            covered = share_of_faces(mesh, network.covered & task, task)
+            entry = {"camera": self.names[index], "poses": len(network.pose_ids)}
+            found.append(entry | {"covered": covered} | self.entry(index))
         return found
 
     def entry(self, index: int) -> dict[str, Any]:

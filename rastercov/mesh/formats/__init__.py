@@ -26,6 +26,7 @@ from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.formats import dae, gltf, ply, text, threemf
 from rastercov.mesh.formats.polygons import (
+    LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
     Polygons,
     broken,
@@ -56,7 +57,6 @@ MEMORY_BUDGET = 8 << 30
 SMALLER = "simplify the mesh, or raise max_bytes"
 FREE_FACES = 1 << 20
 """Faces that a short file may be multiplied into without `memory_budget`."""
-LONGEST_NAME = 200
 
 
 def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:

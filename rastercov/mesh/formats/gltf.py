@@ -55,6 +55,7 @@ from rastercov.mesh.formats.polygons import (
     check,
     check_affine,
     check_indices,
+    names_in_tree,
     strip_triangles,
 )
 
@@ -207,15 +208,22 @@ def _scene_polygons(
         roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
     else:
         roots = root_nodes(header)
-    nodes = [(node, at) for node, _, at in nodes_below(header, roots) if "mesh" in node]
+    rows = nodes_below(header, roots)
     shapes = _Shapes(Accessors(header, buffers, budget))
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
-    node_names: list[str] = []
+    own_names: list[str] = []
+    used: list[int] = []
+    for index, (node, *_) in enumerate(rows):
+        own_names.append(json_name(node))
+        if "mesh" in node:
+            of_mesh = json_name(json_object(header, "meshes", node["mesh"]))
+            own_names[index] = own_names[index] or of_mesh or f"node{len(used)}"
+            used.append(index)
+    paths = names_in_tree([each[-1] for each in rows], own_names, used, is_tree=by_cad_face)
     n_vertices = 0
-    for node, world_from_node in nodes:
-        name = json_name(node) or json_name(json_object(header, "meshes", node["mesh"]))
-        node_names.append(name or f"node{len(node_names)}")
+    for each in used:
+        node, _, world_from_node, _ = rows[each]
         points, triangles, cad_faces = shapes.of(node)
         world_from_instance = world_from_node @ shapes.instances(node, len(points), len(triangles))
         n = len(world_from_instance)
@@ -229,13 +237,13 @@ def _scene_polygons(
         first = n_vertices + len(points) * np.arange(n)
         faces.append((first[:, None, None] + turned).reshape(-1, 3))
         n_vertices += n * len(points)
-        row, own = np.zeros(len(triangles), np.int64), [node_names[-1]]
+        row, own = np.zeros(len(triangles), np.int64), [paths[each]]
         if by_cad_face and cad_faces.min() >= 0:
             known, row = np.unique(cad_faces, return_inverse=True)
-            own = [f"{node_names[-1]}/face {face + 1}" for face in known.tolist()]
+            own = [f"{paths[each]}/face {face + 1}" for face in known.tolist()]
         labels.append(np.tile(len(names) + row, n))
         names += own
-    notes += _notes(header, [node for node, _ in nodes], node_names)
+    notes += _notes(header, [rows[i][0] for i in used], [own_names[i] for i in used])
     notes += unread_data(header) + shapes.notes()
     label = np.concatenate(labels)
     return Polygons(
@@ -251,15 +259,17 @@ def root_nodes(header: dict[str, Any]) -> list[int]:
 
 def nodes_below(
     header: dict[str, Any], roots: Sequence[Any], world: str = ""
-) -> list[tuple[dict[str, Any], str, NDArray[np.float64]]]:
-    """Nodes of some trees, depth first, with their names, or those above, and world_from_node.
+) -> list[tuple[dict[str, Any], str, NDArray[np.float64], int]]:
+    """Nodes of some trees, depth first: with the name or that above, world_from_node, the parent.
 
+    The latter is a row of the result, -1 for none.
     The frame of a node with `world` among its `extras` is the world.
     """
-    found, seen = [], set()
-    stack = [(root, "", np.eye(4)) for root in reversed(roots)]
+    found: list[tuple[dict[str, Any], str, NDArray[np.float64], int]] = []
+    seen = set()
+    stack = [(root, "", np.eye(4), -1) for root in reversed(roots)]
     while stack:
-        index, name, world_from_parent = stack.pop()
+        index, name, world_from_parent, parent = stack.pop()
         node = json_object(header, "nodes", index)
         # A cycle, or a subtree repeated until memory is exhausted.
         check(index not in seen, f"nodes must form a tree, node {index} has two parents")
@@ -269,8 +279,8 @@ def nodes_below(
         is_world = isinstance(extras, dict) and extras.get(world) is True
         matrix = np.eye(4) if is_world else world_from_parent @ _parent_from_node(index, node)
         children = reversed(json_list(node, "children"))
-        stack.extend((child, name, matrix) for child in children)
-        found.append((node, name or f"node {index}", matrix))
+        stack.extend((child, name, matrix, len(found)) for child in children)
+        found.append((node, name or f"node {index}", matrix, parent))
     return found
 
 

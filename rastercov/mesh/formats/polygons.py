@@ -11,9 +11,11 @@ those without faces are left out, and a chain of parts that hold one other each 
 remains has fewer parts than shapes.
 """
 
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from os.path import commonprefix
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -331,6 +333,45 @@ def strip_triangles(n_corners: int, *, is_fan: bool = False) -> IntArray:
     return np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)
 
 
+LONGEST_NAME = 200
+SLASH = "\u2215"
+"""Sign in the place of "/" in the name of an element of a tree, where "/" separates the levels."""
+
+
+def names_in_tree(
+    parents: Sequence[int], names: Sequence[str], used: Sequence[int], *, is_tree: bool = False
+) -> list[str]:
+    """Names of the elements of a file by their place in its tree, such as "arm/gripper/bolt #2".
+
+    Levels that all used elements share are left out, so that those of a flat file keep their names.
+
+    Parameters
+    ----------
+    parents : sequence of int
+        Row of the element above each, earlier than its own; -1 for none.
+    names : sequence of str
+        An element without a name is no level.
+    used : sequence of int
+        Rows of the elements with faces.
+    is_tree : bool
+        True where there are levels below these elements.
+    """
+    paths: list[str] = []
+    n_alike: Counter[str] = Counter()
+    for parent, name in zip(parents, names, strict=True):  # some microseconds each
+        path = paths[parent] if parent >= 0 else ""
+        if name:
+            path = f"{path and path + '/'}{name.replace('/', SLASH)}"[:LONGEST_NAME]
+            n_alike[path] += 1
+            path += f" #{n_alike[path]}" if n_alike[path] > 1 else ""
+        paths.append(path)
+    levels = [path.split("/") for path in paths]
+    n_shared = len(commonprefix([levels[row][:-1] for row in used]))  # noqa: RUF071 - of levels
+    if is_tree or any(len(levels[row]) > n_shared + 1 for row in used):
+        return ["/".join(each[n_shared:]) for each in levels]
+    return [each[-1].replace(SLASH, "/") for each in levels]
+
+
 class Shape(NamedTuple):
     """Points, corners of all polygons, number of corners of each, number of triangles."""
 
@@ -369,7 +410,8 @@ class Assembly:
     def __init__(self, element_of: Callable[[Hashable], Part], budget: int) -> None:
         self._element_of, self._budget = element_of, budget
         self._nodes: dict[Hashable, _Node | None] = {}
-        self._names: list[str | None] = []
+        self._names: list[str] = []
+        self._parents: list[int] = []
 
     def polygons(
         self, roots: Sequence[tuple[FloatArray, Hashable]], metres: float | None
@@ -393,10 +435,12 @@ class Assembly:
             np.concatenate(n_corners),
             self._budget,
         )
+        group = np.concatenate(labels)
+        names = names_in_tree(self._parents, self._names, np.unique(group).tolist())
         return replace(
             found,
-            face_group=np.concatenate(labels)[found.source_face],
-            group_names=self._names,
+            face_group=group[found.source_face],
+            group_names=[name or None for name in names],
             is_in_metres=metres is not None,
         )
 
@@ -430,13 +474,16 @@ class Assembly:
         check_budget(n_faces, self._budget, n_vertices, n_shapes * BYTES_PER_INSTANCE)
         return _Node(element.name, pieces, n_faces, n_vertices, n_shapes)
 
-    def _shapes(self, node: _Node, place: FloatArray) -> Iterator[tuple[int, FloatArray, Shape]]:
+    def _shapes(
+        self, node: _Node, place: FloatArray, above: int = -1
+    ) -> Iterator[tuple[int, FloatArray, Shape]]:
         """Shapes of an instance and of those below it: group, world_from_shape, shape."""
         label = len(self._names)
         self._names.append(node.name)
+        self._parents.append(above)
         for matrix, piece in node.pieces:
             if isinstance(piece, _Node):
-                yield from self._shapes(piece, place @ matrix)
+                yield from self._shapes(piece, place @ matrix, label)
             else:
                 yield label, place @ matrix, piece
 

@@ -1,0 +1,91 @@
+"""Faces that no camera outside the bodies of a mesh can ever see: proved, not assumed.
+
+The closed surfaces among the opaque faces, declared two-sided ones left out, enclose the bodies:
+the points about which their winding number is positive. A way of sight from a point outside to one
+inside crosses an opaque face. A face counts as never seen where all of it, moved by `GAP_REL` of
+the diagonal towards the side that is to be seen, is inside: it lies in a body, or on one. The moved
+face, drawn in from its edges by four times that, touches no surface of a body, so the winding
+number is the same all over it, and one ray to one of its points decides. A face that is enclosed in
+part is not among them, nor is one of a sealed cavity, where a camera could be: as in a room.
+
+A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
+"""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.threads import Once
+from rastercov.mesh.arrays import frozen
+from rastercov.mesh.contacts import TriangleTree, touching_faces
+from rastercov.mesh.mesh import Mesh
+from rastercov.mesh.topology import edge_table
+
+GAP_REL = 1e-6
+"""Width of a gap, in diagonals of the bounding box, in which there is no camera. Files in float32
+have bodies in contact that far apart."""
+INSET_REL = 4 * GAP_REL
+"""Margin along the edges of a face that is not looked at; more than the gap, so that the moved
+faces of a concave edge do not meet."""
+CONTACT_REL = 1e-9
+
+
+_AREAS: WeakKeyDictionary[Mesh, Once[NDArray[np.float64]]] = WeakKeyDictionary()
+
+
+def unseeable_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """(F,) area of each scored face of which it is proved, m^2: 0, or all of it but its margin.
+
+    Two-sided faces count as seeable. Computed at the first call.
+    """
+    return _AREAS.setdefault(mesh, Once()).get(lambda: frozen(_computed(mesh)))
+
+
+def _computed(mesh: Mesh) -> NDArray[np.float64]:
+    found = np.zeros(mesh.n_faces)
+    bodies = _bodies(mesh)
+    if not len(bodies):
+        return found
+    middle, size = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
+    chosen = np.flatnonzero(mesh.task_mask & ~mesh.two_sided_mask & ~mesh.degenerate_mask)
+    corners = points[mesh.faces[chosen]]
+    opposite = np.linalg.norm(np.roll(corners, 1, axis=1) - np.roll(corners, 2, axis=1), axis=2)
+    around = opposite.sum(axis=1)
+    incentre = np.einsum("fk,fki->fi", opposite, corners) / around[:, None]
+    inset = INSET_REL * around * size**2 / (2 * mesh.areas[chosen])  # in radii of the incircle
+    moved = incentre + GAP_REL * mesh.normals[chosen]
+    is_inside = TriangleTree.over(points, shells).winding_numbers(moved) > 0
+    rows = np.flatnonzero(is_inside & (inset < 0.5))
+    if len(rows):
+        drawn_in = (corners[rows] - incentre[rows, None]) * (1 - inset[rows, None, None])
+        drawn_in += moved[rows, None]
+        own = np.arange(3 * len(rows)).reshape(-1, 3)
+        touches = touching_faces(
+            np.concatenate([drawn_in.reshape(-1, 3), points]),
+            np.concatenate([own, shells + own.size]),
+            CONTACT_REL,
+        )
+        rows = rows[~touches[: len(rows)]]
+    found[chosen[rows]] = mesh.areas[chosen[rows]] * (1 - inset[rows]) ** 2
+    return found
+
+
+def _bodies(mesh: Mesh) -> NDArray[np.int64]:
+    """Faces of closed opaque components: as many run along each edge in one direction as the other.
+
+    None of a single component with two faces an edge, which encloses none of its own faces unless
+    it cuts itself; that is not looked into.
+    """
+    opaque = np.flatnonzero(~mesh.target_mask)
+    part = mesh.topology.components()
+    edges = edge_table(mesh.welded_faces[opaque], mesh.n_vertices)
+    if not len(edges.first) or (part.max() == 0 and (edges.n_uses <= 2).all()):
+        return opaque[:0]
+    is_open = 2 * np.add.reduceat(edges.is_forward.astype(np.int64), edges.first) != edges.n_uses
+    open_faces = opaque[edges.faces[np.repeat(is_open, edges.n_uses)]]
+    is_body = np.ones(int(part.max()) + 1, bool)
+    is_body[part[open_faces]] = False
+    is_body[part[opaque[mesh.two_sided_mask[opaque]]]] = False
+    return opaque[is_body[part[opaque]]]

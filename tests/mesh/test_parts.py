@@ -1,0 +1,86 @@
+"""Parts: the tree of groups by their names, and faces that no camera can ever see."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined
+from scipy.spatial.transform import Rotation
+
+import rastercov as rc
+from rastercov.coverage.parts import part_rows
+from rastercov.mesh import Group, Mesh, shapes
+from rastercov.mesh.formats.polygons import names_in_tree
+from rastercov.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
+
+ENDS = st.tuples(st.integers(0, 3), st.integers(1, 3)).map(lambda at: (at[0], sum(at)))
+
+
+def boxes(*ends, names=(), turn=None):
+    """A group for each box between two corners, `ends` (3, 2)."""
+    each = [shapes.box(np.ptp(at, axis=1), 1, np.mean(at, axis=1)) for at in ends]
+    mesh = joined(*each)
+    points = mesh.vertices if turn is None else turn.apply(mesh.vertices.copy())
+    groups = [Group(name) for name in names or map(str, range(len(each)))]
+    return Mesh(points, mesh.faces, groups, np.repeat(np.arange(len(each)), each[0].n_faces))
+
+
+@given(st.lists(st.tuples(ENDS, ENDS, ENDS), min_size=2, max_size=4), st.integers(0, 9))
+@settings(max_examples=150, deadline=None)
+def test_a_face_is_unseeable_only_where_all_in_front_of_it_is_in_another_body(ends, seed):
+    """Boxes in contact, one in another, or through each other; of two, it is then found, too."""
+    rng = np.random.default_rng(seed)
+    mesh = boxes(*ends, turn=Rotation.random(None, rng))
+    flat, found = boxes(*ends), unseeable_areas(mesh) > 0
+    diagonal = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    corners = flat.vertices[flat.faces] + GAP_REL * diagonal * flat.normals[:, None]
+    middle = corners.mean(axis=1, keepdims=True)
+    weights = np.concatenate([np.eye(3), rng.dirichlet(np.ones(3), 30)])
+    points = middle + (weights @ corners - middle) * (1 - 30 * INSET_REL)
+    low, high = np.array(ends, float).transpose(2, 0, 1)[:, :, None, None]
+    is_in = ((points > low) & (points < high)).all(axis=-1)
+    assert is_in.any(axis=0)[found].all()
+    if len(ends) == 2:
+        np.testing.assert_array_equal(found, is_in.all(axis=-1).any(axis=0))
+        np.testing.assert_allclose(unseeable_areas(mesh)[found], mesh.areas[found], rtol=1e-3)
+
+
+def test_a_sealed_cavity_can_be_seen_and_so_can_all_where_a_camera_is_inside():
+    mesh = boxes([(0, 9)] * 3, [(1, 8)] * 3, [(2, 4)] * 3)
+    faces = np.where(mesh.face_group[:, None] == 1, mesh.faces[:, ::-1], mesh.faces)
+    assert unseeable_areas(mesh).any()
+    assert not unseeable_areas(Mesh(mesh.vertices, faces, mesh.groups, mesh.face_group)).any()
+    pose = rc.look_at((6, 6, 6), (3, 3, 3))
+    found = rc.evaluate(mesh, rc.Camera.from_fov(200, 200, hfov_deg=60), pose)
+    assert found.network.summary()["unseeable_m2"] == 0
+
+
+def test_figures_of_a_part_are_those_of_its_faces_as_one_group():
+    ends = [[(-4, 4), (-4, 4), (-1, 0)], [(0, 1)] * 3, [(0, 1), (0, 1), (1, 2)], [(-2, -1)] * 3]
+    mesh = boxes(*ends, names=["table", "arm/base", "arm/tool/tip", "arm/tool"])
+    merged = Mesh(
+        mesh.vertices, mesh.faces, [Group("table"), Group("arm")], np.minimum(mesh.face_group, 1)
+    )
+    camera, poses = rc.Camera.from_fov(300, 200, hfov_deg=50), rc.look_at((7, 6, 5), (0, 0, 0))
+    parts, whole = (
+        rc.evaluate(each, camera, poses, by="area").summary() for each in (mesh, merged)
+    )
+    expected = whole["groups"][1] | {"level": 1, "groups": 3}
+    assert [part["name"] for part in parts["parts"]] == ["arm", "arm/tool"]
+    assert parts["parts"][0].keys() == expected.keys()
+    for key in ("area_m2", "unseeable_m2", "covered_of_seeable_percent", "faces", "level"):
+        assert parts["parts"][0][key] == pytest.approx(expected[key])
+    assert parts["parts"][0]["covered_area"]["m2"] == pytest.approx(expected["covered_area"]["m2"])
+    assert expected["unseeable_m2"] == pytest.approx(4, rel=1e-3)
+    assert [row.name for row in part_rows(parts, 1)] == [row.name for row in part_rows(whole)]
+    occluders = mesh.with_groups(occluders=["arm/to*"]).groups
+    assert [group.is_occluder for group in occluders] == [False, False, True, True]
+
+
+def test_names_are_places_in_the_tree_below_what_all_share():
+    names = ["cell", "arm", "bolt", "bolt", "", "a/b", "arm", "bolt"]
+    parents = [-1, 0, 1, 1, 1, 4, 0, 6]
+    found = names_in_tree(parents, names, [2, 3, 5, 7])
+    expected = ["arm/bolt", "arm/bolt #2", "arm/a\u2215b", "arm #2/bolt"]
+    assert [found[row] for row in (2, 3, 5, 7)] == expected
+    assert names_in_tree([-1, 0, 0], ["root", "a/b", "c"], [1, 2])[1:] == ["a/b", "c"]
