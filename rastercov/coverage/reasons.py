@@ -80,7 +80,7 @@ REASONS = {
     "too_coarse": Words(
         "too few pixels",
         "get too few pixels",
-        "it gets {finer}: come {times} as near, or take {times} the focal length",
+        "best {found} at {distance}; {wanted} needs {nearer} or {times} the focal length",
         (240, 160, 0),
     ),
     "occluded": Words(
@@ -94,9 +94,12 @@ REASONS = {
     ),
     "covered": Words("covered", "are covered", "", (214, 220, 226)),
     "too_few_views": Words(
-        "too few cameras", "are covered by too few cameras", "", (230, 120, 180)
+        "too few cameras",
+        "are covered by too few cameras",
+        "add another camera that sees it",
+        (230, 120, 180),
     ),
-    "no_cameras": Words("no cameras", "have no camera", "", (52, 56, 62)),
+    "no_cameras": Words("no cameras", "have no camera", "add a camera", (52, 56, 62)),
 }
 """By the name of the reason: the members of `Reason`, in their order, and two of a network."""
 NAMES = tuple(REASONS)

@@ -23,7 +23,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.regions import Regions, covering_poses
-from rastercov.coverage.area.zones import DeadZones, zones_at
+from rastercov.coverage.area.zones import DeadZones, zone_reason, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
@@ -59,6 +59,10 @@ CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
 PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
+CLOSE_UP_REL = 0.08
+"""Least distance around a zone in its own picture, relative to the diagonal of the task."""
+TILT = np.array([0.25, -0.35, 0.25])
+"""Of the direction of such a picture against the normal of the zone, so that it shows depth."""
 MOST_ZONES = 30
 """Zones with a number."""
 LEAST_PERCENT = 0.01
@@ -220,13 +224,12 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     digits = int(np.clip(2 - np.floor(np.log10(max(far, 1e-9))), 0, 9))
     for number, zone in enumerate(shown, start=1):
         first, *others = zone["groups"]
-        why = REASONS[zone["reason"]].label
-        if zone["hidden_by"] is not None:
-            why += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
         group = first + (f" and {len(others)} more" if others else "")
         size = area(zone["area_m2"])
-        rows.append([str(number), size, percent(zone["percent"] / 100), place, group, why])
+        rows.append(
+            [str(number), size, percent(zone["percent"] / 100), place, group, zone_reason(zone)]
+        )
     rest = summary["other_dead_zones"]
     if count := len(zones) - len(shown) + rest["zones"]:
         parts = [*zones[len(shown) :], rest]
@@ -270,6 +273,31 @@ def zones_picture(
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
         title += f"; hidden from both sides: {', '.join(unseen)}"
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
+
+
+def zone_close_up(
+    zones: DeadZones, summary: Mapping[str, Any], row: int, eyes: ArrayLike = ()
+) -> Image.Image | None:
+    """A zone of the list from near, with what is around it; None where no side shows it.
+
+    Parameters are those of `zones_picture`, and the row of the zone.
+    """
+    mesh, listed = zones.mesh, numbered(summary)
+    faces = np.zeros(mesh.n_faces, np.bool_)
+    faces[zones.face[zones.zone == row]] = True
+    low, high = np.array(listed[row]["extent"])
+    least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
+    reach = np.maximum((high - low) * 0.8, least)
+    around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
+    normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
+    front = normal / max(float(np.linalg.norm(normal)), 1e-300) + TILT
+    for side in (front, *best_directions(mesh, faces, 1, eyes)):
+        scene = look(mesh, side, eyes=eyes, around=around)
+        shown: set[int] = set()
+        image = _with_zones(zones, scene, [REASONS[z["reason"]].colour for z in listed], shown)
+        if row in shown:
+            return image
+    return None
 
 
 def _with_zones(
