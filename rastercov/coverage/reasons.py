@@ -89,7 +89,7 @@ REASONS = {
     "too_oblique": Words(
         "seen too flatly",
         "are seen too flatly",
-        "seen at {angle} deg of {max_angle}: move towards its normal",
+        "seen at {angle}°, of {max_angle}° at most: move towards its normal",
         (0, 158, 115),
     ),
     "covered": Words("covered", "are covered", "", (214, 220, 226)),

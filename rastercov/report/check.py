@@ -47,7 +47,7 @@ def page_of(found: Checked) -> str:
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements hold" if found.is_met else "The rig falls short"
     if len(short) == 1:
-        answer += f" by {percent(short[0].short_by)}"
+        answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
     return shown.page(
         "network.html",
         shown.pictures(),

@@ -298,9 +298,9 @@ def _draw_network(
 ) -> None:
     """Draw what all cameras cover together and what they leave, and write the pages."""
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
-    names = [str(row) for row in poses.ids.tolist()]
+    names, title = [str(row) for row in poses.ids.tolist()], folder.path.resolve().name
     shown = NetworkPage(
-        folder.path.resolve().name, mesh, found.camera, poses, "pose", names, network,
+        f"Coverage: {title}", mesh, found.camera, poses, "pose", names, network,
         network.covered, np.full(mesh.n_faces, found.task.views), summary, areas,
         None if areas is None else areas.zones(), parts,
     )  # fmt: skip

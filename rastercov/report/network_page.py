@@ -209,7 +209,8 @@ class NetworkPage:
         covered = self.figures.get("covered_area")
         share = self.figures["covered"]["area_percent"] if covered is None else covered["percent"]
         who = plural(len(self.poses), self.noun, "cover")
-        return f"{who} {percent(share / 100)} of the area"
+        said = f"{who} {percent(share / 100)} of the area"
+        return said if covered is None else f"{said}, ± {covered['bound_percent']:.1g} %"
 
     def sentences(self) -> list[str]:
         """What is covered with its bound, what is left, and what the cameras are worth."""
@@ -227,19 +228,18 @@ class NetworkPage:
         said = [f"{first}."]
         zones = figures.get("dead_zones", ())
         reasons = figures["not_covered_because"]
-        if zones:
-            total = area(sum(each["area_m2"] for each in zones))
+        if zones and self.zones is not None:
+            total = area(float(self.zones.area.sum()))
             worst = f"{area(zones[0]['area_m2'])} of {zones[0]['groups'][0]}"
-            said.append(
-                f"{plural(len(zones), 'dead zone', 'are')} left, {total} in all. The largest, "
-                f"{worst}: {zone_reason(zones[0])}."
-            )
+            left = plural(self.zones.count(), "dead zone", "are")
+            largest = f", {total} in all. The largest" if len(zones) > 1 else ""
+            said.append(f"{left} left{largest}: {worst}, {zone_reason(zones[0])}.")
         elif reasons and exact is None:
             parts = [
                 f"{each['faces']:,} {REASONS[name].sentence}" for name, each in reasons.items()
             ]
             said.append(f"Of those that are left, {', '.join(parts)}.")
-        if lost is not None and len(lost):
+        if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             said.append(
                 f"{self.noun.capitalize()} {self.names[best]} adds most: {area(lost[best])} that "
@@ -252,10 +252,13 @@ class NetworkPage:
     def _least(self) -> float:
         return LEAST_LOST_REL * self.task_m2
 
-    def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
-        """Rows of the cameras, those that add most first, and their headings.
+    def _areas(self, values: FloatArray) -> list[str]:
+        return [area(value) if value > self._least else "0" for value in values.tolist()]
 
-        `more` are further columns by their headings.
+    def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
+        """Rows of the cameras and their headings.
+
+        `more` are further columns by their headings; without them, those that add most are first.
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
         columns: dict[str, Sequence[str]] = {self.noun: self.names}
@@ -269,13 +272,15 @@ class NetworkPage:
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            columns["covers"] = [area(value) for value in seen.tolist()]
+            columns["covers"] = self._areas(seen)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["only by it"] = [area(value) for value in lost.tolist()]
-            spare = (lost <= self._least).tolist()
-            columns["could be left out"] = ["yes" if each else "" for each in spare]
-            order = np.argsort(-lost, kind="stable")
+            columns["only by it"] = self._areas(lost)
+            if (lost <= self._least).any():
+                spare = ["yes" if each == "0" else "" for each in columns["only by it"]]
+                columns["could be left out"] = spare
+            if not more:  # which follow the order of the names
+                order = np.argsort(-lost, kind="stable")
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
@@ -286,7 +291,7 @@ class NetworkPage:
         for row, zone in enumerate(numbered(self.figures)[:MOST_CLOSE_UPS]):
             reason = zone_reason(zone)
             drawn = zone_close_up(self.zones, self.figures, row, self.eyes)
-            share = percent(zone["percent"] / 100)
+            share = percent(round(zone["percent"] / 100, 9))
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
             if nearest is not None:

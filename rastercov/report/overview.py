@@ -28,8 +28,9 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.images import Key, font_for, framed, write_labels
+from rastercov.report.images import Key, facing, font_for, framed, write_labels
 from rastercov.report.panorama import (
+    DIRECTIONS,
     FINE,
     PIECES,
     FaceImage,
@@ -59,10 +60,10 @@ CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
 PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
-CLOSE_UP_REL = 0.08
+CLOSE_UP_REL = 0.04
 """Least distance around a zone in its own picture, relative to the diagonal of the task."""
-TILT = np.array([0.25, -0.35, 0.25])
-"""Of the direction of such a picture against the normal of the zone, so that it shows depth."""
+TILTS = 0.6 * np.array([(0.5, -0.7, 0.5), (-0.5, 0.7, 0.5), (0.7, 0.5, 0.5), (0.0, 0.0, -1.0)])
+"""Of directions of such a picture against the normal of the zone, so that it shows depth."""
 MOST_ZONES = 30
 """Zones with a number."""
 LEAST_PERCENT = 0.01
@@ -228,7 +229,14 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
         group = first + (f" and {len(others)} more" if others else "")
         size = area(zone["area_m2"])
         rows.append(
-            [str(number), size, percent(zone["percent"] / 100), place, group, zone_reason(zone)]
+            [
+                str(number),
+                size,
+                percent(round(zone["percent"] / 100, 9)),
+                place,
+                group,
+                zone_reason(zone),
+            ]
         )
     rest = summary["other_dead_zones"]
     if count := len(zones) - len(shown) + rest["zones"]:
@@ -269,7 +277,7 @@ def zones_picture(
         keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
-    title = f"{plural(len(zones), 'dead zone')}, {share} of the area; numbered from the largest"
+    title = f"{plural(zones.count(), 'dead zone')}, {share} of the area; numbered from the largest"
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
         title += f"; hidden from both sides: {', '.join(unseen)}"
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
@@ -287,17 +295,20 @@ def zone_close_up(
     faces[zones.face[zones.zone == row]] = True
     low, high = np.array(listed[row]["extent"])
     least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
-    reach = np.maximum((high - low) * 0.8, least)
+    reach = (high - low) / 2 + least
     around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
     normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
-    front = normal / max(float(np.linalg.norm(normal)), 1e-300) + TILT
-    for side in (front, *best_directions(mesh, faces, 1, eyes)):
-        scene = look(mesh, side, eyes=eyes, around=around)
-        shown: set[int] = set()
-        image = _with_zones(zones, scene, [REASONS[z["reason"]].colour for z in listed], shown)
-        if row in shown:
-            return image
-    return None
+    front = normal / max(float(np.linalg.norm(normal)), 1e-300)
+    sides = [*(front + TILTS), front, *DIRECTIONS]
+    shown = []
+    for side in sides:
+        scene = look(mesh, side, scale=0.15, eyes=eyes, around=around)
+        is_shown = np.append(faces & facing(mesh, scene.pose)[0], False)
+        shown.append(int(is_shown[scene.faces].sum()))
+    if not any(shown):
+        return None
+    scene = look(mesh, sides[int(np.argmax(shown))], eyes=eyes, around=around)
+    return _with_zones(zones, scene, [REASONS[each["reason"]].colour for each in listed], set())
 
 
 def _with_zones(

@@ -111,9 +111,13 @@ class DeadZones(FacePolygons):
             found.append(entry)
         return found
 
+    def count(self) -> int:
+        """Number of zones without those that are rounding."""
+        return int((self.area > SLIVER_REL * self.total()).sum())
+
     def listed(self) -> int:
         """Number of zones that a summary lists: at most `MOST_ZONES`, and none that is rounding."""
-        return min(int((self.area > SLIVER_REL * self.total()).sum()), MOST_ZONES)
+        return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:
         """Number and area of the zones that a summary does not list."""
