@@ -60,8 +60,8 @@ from rastercov.report.panorama import seen
 from rastercov.report.printing import browser, write_page
 
 LOG = logging.getLogger("rastercov")
-MOST_POSES = 60
-"""Poses of which each has its own area on the page."""
+MOST_POSES, MOST_AREAS = 60, 1_500_000
+"""Poses, or pairs of pose and face, up to which the page has the area of each pose."""
 TILE = 320
 """Width of a tile of the sheet, pixels."""
 PICTURE_SIDE = 1280
@@ -202,7 +202,9 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
     try:
         if found.kept:
             some = poses
-            if len(poses) > MOST_POSES:  # the page does without the area of each
+            if len(poses) > max(
+                MOST_POSES, MOST_AREAS // mesh.n_faces
+            ):  # the page does without the area of each
                 some = poses[np.isin(poses.ids, list(found.kept))]
             parts = None
             if areas is not None:

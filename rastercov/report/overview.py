@@ -23,7 +23,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.regions import Regions, covering_poses
-from rastercov.coverage.area.zones import DeadZones, zone_reason, zones_at
+from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_reason, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
@@ -60,6 +60,8 @@ CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
 PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
+CLOSE_UP = 0.65 * FINE
+"""Scale of the picture of one zone, a third of the width of a page."""
 CLOSE_UP_REL = 0.04
 """Least distance around a zone in its own picture, relative to the diagonal of the task."""
 TILTS = 0.6 * np.array([(0.5, -0.7, 0.5), (-0.5, 0.7, 0.5), (0.7, 0.5, 0.5), (0.0, 0.0, -1.0)])
@@ -239,7 +241,8 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
             ]
         )
     rest = summary["other_dead_zones"]
-    if count := len(zones) - len(shown) + rest["zones"]:
+    n_rest = rest["zones"] if rest["percent"] > 100 * SLIVER_REL * rest["zones"] else 0
+    if count := len(zones) - len(shown) + n_rest:
         parts = [*zones[len(shown) :], rest]
         size = area(sum(part["area_m2"] for part in parts))
         share = percent(sum(part["percent"] for part in parts) / 100)
@@ -307,7 +310,7 @@ def zone_close_up(
         shown.append(int(is_shown[scene.faces].sum()))
     if not any(shown):
         return None
-    scene = look(mesh, sides[int(np.argmax(shown))], eyes=eyes, around=around)
+    scene = look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
     return _with_zones(zones, scene, [REASONS[each["reason"]].colour for each in listed], set())
 
 
