@@ -96,10 +96,12 @@ def figures_of_point(
     surface, and for a target that faces the camera. They are 0 where there is no image.
     """
     ray = point - pose[:3, 3]
-    distance = float(np.linalg.norm(ray))
+    distance = max(float(np.linalg.norm(ray)), 1e-300)
     steps = STEP_REL * distance * np.concatenate((np.eye(3), -np.eye(3)))
-    ends = to_image(to_camera(point + steps, pose), camera)
-    slopes = np.nan_to_num((ends[:3] - ends[3:]).T / (2 * STEP_REL * distance))
+    with np.errstate(all="ignore"):
+        ends = to_image(to_camera(point + steps, pose), camera)
+        slopes = (ends[:3] - ends[3:]).T / (2 * STEP_REL * distance)
+    slopes = np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
     along = np.linalg.svd(slopes @ (np.eye(3) - np.outer(normal, normal)), compute_uv=False)
     return {
         "distance": distance,

@@ -12,7 +12,7 @@ from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, to_json
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.network_page import network_page_of, verdicts
+from rastercov.report.placement import network_page_of, verdicts
 from rastercov.report.printing import browser, write_page
 
 CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")

@@ -1,9 +1,9 @@
-"""Page of a network: what cameras cover together, what they leave and what would help.
+"""Page of a network: the surface that cameras cover together, dead zones, and advice.
 
 `evaluate`, `place` and `check` fill the template `report.html` with it, each with its own headline.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,24 +18,12 @@ from rastercov.camera.rig import Cameras, names_of
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork, in_words
-from rastercov.coverage.area.regions import Regions, covering_poses, regions
+from rastercov.coverage.area.regions import Regions, covering_poses
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.area.zones import DeadZones, zone_reason
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.reasons import REASONS, reason_rows
-from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.network import (
-    FAILS,
-    HOLDS,
-    UNDECIDED,
-    Measured,
-    Requirement,
-    views_by_group,
-)
-from rastercov.placement.plan.prepare import Progress
-from rastercov.placement.select.problem import views_of
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import (
     Overview,
@@ -50,6 +38,7 @@ from rastercov.report.panorama import best_directions
 from rastercov.report.tables import camera_rows, heading_and_tilt
 
 FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None]
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
@@ -64,7 +53,6 @@ ALTERNATIVES = {
     "contact_sheet": "The images of the poses side by side",
 }
 """Words for pictures of pages."""
-VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 LEAST_LOST_REL = 1e-9
 """Area, relative to the task, below which a camera could be left out: rounding of the union."""
 
@@ -89,6 +77,8 @@ class NetworkPage:
         By area.
     parts : Regions or None
         Of all poses, where they are known.
+    covers : (P, F) bool, or None
+        Faces that each pose covers, by face.
     """
 
     title: str
@@ -104,6 +94,7 @@ class NetworkPage:
     areas: AreaNetwork | None = None
     zones: DeadZones | None = None
     parts: Regions | None = None
+    covers: NDArray[np.bool_] | None = None
 
     @property
     def eyes(self) -> FloatArray:
@@ -124,6 +115,9 @@ class NetworkPage:
     @cached_property
     def seen_m2(self) -> FloatArray | None:
         """(P,) area that each camera covers; None where its regions are not known."""
+        if self.covers is not None and self.areas is None:
+            of_task = np.where(self.mesh.task_mask, self.mesh.areas, 0.0)
+            return np.asarray(self.covers @ of_task, np.float64)
         if self.parts is None:
             return None
         return np.bincount(self.parts.pair_pose, self.parts.area, len(self.poses)).astype(
@@ -213,7 +207,7 @@ class NetworkPage:
         return said if covered is None else f"{said}, ± {covered['bound_percent']:.1g} %"
 
     def sentences(self) -> list[str]:
-        """What is covered with its bound, what is left, and what the cameras are worth."""
+        """Sentences on the covered area with its bound, on dead zones, and on single cameras."""
         figures, lost = self.figures, self.lost_m2
         whole, exact = figures["covered"], figures.get("covered_area")
         first = (
@@ -309,32 +303,6 @@ class NetworkPage:
 def pictures_of(images: Mapping[str, Image.Image]) -> dict[str, Picture]:
     """Pictures of a page by their names in `ALTERNATIVES`."""
     return {name: Picture.of(ALTERNATIVES[name], image) for name, image in images.items()}
-
-
-def verdicts(requirements: Sequence[Requirement]) -> list[tuple[str, bool | None]]:
-    """Lines on requirements for `report.html`: what was wanted, and whether it holds."""
-    return [(each.words(), VERDICTS[each.status]) for each in requirements]
-
-
-def network_page_of(
-    title: str,
-    mesh: Mesh,
-    plan: Plan,
-    cameras: Measured,
-    task: Task,
-    figures: Mapping[str, Any],
-    views: int | Mapping[str, int],
-    asked: int | None = None,
-) -> NetworkPage:
-    """Page of the cameras of a plan; `figures` of them all, `views` and `asked` as of `Checked`."""
-    placed, areas, zones, parts = cameras.placed, cameras.areas, None, None
-    if areas is not None:
-        parts = regions(mesh, plan.rig, placed, task, method=plan.task.method)
-        zones = areas.zones(views_by_group(plan, asked))
-    return NetworkPage(
-        title, mesh, plan.rig, placed, "camera", [str(row) for row in range(len(placed))],
-        cameras.network, cameras.covered, views_of(mesh, views), figures, areas, zones, parts,
-    )  # fmt: skip
 
 
 def left_picture(

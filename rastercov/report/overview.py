@@ -302,7 +302,7 @@ def zone_close_up(
     around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
     normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
     front = normal / max(float(np.linalg.norm(normal)), 1e-300)
-    sides = [*(front + TILTS), front, *DIRECTIONS]
+    sides = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
     shown = []
     for side in sides:
         scene = look(mesh, side, scale=0.15, eyes=eyes, around=around)

@@ -10,13 +10,26 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.format import percent
+from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, Openings
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import (
+    FAILS,
+    HOLDS,
+    UNDECIDED,
+    Measured,
+    Requirement,
+    views_by_group,
+)
 from rastercov.placement.plan.prepare import Progress
 from rastercov.placement.plan.run import Placement
-from rastercov.placement.select.problem import BestCoverage
-from rastercov.report.network_page import network_page_of, verdicts
+from rastercov.placement.select.problem import BestCoverage, views_of
+from rastercov.report.network_page import NetworkPage
 
+VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
 
@@ -85,3 +98,30 @@ def _out_of_reach(found: Openings | None) -> list[str]:
     sentences = [found.words(row) for row in shut[:MAX_SENTENCES].tolist()]
     more = len(shut) - MAX_SENTENCES
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
+
+
+def verdicts(requirements: Sequence[Requirement]) -> list[tuple[str, bool | None]]:
+    """Lines on requirements for `report.html`: what was wanted, and whether it holds."""
+    return [(each.words(), VERDICTS[each.status]) for each in requirements]
+
+
+def network_page_of(
+    title: str,
+    mesh: Mesh,
+    plan: Plan,
+    cameras: Measured,
+    task: Task,
+    figures: Mapping[str, Any],
+    views: int | Mapping[str, int],
+    asked: int | None = None,
+) -> NetworkPage:
+    """Page of the cameras of a plan; `figures` of them all, `views` and `asked` as of `Checked`."""
+    placed, areas, zones, parts = cameras.placed, cameras.areas, None, None
+    if areas is not None:
+        parts = regions(mesh, plan.rig, placed, task, method=plan.task.method)
+        zones = areas.zones(views_by_group(plan, asked))
+    return NetworkPage(
+        title, mesh, plan.rig, placed, "camera", [str(row) for row in range(len(placed))],
+        cameras.network, cameras.covered, views_of(mesh, views), figures, areas, zones, parts,
+        cameras.covers,
+    )  # fmt: skip
