@@ -65,14 +65,12 @@ def pages_of(
         "so far": [percent(share) for share in cameras.curve],
     }
     if tolerance is not None and tolerance.cameras:
-        columns["with errors, without it"] = [
-            percent(tolerance.cameras[row].without) for row in owner
-        ]
+        columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]
     page = shown.page(
         "placement.html",
         pictures,
         answer=shown.answer,
-        passed=placement.is_met,
+        passed=placement.is_met if placement.requirements else None,
         lines=verdicts(placement.requirements),
         log=notes,
         notes=(),
