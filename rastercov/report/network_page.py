@@ -44,8 +44,6 @@ MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = 3
 """Zones with a picture of their own."""
-MOST_EMBEDDED = 1_600_000
-"""Letters of the page to look around in, up to which it is a part of the page."""
 ALTERNATIVES = {
     "overview": "The surface in the colours of its cameras, from two sides",
     "zones": "Dead zones by number and reason, from two sides",
@@ -193,7 +191,6 @@ class NetworkPage:
             camera_rows=camera_rows(self.figures),
             figures=self.figures,
             reasons=REASONS,
-            view=self.view if self.view and len(self.view) <= MOST_EMBEDDED else None,
             **values,
         )
 
