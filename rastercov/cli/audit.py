@@ -45,6 +45,7 @@ def audit(
         float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
     ] = None,
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
@@ -76,7 +77,7 @@ def audit(
         )  # fmt: skip
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = options | {"scene": scene.entries(out, meshes)}
-        _, summary = write(made, out, kept, notes, is_kept=is_kept)
+        _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf)
     quarantined = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:

@@ -67,6 +67,7 @@ class ReportOptions(NamedTuple):
             help="Full pictures of those poses, too: poses, faces (indices), all or none."
         ),
     ] = "none"
+    pdf: options.Pdf = False
 
 
 @options.expanded
@@ -146,8 +147,8 @@ def run_and_print(
         console.print(run_table(summary))
         for line in zone_lines(summary):
             print(line)
-        sheet = out / "contact_sheet.png"
-        print(sheet if sheet.exists() else out / "network.glb")
+        page = out / "report.html"
+        print(page if page.exists() else out / "network.glb")
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:

@@ -51,6 +51,9 @@ PosesOption = Annotated[
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
+Pdf = Annotated[
+    bool, typer.Option("--pdf", help="Print the page to a PDF, too, by Chromium or Chrome.")
+]
 Unit = Annotated[
     list[str],
     typer.Option(

@@ -4,13 +4,14 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from rastercov.base.errors import RastercovError
+from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -21,6 +22,7 @@ from rastercov.cli.options import (
     CameraName,
     CamerasOption,
     Level,
+    Pdf,
     Processes,
     expanded,
 )
@@ -64,6 +66,7 @@ def place(
         ),
     ] = False,
     level: Level = None,
+    pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
@@ -80,7 +83,7 @@ def place(
     from rastercov.report import plan as report  # once the plan is sound
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-    placed = report.run_into(asked, folder, _step, processes.open())
+    placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf)
     prepared = placed.prepared
     warn(prepared.mesh.warnings)
     doubts = _doubts(asked, placed.cameras)
@@ -142,6 +145,10 @@ def check(
     junit: Annotated[
         Path | None, typer.Option(help="Write JUnit XML, a test case for each requirement.")
     ] = None,
+    out: Annotated[
+        Path | None, out_option("Folder for a page (check.html) and the figures (check.json).")
+    ] = None,
+    pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
     """Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.
@@ -156,13 +163,23 @@ def check(
 
     if junit is not None:
         plan_check.refuse_junit(junit)
+    if pdf and out is None:
+        raise ConfigError("--pdf wants a folder for the page, got none; name it by --out")
     try:
         asked = read_plan(plan)
         limits = plan_check.limits(asked, min_coverage, group)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
         if camera and eyes.rig is not None:
             asked = asked.without_cameras()
-        found = plan_check.check(asked, Path(poses), limits, views, _step, poses=eyes)
+        made = partial(
+            plan_check.check, asked, Path(poses), limits, views, _step, poses=eyes
+        )  # fmt: skip
+        if out is None:
+            found = made()
+        else:
+            from rastercov.report.check import write  # with the first page only
+
+            found = write(made, out, pdf=pdf)
     except (RastercovError, OSError) as error:
         if junit is not None:
             lines = getattr(error, "lines", [str(error)])
@@ -179,6 +196,8 @@ def check(
         print("\n".join([*found.lines(), size_line(found.mesh)]))
         if (by_camera := camera_table(found.summary())) is not None:
             Console().print(by_camera)
+        if out is not None:
+            print(out / "check.html")
     if not found.is_met:
         raise typer.Exit(1)
 

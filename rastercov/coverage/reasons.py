@@ -80,7 +80,7 @@ REASONS = {
     "too_coarse": Words(
         "too few pixels",
         "get too few pixels",
-        "it gets {finer}: come {times} as near, or take {times} the focal length",
+        "best {found} at {distance}; {wanted} needs {nearer} or {times} the focal length",
         (240, 160, 0),
     ),
     "occluded": Words(
@@ -89,14 +89,17 @@ REASONS = {
     "too_oblique": Words(
         "seen too flatly",
         "are seen too flatly",
-        "seen at {angle} deg of {max_angle}: move towards its normal",
+        "seen at {angle}°, of {max_angle}° at most: move towards its normal",
         (0, 158, 115),
     ),
     "covered": Words("covered", "are covered", "", (214, 220, 226)),
     "too_few_views": Words(
-        "too few cameras", "are covered by too few cameras", "", (230, 120, 180)
+        "too few cameras",
+        "are covered by too few cameras",
+        "add another camera that sees it",
+        (230, 120, 180),
     ),
-    "no_cameras": Words("no cameras", "have no camera", "", (218, 198, 176)),
+    "no_cameras": Words("no cameras", "have no camera", "add a camera", (218, 198, 176)),
 }
 """By the name of the reason: the members of `Reason`, in their order, and two of a network."""
 NAMES = tuple(REASONS)

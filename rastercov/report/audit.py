@@ -1,6 +1,6 @@
 """Report of an audit: a page, tables of elements and cameras, arrays, a coloured mesh, a summary.
 
-audit.html         headline, pictures of the surface, what each image adds; all inline
+audit.html         headline, pictures of the surface, what each image adds; audit.pdf on paper
 audit_*.png        the surface by number of views, best density and widest angle
 view.html          the same to look around in, without a server
 elements.parquet   figures of each cell or face, and elements.npz the same
@@ -32,11 +32,12 @@ from rastercov.report.coverage_files import write_coloured_mesh, write_rig, writ
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import MODES, mode_picture, rounded
 from rastercov.report.pages import Picture, figures_of, rendered, view_page
+from rastercov.report.printing import browser, write_page
 
 AUDIT = ReportKind(
     "audit",
     re.compile(
-        r"(elements|cameras)\.parquet|elements\.npz|audit\.(glb|json|html)|rig\.json|view\.html"
+        r"(elements|cameras)\.parquet|elements\.npz|audit\.(glb|json|html|pdf)|rig\.json|view\.html"
         r"|audit_[a-z]+\.png"
     ),
     last="audit.json",
@@ -55,6 +56,7 @@ def write(
     notes: Sequence[str] = (),
     *,
     is_kept: bool = False,
+    pdf: bool = False,
 ) -> tuple[Audit, dict[str, Any]]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
@@ -70,8 +72,12 @@ def write(
         Lines on the files that it is made from.
     is_kept : bool
         True for an audit that is kept in shards until its report is whole.
+    pdf : bool
+        True for the page on paper, too.
     """
     with ReportFolder(out, AUDIT) as folder:
+        if pdf:
+            browser()  # none fails before the work
         found = made(folder=folder.path / UNFINISHED if is_kept else None)
         header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
         summary = found.summary() | {"notes": list(notes), "run": header}
@@ -100,7 +106,7 @@ def write(
         with interrupts_held():
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"{name}.png"), picture.light)
-            write_text(folder.file("audit.html"), html)
+            write_page(folder, "audit", html, pdf=pdf)
             if view is not None:
                 write_text(folder.file("view.html"), view)
             elements = _arrays(found)

@@ -10,6 +10,7 @@ zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
 pose_*.png         the mesh as one camera sees it, grey by coverage, if asked for
 faces_*.png        the face index image of the same pose, if asked for
+report.html        the results as a page for people; report.pdf on paper, if asked for
 view.html          all cameras and figures to look around in, without a server
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
@@ -54,14 +55,13 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import contact_sheet, face_index_picture, save_picture
-from rastercov.report.modes import mode_picture
-from rastercov.report.overview import Overview, best_covering, zones_picture
-from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
+from rastercov.report.network_page import NetworkPage, pictures_of
 from rastercov.report.panorama import seen
+from rastercov.report.printing import browser, write_page
 
 LOG = logging.getLogger("rastercov")
-MOST_COLOURS = 60
-"""Cameras that have a colour each in the overview."""
+MOST_POSES, MOST_AREAS = 60, 1_500_000
+"""Poses, or pairs of pose and face, up to which the page has the area of each pose."""
 TILE = 320
 """Width of a tile of the sheet, pixels."""
 PICTURE_SIDE = 1280
@@ -74,7 +74,7 @@ are seen: 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"(coverage|areas)\.parquet|(summary|rig)\.json|network\.glb|view\.html"
+        r"(coverage|areas)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
         r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
@@ -97,6 +97,7 @@ class Options:
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
+    pdf: bool = False  # the page on paper, too
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
 
     def __post_init__(self) -> None:
@@ -165,6 +166,8 @@ def run(
     with ReportFolder(out, EVALUATION) as folder:
         unit, reason = unit_of_result(options.by, task, options.engine)
         accepted.check_cameras(len(cameras))
+        if options.pdf:
+            browser()  # none fails before the work
         some = np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted)))
         rows = np.unique(some.astype(int))
         if len(rows) and options.device not in ("auto", "cpu"):
@@ -199,13 +202,16 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
     try:
         if found.kept:
             some = poses
-            if len(poses) > MOST_COLOURS:  # the overview does not need all of them
+            if len(poses) > max(
+                MOST_POSES, MOST_AREAS // mesh.n_faces
+            ):  # the page does without the area of each
                 some = poses[np.isin(poses.ids, list(found.kept))]
             parts = None
             if areas is not None:
                 parts = regions(mesh, camera, some, found.task, method=found.engine)
-            _draw_poses(folder, found, some, parts, options.full)
-            _draw_network(folder, found, summary, parts if some is poses else None)
+            sheet = _draw_poses(folder, found, some, parts, options.full)
+            own = parts if some is poses else None
+            _draw_network(folder, found, summary, own, sheet, options)
     except KeyboardInterrupt:
         summary["interrupted"] = True
     with interrupts_held():
@@ -224,14 +230,15 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
 
 def _draw_poses(
     folder: ReportFolder, found: Evaluation, poses: Poses, parts: Regions | None, full: str
-) -> None:
-    """Draw the poses to keep side by side, and what `full` names of each.
+) -> Image.Image | None:
+    """Draw the poses to keep side by side, which is returned, and what `full` names of each.
 
     They are among some poses, by area with the regions of these. An interrupt leaves out the rest.
     """
     mesh, cameras = found.mesh, cameras_of(found.camera)
     named = () if parts is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
+    sheet = None
     digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
     try:
@@ -266,6 +273,7 @@ def _draw_poses(
                 pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
                 sheet = contact_sheet(list(pictures), list(titles))
                 save_picture(sheet, folder.file("contact_sheet.png"))
+    return sheet
 
 
 def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
@@ -283,42 +291,35 @@ def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
 
 
 def _draw_network(
-    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], parts: Regions | None
+    folder: ReportFolder,
+    found: Evaluation,
+    summary: Mapping[str, Any],
+    parts: Regions | None,
+    sheet: Image.Image | None,
+    options: Options,
 ) -> None:
-    """Draw what all cameras cover together and dead zones, and write the page to look around in.
-
-    Of more than `MOST_COLOURS` cameras, it is the covered share of each face, or by face the number
-    of them that cover it.
-    """
+    """Draw what all cameras cover together and what they leave, and write the pages."""
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
-    eyes, names = poses.world_from_camera[:, :3, 3], [str(row) for row in poses.ids.tolist()]
-    covered = zones = zones_drawn = seen_m2 = None
-    if areas is not None:
-        covered, zones = areas.covered, areas.zones()
-        zones_drawn = zones_picture(zones, summary, eyes) if zones else None
-    if parts is not None:
-        seen_m2 = np.bincount(parts.pair_pose, parts.area, len(poses)).astype(np.float64)
-    values = values_of(
-        network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
-    )
-    if len(poses) <= MOST_COLOURS:
-        best = best_covering(network)
-        picture = Overview(mesh, found.camera, poses, names, best, parts).picture()
-    else:
-        mode = "views" if areas is None else "area"
-        picture = mode_picture(mode, mesh, values[mode], eyes)
-    task_m2 = float(mesh.areas[mesh.task_mask].sum())
-    page = view_page(
-        folder.path.resolve().name, mesh, found.camera, poses, [f"pose {name}" for name in names],
-        values, figures_of(summary, network.covered_faces, seen_m2, total_m2=task_m2),
-        zone_entries(mesh, zones, summary) if zones else (),
+    names, title = [str(row) for row in poses.ids.tolist()], folder.path.resolve().name
+    shown = NetworkPage(
+        f"Coverage: {title}", mesh, found.camera, poses, "pose", names, network,
+        network.covered, np.full(mesh.n_faces, found.task.views), summary, areas,
+        None if areas is None else areas.zones(), parts,
+    )  # fmt: skip
+    drawn = shown.drawn()
+    pictures = pictures_of(drawn | ({} if sheet is None else {"contact_sheet": sheet}))
+    page = shown.page(
+        "network.html", pictures, answer=shown.answer, lines=(), summary=summary,
+        run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
+        files="summary.json and coverage.parquet", has_view=shown.view is not None,
     )  # fmt: skip
     with interrupts_held():
-        save_picture(picture, folder.file("overview.png"))
-        if zones_drawn is not None:
-            save_picture(zones_drawn, folder.file("zones.png"))
-        if page is not None:
-            write_text(folder.file("view.html"), page)
+        for name, image in drawn.items():
+            if name != "left":  # the page alone has the reasons of faces
+                save_picture(image, folder.file(f"{name}.png"))
+        if shown.view is not None:
+            write_text(folder.file("view.html"), shown.view)
+        write_page(folder, "report", page, pdf=options.pdf)
 
 
 def table_of(mesh: Mesh, poses: Poses) -> str:

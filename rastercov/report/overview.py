@@ -23,13 +23,14 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.regions import Regions, covering_poses
-from rastercov.coverage.area.zones import DeadZones, zones_at
+from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_reason, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.images import Key, font_for, framed, write_labels
+from rastercov.report.images import Key, facing, font_for, framed, write_labels
 from rastercov.report.panorama import (
+    DIRECTIONS,
     FINE,
     PIECES,
     FaceImage,
@@ -59,6 +60,12 @@ CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
 PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
+CLOSE_UP = 0.65 * FINE
+"""Scale of the picture of one zone, a third of the width of a page."""
+CLOSE_UP_REL = 0.04
+"""Least distance around a zone in its own picture, relative to the diagonal of the task."""
+TILTS = 0.6 * np.array([(0.5, -0.7, 0.5), (-0.5, 0.7, 0.5), (0.7, 0.5, 0.5), (0.0, 0.0, -1.0)])
+"""Of directions of such a picture against the normal of the zone, so that it shows depth."""
 MOST_ZONES = 30
 """Zones with a number."""
 LEAST_PERCENT = 0.01
@@ -220,15 +227,22 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     digits = int(np.clip(2 - np.floor(np.log10(max(far, 1e-9))), 0, 9))
     for number, zone in enumerate(shown, start=1):
         first, *others = zone["groups"]
-        why = REASONS[zone["reason"]].label
-        if zone["hidden_by"] is not None:
-            why += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
         group = first + (f" and {len(others)} more" if others else "")
         size = area(zone["area_m2"])
-        rows.append([str(number), size, percent(zone["percent"] / 100), place, group, why])
+        rows.append(
+            [
+                str(number),
+                size,
+                percent(round(zone["percent"] / 100, 9)),
+                place,
+                group,
+                zone_reason(zone),
+            ]
+        )
     rest = summary["other_dead_zones"]
-    if count := len(zones) - len(shown) + rest["zones"]:
+    n_rest = rest["zones"] if rest["percent"] > 100 * SLIVER_REL * rest["zones"] else 0
+    if count := len(zones) - len(shown) + n_rest:
         parts = [*zones[len(shown) :], rest]
         size = area(sum(part["area_m2"] for part in parts))
         share = percent(sum(part["percent"] for part in parts) / 100)
@@ -266,10 +280,38 @@ def zones_picture(
         keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
-    title = f"{plural(len(zones), 'dead zone')}, {share} of the area; numbered from the largest"
+    title = f"{plural(zones.count(), 'dead zone')}, {share} of the area; numbered from the largest"
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
         title += f"; hidden from both sides: {', '.join(unseen)}"
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
+
+
+def zone_close_up(
+    zones: DeadZones, summary: Mapping[str, Any], row: int, eyes: ArrayLike = ()
+) -> Image.Image | None:
+    """A zone of the list from near, with what is around it; None where no side shows it.
+
+    Parameters are those of `zones_picture`, and the row of the zone.
+    """
+    mesh, listed = zones.mesh, numbered(summary)
+    faces = np.zeros(mesh.n_faces, np.bool_)
+    faces[zones.face[zones.zone == row]] = True
+    low, high = np.array(listed[row]["extent"])
+    least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
+    reach = (high - low) / 2 + least
+    around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
+    normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
+    front = normal / max(float(np.linalg.norm(normal)), 1e-300)
+    sides = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
+    shown = []
+    for side in sides:
+        scene = look(mesh, side, scale=0.15, eyes=eyes, around=around)
+        is_shown = np.append(faces & facing(mesh, scene.pose)[0], False)
+        shown.append(int(is_shown[scene.faces].sum()))
+    if not any(shown):
+        return None
+    scene = look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
+    return _with_zones(zones, scene, [REASONS[each["reason"]].colour for each in listed], set())
 
 
 def _with_zones(

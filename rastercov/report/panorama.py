@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.projection import rays_of, to_camera, to_image
+from rastercov.camera.projection import box_corners, rays_of, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -171,14 +171,17 @@ def look(
     more: ArrayLike = (),
     scale: float = FINE,
     eyes: ArrayLike = (),
+    around: ArrayLike | None = None,
 ) -> Scene:
     """View a mesh from a direction, so that its task and more points (N, 3) just fit in.
 
     The direction leads from the centre of the scene to the viewer and has any length; `scale` is
     the number of pixels drawn along one of the `WIDTH` x `HEIGHT`. `eyes`, (P, 3), are the cameras
     of the network: where most of them are inside the mesh, it is an interior and is cut open.
+    `around`, (2, 3), is a box that fits in in place of the task.
     """
-    points = np.concatenate((task_points(mesh), np.asarray(more, np.float64).reshape(-1, 3)))
+    framed = task_points(mesh) if around is None else box_corners(np.asarray(around, np.float64))
+    points = np.concatenate((framed, np.asarray(more, np.float64).reshape(-1, 3)))
     low, high = points.min(axis=0), points.max(axis=0)
     middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
     towards = np.asarray(direction, np.float64)

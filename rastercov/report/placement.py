@@ -8,23 +8,28 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from rastercov.base.format import percent, plural
+from rastercov.base.format import percent
 from rastercov.coverage.area.regions import regions
-from rastercov.coverage.network import share_of_faces
-from rastercov.coverage.reasons import REASONS, reason_rows
+from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, Openings
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import (
+    FAILS,
+    HOLDS,
+    UNDECIDED,
+    Measured,
+    Requirement,
+    views_by_group,
+)
 from rastercov.placement.plan.prepare import Progress
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
-from rastercov.placement.uncovered import Leftover
-from rastercov.report.modes import mode_picture
-from rastercov.report.overview import Overview, best_covering, zone_rows, zones_picture
-from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
-from rastercov.report.panorama import best_directions
-from rastercov.report.tables import camera_rows
+from rastercov.report.network_page import NetworkPage
 
+VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
 
@@ -45,83 +50,42 @@ def pages_of(
         Gets the pictures drawn and the pictures in all.
     """
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
-    mesh, network, placed, areas = prepared.mesh, cameras.network, cameras.placed, cameras.areas
-    eyes = placed.world_from_camera[:, :3, 3]
-    names = [str(row) for row in range(len(placed))]  # rows of poses.json, as everywhere else
-    found = zones = None
-    covers = cameras.covers * np.where(mesh.task_mask, mesh.areas, 0.0)
-    seen_m2 = covers.sum(axis=1)
-    alone_m2 = None if areas is not None else covers[:, cameras.covers.sum(axis=0) == 1].sum(axis=1)
-    if areas is not None:
-        found = regions(mesh, prepared.camera, placed, prepared.task, method=plan.task.method)
-        zones = areas.zones(plan.task.views if isinstance(plan.task.views, dict) else None)
-        seen_m2 = np.bincount(found.pair_pose, found.area, len(placed)).astype(np.float64)
-    progress(0, 2)
-    best = best_covering(network)
-    overview = Overview(mesh, prepared.camera, placed, names, best, found).picture()
-    pictures = {"overview": Picture.of("The task in the colours of its cameras", overview)}
-    progress(1, 2)
-    if zones:
-        drawn = zones_picture(zones, summary, eyes)
-        pictures["zones"] = Picture.of("Dead zones by number and reason", drawn)
-    elif zones is None and (left := placement.leftover):
-        drawn = leftover_picture(left, eyes)
-        pictures["left"] = Picture.of("Faces that are not covered, by reason", drawn)
-    progress(2, 2)
+    tolerance = placement.tolerance
     figures = summary["network"] | {
-        name: summary[name] for name in ("covered_area",) if name in summary
+        name: summary[name] for name in ("covered_area", *ZONES) if name in summary
     }
-    view = view_page(
-        plan.name, mesh, prepared.camera, placed, [f"camera {name}" for name in names],
-        values_of(
-            network, cameras.covered, names, None if areas is None else areas.covered,
-            views_of(mesh, plan.task.views),
-        ),
-        figures_of(
-            figures, network.covered_faces, seen_m2, alone_m2,
-            float(mesh.areas[mesh.task_mask].sum()),
-        ),
-        zone_entries(mesh, zones, summary) if zones else (),
+    shown = network_page_of(
+        f"Placement of cameras: {plan.name}", prepared.mesh, plan, cameras, prepared.task, figures,
+        plan.task.views,
     )  # fmt: skip
-    covered, owner = figures["covered"], cameras.owner
-    share = figures.get("covered_area", {}).get("percent", covered["area_percent"])
-    title = f"Placement of cameras: {plan.name}"
-    page = rendered(
+    pictures = shown.pictures(progress)
+    owner = cameras.owner
+    columns = {
+        "from": [placement.origin[row] for row in owner],
+        "so far": [percent(share) for share in cameras.curve],
+    }
+    if tolerance is not None and tolerance.cameras:
+        columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]
+    page = shown.page(
         "placement.html",
-        title=title,
-        heading=title,
-        answer=f"{plural(len(placed), 'camera', 'cover')} {percent(share / 100)} of the area",
-        lines=notes,
+        pictures,
+        answer=shown.answer,
+        passed=placement.is_met if placement.requirements else None,
+        lines=verdicts(placement.requirements),
+        log=notes,
         notes=(),
+        columns=columns,
         summary=summary,
         run=summary["made_from"],
         files="plan.json",
-        figures=figures,
-        pictures=pictures,
-        seen_m2=None if areas is None else seen_m2,
-        has_view=view is not None,
+        has_view=shown.view is not None,
         is_best=isinstance(prepared.problem.goal, BestCoverage),
-        camera_rows=camera_rows(figures),
-        zone_rows=zone_rows(summary) if "dead_zones" in summary else None,
-        reasons=REASONS,
         mounts=[
             ", ".join(map(str, np.flatnonzero(owner == row))) for row in range(len(cameras.mounted))
         ],
         out_of_reach=_out_of_reach(prepared.openings),
     )
-    return {"page.html": page} | ({} if view is None else {"view.html": view})
-
-
-def leftover_picture(leftover: Leftover, eyes: Any = ()) -> Image.Image:
-    """Faces that no camera covers, by reason, from the directions that show most of them."""
-    mesh, left = leftover.mesh, leftover.left
-    share = share_of_faces(mesh, left, mesh.task_mask)
-    return mode_picture(
-        "reason", mesh, reason_rows(leftover.reason, ~left, leftover.n_cameras), eyes,
-        title=f"Not covered: {plural(int(share['faces']), 'face')}, "
-        f"{percent(share['area_percent'] / 100)} of the area",
-        directions=best_directions(mesh, left, eyes=eyes),
-    )  # fmt: skip
+    return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
 
 
 def _out_of_reach(found: Openings | None) -> list[str]:
@@ -132,3 +96,30 @@ def _out_of_reach(found: Openings | None) -> list[str]:
     sentences = [found.words(row) for row in shut[:MAX_SENTENCES].tolist()]
     more = len(shut) - MAX_SENTENCES
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
+
+
+def verdicts(requirements: Sequence[Requirement]) -> list[tuple[str, bool | None]]:
+    """Lines on requirements for `report.html`: what was wanted, and whether it holds."""
+    return [(each.words(), VERDICTS[each.status]) for each in requirements]
+
+
+def network_page_of(
+    title: str,
+    mesh: Mesh,
+    plan: Plan,
+    cameras: Measured,
+    task: Task,
+    figures: Mapping[str, Any],
+    views: int | Mapping[str, int],
+    asked: int | None = None,
+) -> NetworkPage:
+    """Page of the cameras of a plan; `figures` of them all, `views` and `asked` as of `Checked`."""
+    placed, areas, zones, parts = cameras.placed, cameras.areas, None, None
+    if areas is not None:
+        parts = regions(mesh, plan.rig, placed, task, method=plan.task.method)
+        zones = areas.zones(views_by_group(plan, asked))
+    return NetworkPage(
+        title, mesh, plan.rig, placed, "camera", [str(row) for row in range(len(placed))],
+        cameras.network, cameras.covered, views_of(mesh, views), figures, areas, zones, parts,
+        cameras.covers,
+    )  # fmt: skip

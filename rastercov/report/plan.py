@@ -2,7 +2,7 @@
 
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
-page.html    the same with pictures
+page.html    the same with pictures; page.pdf on paper, if asked for
 view.html    the network to look around in, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
@@ -25,7 +25,7 @@ from rich.text import Text
 
 from rastercov.base.format import percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json, write_text
+from rastercov.base.output import write_json
 from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import plain_cameras, provenance_of
@@ -37,6 +37,7 @@ from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import heading_and_tilt
 
 MAX_ROWS = 30
@@ -48,12 +49,17 @@ STEP_FIGURES = {
 """Figures of the steps that move cameras, as `plan.json` has them."""
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind(
-    "place", re.compile(r"(poses|plan)\.json|(page|view)\.html"), last="plan.json"
+    "place", re.compile(r"(poses|plan)\.json|(page|view)\.html|page\.pdf"), last="plan.json"
 )
 
 
 def run_into(
-    plan: Plan, out: Path, step: Step = quiet, workers: Workers | None = None
+    plan: Plan,
+    out: Path,
+    step: Step = quiet,
+    workers: Workers | None = None,
+    *,
+    pdf: bool = False,
 ) -> Placement:
     """Carry out a plan, and leave all its files in a folder.
 
@@ -66,6 +72,8 @@ def run_into(
     step : callable
     workers : Workers, optional
         As for `rastercov.placement.plan.run.place`.
+    pdf : bool
+        True for the page on paper, too.
 
     Raises
     ------
@@ -75,6 +83,8 @@ def run_into(
         When no candidate is left, and for a folder that cannot be used.
     """
     with ReportFolder(out, PLACEMENT) as files:
+        if pdf:
+            browser()  # none fails before the work
 
         def save_unfinished(found: Placement) -> None:
             """Save the result before the step `interrupted`, unless there is a whole report."""
@@ -83,7 +93,7 @@ def run_into(
 
         placed = place(plan, out, step, save_unfinished, workers)
         pages: Mapping[str, str] = {}
-        if plan.outputs.page:
+        if plan.outputs.page or pdf:
             without_page = replace(placed, interrupted=placed.interrupted or "page")
             save_unfinished(without_page)
             try:
@@ -93,18 +103,22 @@ def run_into(
                     pages = pages_of(placed, summary(placed), lines(placed), progress)
             except KeyboardInterrupt:
                 placed = without_page
-        save(placed, files, pages)
+        save(placed, files, pages, pdf=pdf)
     return placed
 
 
 def save(
-    placement: Placement, folder: ReportFolder, pages: Mapping[str, str] = MappingProxyType({})
+    placement: Placement,
+    folder: ReportFolder,
+    pages: Mapping[str, str] = MappingProxyType({}),
+    *,
+    pdf: bool = False,
 ) -> None:
     """Replace the earlier report by poses, all figures, and the texts of pages by their names."""
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
         for name, text in pages.items():
-            write_text(folder.file(name), text)
+            write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         write_json(folder.file("plan.json"), summary(placement))
         folder.publish()
 

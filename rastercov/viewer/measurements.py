@@ -20,6 +20,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, length, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
+from rastercov.coverage.advice import advice
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import evaluate_batches
@@ -340,6 +341,7 @@ def _of_station(
     found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
     reason = Reason(int(found["reason"]))
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
+    found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words = REASONS[reason.name.lower()].label
     occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
     if occluder is not None:
@@ -361,7 +363,9 @@ def _of_station(
         "name": station.name,
         "reason": reason.name.lower(),
         "words": words,
-        "help": _help(reason, found, entries["depth"], depth, task, occluder, camera),
+        "help": advice(
+            reason, found, depth, task, camera, "" if occluder is None else occluder["name"]
+        ),
         "figures": [{"label": label, "value": value} for label, value in entries.items()],
         "occluder": occluder,
     }
@@ -374,40 +378,3 @@ def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
     if shares[group] <= 0:
         return None
     return {"group": group, "name": mesh.groups[group].name, "share": float(shares[group])}
-
-
-def _help(
-    reason: Reason,
-    found: dict[str, float],
-    depths: str,
-    depth: FloatArray,
-    task: Task,
-    occluder: dict[str, Any] | None,
-    camera: Camera,
-) -> str:
-    """Advice for a camera to cover the face: that of `REASONS` with the figures of the face."""
-    # Lengths in the image grow with the focal length and with nearness, areas with their squares.
-    wanted = [
-        ((least / found[name]) ** power, f"{found[name]:.3g} of {least:g} {unit}")
-        for name, least, power, unit in (
-            ("drawn_pixels", task.min_pixels, 0.5, "px"),
-            ("pixel_density", task.min_pixel_density, 1.0, "px/m"),
-            ("facing_density", task.min_facing_density, 1.0, "px/m"),
-        )
-        if 0 < found[name] < least
-    ]
-    factor, finer = max(wanted, default=(0.0, ""))
-    if reason == Reason.TOO_COARSE and not finer:
-        return "come nearer, or take a longer lens"
-    z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
-    furthest = "any depth" if math.isinf(z_f) else f"{length(z_f)} m"
-    return REASONS[reason.name.lower()].advice.format(
-        wider=", or take a wider lens" if (depth > 0).all() else "",
-        depth=depths,
-        in_focus=f"{length(z_n)} m to {furthest}",
-        finer=finer,
-        times=f"{factor:.2g} times",
-        hider="what is before it" if occluder is None else occluder["name"],
-        angle=f"{math.degrees(found['incidence']):.3g}",
-        max_angle=f"{task.max_incidence_deg:g}",
-    )

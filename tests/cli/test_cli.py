@@ -181,8 +181,8 @@ def test_files_units_and_groups(capsys):
     code, out, err = call(capsys, line)
     assert (code, err) == (0, "")
     assert re.search(r"rest +\D 5 m² \D +100.0 \D +10 ", out)
-    assert out.endswith("report/contact_sheet.png\n")
-    drawn = {"contact_sheet.png", "overview.png", "view.html"}
+    assert out.endswith("report/report.html\n")
+    drawn = {"contact_sheet.png", "overview.png", "view.html", "report.html"}
     assert names("report") == REPORT | drawn | {MANIFEST}
     summary = json.loads(Path("report/summary.json").read_text())
     assert (summary["faces"], summary["task_faces"], summary["covered"]["faces"]) == (12, 10, 10)
@@ -218,7 +218,7 @@ def test_names_are_shown_as_they_are(capsys):
     name, out_folder, group = "<script>[bold]x[] é.obj", "a [red]b[] é", "<b>[bold]lid"
     write_part(name, names={0: group, 2: "rest"})
     out, _ = done(capsys, ["evaluate", name, "-ccamera.toml", "-psphere:2", "-o", out_folder])
-    assert f"{out_folder}/contact_sheet.png\n" in out
+    assert f"{out_folder}/report.html\n" in out
     assert group in out
     summary = json.loads(Path(out_folder, "summary.json").read_text(encoding="utf-8"))
     assert summary["run"]["mesh"][0]["name"] == name

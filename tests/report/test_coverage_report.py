@@ -160,7 +160,7 @@ def test_pictures_are_spread_evenly_and_full_ones_drawn_on_request(
         with Image.open(path) as picture:
             sizes[path.name] = picture.size
     full_ones = {f"{kind}_{pose}.png" for kind in kinds for pose in drawn}
-    pages = {"contact_sheet.png", "overview.png", "view.html"} if wanted else set()
+    pages = {"contact_sheet.png", "overview.png", "view.html", "report.html"} if wanted else set()
     assert names(tmp_path) == FILES | pages | full_ones
     assert all((sizes[name][0], sizes[name][1] >= 320) == (1280, True) for name in full_ones)
     width = math.ceil(math.sqrt(len(drawn))) * (320 + 8) + 8
@@ -191,7 +191,7 @@ lost = Mock(side_effect=DeviceError("gone"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", ["coverage_pixels", "contact_sheet", "view_page",
+@pytest.mark.parametrize("step", ["coverage_pixels", "contact_sheet", "NetworkPage",
                                   "write_coloured_mesh", "progress", "first batch"])  # fmt: skip
 def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches, monkeypatch, step):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
@@ -218,7 +218,7 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at, done
     assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
 
 
-@pytest.mark.parametrize("step", ["coverage_pixels", "view_page"])  # the sheet has what was drawn
+@pytest.mark.parametrize("step", ["coverage_pixels", "NetworkPage"])  # the sheet has what was drawn
 def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch, step):
     run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
     function, calls = getattr(coverage, step), count(1 if step == "coverage_pixels" else 3)

@@ -24,6 +24,7 @@ from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import overview, theme
 from rastercov.report.images import place_labels
 from rastercov.report.modes import mode_picture
+from rastercov.report.network_page import left_picture
 from rastercov.report.overview import (
     Overview,
     best_covering,
@@ -43,7 +44,6 @@ from rastercov.report.panorama import (
     points_of_pixels,
     turned_away,
 )
-from rastercov.report.placement import leftover_picture
 
 TASK = rc.Task(max_incidence_deg=75)
 MESH, CAMERA, POSES = room()
@@ -281,10 +281,14 @@ def share_of_hue(image, colour):
 @pytest.mark.slow
 def test_faces_that_are_left_have_the_colour_of_their_reason():
     mesh = in_fixture()
-    nothing = leftover_picture(what_is_left((mesh, CAMERA), np.zeros((0, 4, 4))))
+
+    def drawn(poses):
+        left = what_is_left((mesh, CAMERA), poses)
+        return left_picture(mesh, left.reason, ~left.left, left.n_cameras)
+
+    nothing = drawn(np.zeros((0, 4, 4)))
     assert share_of_hue(nothing, REASONS["no_cameras"].colour) > 0.1
-    behind = what_is_left((mesh, CAMERA), rc.look_at([0, 0, 4.0], [0, 0, 9.0]))
-    image = leftover_picture(behind)
+    image = drawn(rc.look_at([0, 0, 4.0], [0, 0, 9.0]))
     assert share_of_hue(image, REASONS["outside"].colour) > 0.03
     assert share_of_hue(image, REASONS["back_facing"].colour) > 0.03
     for level, colour in ((0.0, theme.ZERO_COVERAGE), (1.0, theme.COVERAGE_SCALE[-1])):

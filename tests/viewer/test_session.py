@@ -339,8 +339,8 @@ def test_groups_that_need_several_cameras():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "words"),
-    [({"min_pixels": 1e4}, " px: come"), ({"min_pixel_density": 1e5}, " px/m: come"),
-     ({"min_facing_density": 1e5}, " px/m: come"),
+    [({"min_pixels": 1e4}, " px needs"), ({"min_pixel_density": 1e5}, " px/mm needs"),
+     ({"min_facing_density": 1e5}, " px/mm needs"),
      ({"max_incidence_deg": 5.0}, "towards its normal")],
 )  # fmt: skip
 def test_help_says_how_far_a_threshold_is_off(session, task, words):
@@ -349,10 +349,11 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
     helps = [entry["help"] for entry in session.why(face)["cameras"]]
     assert any(words in text for text in helps), helps
     for text in helps:  # lengths grow with nearness, areas with its square
-        if found := re.search(r"([\d.e+-]+) of ([\d.e+]+) px(/m)?: .*?([\d.e+]+) times", text):
-            missing = float(found[2]) / float(found[1])
-            wanted = missing if found[3] else math.sqrt(missing)
-            assert float(found[4]) == pytest.approx(wanted, rel=0.06)
+        if found := re.search(r"best (\S+) (\S+) at (\S+) m; (\S+) (\S+) needs (\S+) m", text):
+            scale = {"px": 1.0, "px/m": 1.0, "px/mm": 1e3}
+            missing = float(found[4]) * scale[found[5]] / (float(found[1]) * scale[found[2]])
+            wanted = math.sqrt(missing) if found[2] == "px" else missing
+            assert float(found[3]) / float(found[6]) == pytest.approx(wanted, rel=0.06)
 
 
 def test_the_state_is_told_while_something_is_measured(session):

@@ -23,7 +23,9 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import signed
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
+from rastercov.camera.projection import to_camera
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.advice import advice, figures_of_point, short_of
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
@@ -109,9 +111,13 @@ class DeadZones(FacePolygons):
             found.append(entry)
         return found
 
+    def count(self) -> int:
+        """Number of zones without those that are rounding."""
+        return int((self.area > SLIVER_REL * self.total()).sum())
+
     def listed(self) -> int:
         """Number of zones that a summary lists: at most `MOST_ZONES`, and none that is rounding."""
-        return min(int((self.area > SLIVER_REL * self.total()).sum()), MOST_ZONES)
+        return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:
         """Number and area of the zones that a summary does not list."""
@@ -250,6 +256,8 @@ PAIRS = 4_000_000
 """Pairs of point and camera up to which there are more than `LEAST_POINTS`: a few seconds."""
 ZONES = ("dead_zones", "other_dead_zones")
 """Keys of `summary_of`."""
+MOST_NEAREST = 12
+"""Poses that are compared for the one that comes nearest to covering a zone."""
 MOST_LINES = 5
 """Zones that have a line for people."""
 LEAST_PERCENT = 1e-3
@@ -262,7 +270,8 @@ def summary_of(
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
     A zone has its area, centroid (which may lie off a bent surface), extent, groups by falling
-    area, reason, and for "occluded" the group that hides it most often, or None.
+    area, reason, and for "occluded" the group that hides it most often, or None; `nearest`, the
+    pose that comes nearest to covering a point of it with its figures, and `advice` for it.
 
     Parameters
     ----------
@@ -295,9 +304,14 @@ def zone_line(zone: Mapping[str, Any]) -> str:
     first, *others = zone["groups"]
     more = f" and {len(others)} more" if others else ""
     text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {first}{more}: "
-    text += REASONS[zone["reason"]].label
-    if zone["hidden_by"] is not None:
-        text += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
+    return text + zone_reason(zone)
+
+
+def zone_reason(zone: Mapping[str, Any]) -> str:
+    """Reason of a zone, and what hides it."""
+    text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
+    if hider is not None:
+        text += f" by {'itself' if hider == zone['groups'][0] else hider}"
     return text
 
 
@@ -306,7 +320,8 @@ def _reasons(
 ) -> list[dict[str, Any]]:
     """Reason and hiding group of the first n zones."""
     if not len(poses):
-        return [{"reason": "no_cameras", "hidden_by": None}] * n
+        nothing = {"reason": "no_cameras", "hidden_by": None, "nearest": None}
+        return [nothing | {"advice": REASONS["no_cameras"].advice}] * n
     if not n:
         return []
     each = int(np.clip(PAIRS // (n * len(poses)), LEAST_POINTS, MOST_POINTS))
@@ -314,14 +329,17 @@ def _reasons(
     face = zones.face[piece].astype(np.int64)
     is_seen = zones.views[piece] > 0
     reason = np.where(is_seen, Reason.COVERED, Reason.DEGENERATE).astype(np.uint8)
+    in_pose = np.full((len(poses), len(points)), Reason.COVERED, np.uint8)
     mesh = zones.mesh
     hidden = np.zeros((len(points), len(mesh.groups)), np.int32)
     rows = np.flatnonzero(~is_seen)
-    for fails, hidden_by in first_failures(mesh, camera, task, poses, points[rows], face[rows]):
+    judged = first_failures(mesh, camera, task, poses, points[rows], face[rows])
+    for pose, (fails, hidden_by) in enumerate(judged):
         # No camera covers these points: where none of the criteria fails, it is a coincident
         # surface in front, or rounding.
         reason[rows] = np.maximum(reason[rows], np.minimum(fails, Reason.COVERED - 1))
         unclear = fails == Reason.COVERED
+        in_pose[pose, rows] = np.where(unclear, np.uint8(Reason.OCCLUDED), fails)
         reason[rows[unclear]] = np.maximum(reason[rows[unclear]], Reason.OCCLUDED)
         at = np.flatnonzero(hidden_by >= 0)
         np.add.at(hidden, (rows[at], mesh.face_group[hidden_by[at]]), 1)
@@ -333,8 +351,49 @@ def _reasons(
         hides = winner == Reason.OCCLUDED and counts.any()
         name = "too_few_views" if winner == Reason.COVERED else Reason(winner).name.lower()
         hider = mesh.groups[int(counts.argmax())].name if hides else None
-        found.append({"reason": name, "hidden_by": hider})
+        entry = {"reason": name, "hidden_by": hider}
+        of_reason = np.flatnonzero(of_zone & (reason == winner))
+        away = points[of_reason] - points[of_reason].mean(axis=0)
+        at = of_reason[(away**2).sum(axis=1).argmin()]  # the one in the middle
+        failing = np.flatnonzero(in_pose[:, at] == winner)
+        surface = points[at], frames_of(mesh).normal[face[at]]
+        own = mesh.groups[mesh.face_group[face[at]]].name
+        before = "another part of it" if hider == own else hider or ""
+        found.append(entry | _nearest(camera, task, poses[failing], *surface, name, before))
     return found
+
+
+def _nearest(
+    camera: Cameras, task: Task, poses: Poses, point: FloatArray, normal: FloatArray, name: str,
+    hider: str,
+) -> dict[str, Any]:  # fmt: skip
+    """The pose that comes nearest to covering a point, its figures, and what would help.
+
+    Of poses that fail for the same reason: that with the least missing factor, or seen least
+    flatly, of the nearest `MOST_NEAREST`.
+    """
+    if name == "too_few_views" or not len(poses):
+        return {"nearest": None, "advice": REASONS[name].advice}
+    away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - point, axis=1)
+    cameras, known = cameras_of(camera), []
+    for row in np.argsort(away, kind="stable")[:MOST_NEAREST].tolist():
+        pose, eye = poses.world_from_camera[row], cameras[poses.camera[row]]
+        figures = figures_of_point(eye, pose, point, normal)
+        short = short_of(figures, task) if name == "too_coarse" else None
+        flat = figures["incidence"] if name == "too_oblique" else 0.0
+        known.append((short.factor if short else flat, row, figures))
+    _, row, figures = min(known, key=lambda each: each[:2])
+    depth = to_camera(point[None], poses.world_from_camera[row])[:, 2]
+    words = advice(Reason[name.upper()], figures, depth, task, cameras[poses.camera[row]], hider)
+    return {
+        "nearest": {
+            "pose": int(poses.ids[row]),
+            "distance_m": figures.pop("distance"),
+            "incidence_deg": math.degrees(figures.pop("incidence")),
+            **figures,
+        },
+        "advice": words,
+    }
 
 
 def _points(zones: DeadZones, n: int, each: int) -> tuple[FloatArray, IntArray]:

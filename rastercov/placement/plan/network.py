@@ -364,7 +364,7 @@ def with_areas(
         areas.add(found)
         apart.add(found, some.camera)
         if has_curve:
-            curve.append(areas.summary(_by_group(plan, views))["percent"] / 100)
+            curve.append(areas.summary(views_by_group(plan, views))["percent"] / 100)
         progress(at + len(some), len(poses))
     if has_curve:
         share = curve[-1] if curve else 0.0
@@ -378,7 +378,7 @@ def most_views(plan: Plan, views: int | None = None) -> int:
     return max([1, *wanted.values()]) if isinstance(wanted, dict) else wanted
 
 
-def _by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
+def views_by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
     """Views by group where a plan has them; `views` replaces them."""
     return plan.task.views if isinstance(plan.task.views, dict) and not views else None
 
@@ -388,7 +388,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
     unit, reason = plan.unit_of_result()
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
-        by_group = _by_group(plan, views)
+        by_group = views_by_group(plan, views)
         cameras.areas.add_to(found, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
     if apart := _by_camera(plan.rig, cameras):

@@ -1,0 +1,62 @@
+"""Report of `rastercov check`: `check.html`, `check.pdf` on paper, `check.json`."""
+
+import re
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from rastercov.base.format import percent
+from rastercov.base.output import write_json
+from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.provenance import provenance_of
+from rastercov.placement.plan.check import Checked, to_json
+from rastercov.report.coverage import Options
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.placement import network_page_of, verdicts
+from rastercov.report.printing import browser, write_page
+
+CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
+
+
+def write(made: Callable[[], Checked], out: Path, *, pdf: bool = False) -> Checked:
+    """Make a check and write its report, once the folder can be used."""
+    with ReportFolder(out, CHECK) as folder:
+        if pdf:
+            browser()  # none fails before the work
+        found = made()
+        write_page(folder, "check", page_of(found), pdf=pdf)
+        write_json(folder.file("check.json"), to_json(found))
+        folder.publish()
+    return found
+
+
+def page_of(found: Checked) -> str:
+    """HTML of a check."""
+    plan, cameras, told = found.plan, found.cameras, to_json(found)
+    figures = told["network"] | {
+        name: told[name] for name in ("covered_area", *ZONES) if name in told
+    }
+    shown = network_page_of(
+        f"Check of {found.poses_file.name} against {plan.name}", found.mesh, plan, cameras,
+        found.task, figures, found.views, found.asked_views,
+    )  # fmt: skip
+    options = asdict(
+        Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
+    )
+    run = provenance_of(found.mesh, plan.rig, cameras.poses, found.task, options)
+    short = [each for each in found.requirements if each.short_by > 0]
+    answer = "All requirements hold" if found.is_met else "The rig falls short"
+    if len(short) == 1:
+        answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
+    return shown.page(
+        "network.html",
+        shown.pictures(),
+        answer=f"{answer}: {shown.answer}",
+        passed=found.is_met,
+        lines=verdicts(found.requirements),
+        notes=[*found.mesh.warnings, *found.lines()],
+        summary=told | {"quarantined": {}},
+        run=run,
+        files="check.json",
+        has_view=False,
+    )

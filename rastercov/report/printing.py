@@ -1,0 +1,63 @@
+"""Pages on paper: PDF by a browser that is on this machine."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.output import write_text
+from rastercov.report.folder import ReportFolder
+
+BROWSERS = (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",
+    "microsoft-edge",
+)  # fmt: skip
+MOST_SECONDS = 120
+
+
+def browser() -> str:
+    """Program that prints pages; ConfigError without one."""
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is not None:
+        return found
+    try:
+        from playwright.sync_api import sync_playwright
+
+        with sync_playwright() as driver:
+            found = driver.chromium.executable_path
+    except ImportError:
+        pass
+    if found is None or not Path(found).exists():
+        raise ConfigError(
+            "--pdf wants a browser that prints, got none: install Chromium or Chrome, or run "
+            "`playwright install chromium`, or print the page by hand"
+        )
+    return found
+
+
+def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False) -> None:
+    """Write a page of a report, NAME.html, and with `pdf` the same on A4, NAME.pdf."""
+    page = folder.file(f"{name}.html")
+    write_text(page, text)
+    if not pdf:
+        return
+    path = folder.file(f"{name}.pdf")
+    with TemporaryDirectory() as profile:
+        command = [
+            browser(), "--headless", "--disable-gpu", "--no-pdf-header-footer",
+            f"--user-data-dir={profile}", f"--print-to-pdf={path}", page.resolve().as_uri(),
+        ]  # fmt: skip
+        if os.geteuid() == 0:  # a sandbox wants another user
+            command.insert(1, "--no-sandbox")
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=MOST_SECONDS, check=False)
+            said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        except subprocess.TimeoutExpired:
+            said = [f"no answer in {MOST_SECONDS} s"]
+    if not path.exists():
+        raise ConfigError(
+            f"--pdf: {command[0]} did not print {name}.html ({''.join(said) or 'no reason'}); "
+            "leave out --pdf, or print the page by hand"
+        )

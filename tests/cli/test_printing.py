@@ -1,0 +1,69 @@
+"""Pages in a browser: no request, no fault, headings in order, few screens; and on paper."""
+
+import re
+import shutil
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from commands import call
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+RIG = "width = 320\nheight = 240\nfx = 300\nfy = 300\n"
+PLAN = f"""
+meshes = [{{ built_in = "torus" }}]
+task = {{ min_facing_density = 90 }}
+candidates = [{{ generator = "on_sphere", count = 12, distances = [4.0] }}]
+selection = {{ goal = "best_coverage", cameras = 3 }}
+[camera]
+{RIG}
+"""
+LINES = {
+    "report": "evaluate torus -c camera.toml -p plan/poses.json -o out --pdf",
+    "check": "check plan.toml -p plan/poses.json --min-coverage 0.9 -o out --pdf",
+    "page": "place plan.toml -o out --pdf",
+    "audit": "audit report/rig.json torus -o out --pdf",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium to open pages; see `make chromium`")
+def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
+    sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright to open pages")
+    (here / "camera.toml").write_text(RIG)
+    (here / "plan.toml").write_text(PLAN)
+    call(capsys, "place plan.toml -o plan")
+    call(capsys, LINES["report"].replace("-o out --pdf", "-o report"))
+    for line in LINES.values():
+        call(capsys, line.replace("-o out", f"-o {line.split()[0]}"))
+    with sync_api.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 1000})
+        faults, asked = [], []
+        page.on("console", lambda message: faults.append(message.text))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("request", lambda request: asked.append(request.url))
+        for name, line in LINES.items():
+            path = Path(line.split()[0], f"{name}.html").resolve()
+            page.goto(path.as_uri())
+            levels = page.eval_on_selector_all("h1,h2,h3", "all => all.map(e => +e.tagName[1])")
+            assert levels[0] == 1
+            assert all(b <= a + 1 for a, b in pairwise(levels))
+            assert page.locator("img:not([alt])").count() == 0
+            assert page.evaluate("document.documentElement.scrollHeight") <= 4000
+            pdf = path.with_suffix(".pdf").read_bytes()
+            assert pdf.startswith(b"%PDF")
+            assert re.findall(rb"/MediaBox \[0 0 (\d+)\.?\d* (\d+)", pdf)[0] == (b"594", b"841")
+        browser.close()
+    assert faults == []
+    assert {url.split(":")[0] for url in asked} <= {"file", "data"}
+
+
+def test_without_a_browser_nothing_is_done(here, capsys, monkeypatch):
+    monkeypatch.setattr("rastercov.report.printing.BROWSERS", ())
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    code, _, err = call(capsys, "evaluate box -c khepra -p sphere:2 -o out --pdf")
+    assert code == 2
+    assert "wants a browser" in err
+    assert not Path("out").exists()
