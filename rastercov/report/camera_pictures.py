@@ -1,8 +1,8 @@
 """Images of cameras: the coverage of what they see in grey, or why they do not cover it.
 
 In a picture of coverage brighter is better, as in the figures of the source. In that of reasons,
-covered parts have the camera's colour, and others are hatched in the colour of the criterion that
-fails, each face as a whole.
+covered parts have the camera's colour, others colour and hatch of the criterion that fails, each
+face as a whole.
 
 E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
@@ -21,8 +21,7 @@ from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report import theme
-from rastercov.report.images import Key, facing, framed, greys, stripes
+from rastercov.report.images import Key, facing, framed, greys, hatched, stripes
 from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
 from rastercov.report.theme import Colour, Pixels
 
@@ -142,23 +141,20 @@ def camera_image(
 def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it covers in its colour."""
     scene = image.scene
-    table, striped = (colours[image.reasons] for colours in _colours(colour))
-    lines = stripes(scene.face.shape, scene.stripe)[..., None]
+    table, hatch = (values[image.reasons] for values in _looks(colour))
     pixels = paint(
         scene, neutral(scene.mesh, scene.setting),
-        lambda face: np.where(lines, striped[face], table[face]),
+        lambda face: hatched(table[face], hatch[face], scene.stripe // 2 + 1),
     )  # fmt: skip
-    hatched = image.hidden & stripes(scene.face.shape, scene.stripe, 4)
-    pixels[hatched] = REASONS["occluded"].colour
+    pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour
     return pixels
 
 
-def _colours(colour: Colour) -> tuple[Pixels, Pixels]:
-    """Colours of reasons, and of the stripes over them."""
-    striped = np.array([each.colour for each in REASONS.values()], np.uint8)
-    table = np.full_like(striped, theme.COVERED)
-    table[Reason.COVERED] = striped[Reason.COVERED] = colour
-    return table, striped
+def _looks(colour: Colour) -> tuple[Pixels, NDArray[np.uint8]]:
+    """Colours and hatches of reasons, for a camera with its colour."""
+    table = np.array([each.colour for each in REASONS.values()], np.uint8)
+    table[Reason.COVERED] = colour
+    return table, np.array([each.hatch for each in REASONS.values()], np.uint8)
 
 
 def camera_keys(image: CameraImage, colour: Colour, name: str) -> list[Key]:
@@ -166,9 +162,9 @@ def camera_keys(image: CameraImage, colour: Colour, name: str) -> list[Key]:
     scene, drawn = image.scene, np.unique(image.scene.faces)
     judged = drawn[(scene.mesh.task_mask & ~scene.backs)[drawn]]
     keys = [Key.of(name, colour)]
-    for reason, table, striped in zip(Reason, *_colours(colour), strict=False):
-        if reason != Reason.COVERED and reason in image.reasons[judged]:
-            keys.append(Key.of(REASONS[NAMES[reason]].label, table, striped))
+    for reason in np.unique(image.reasons[judged]).tolist():
+        if reason != Reason.COVERED:
+            keys.append(Key.of_reason(NAMES[reason]))
     keys += scene_keys([scene])
     if image.hidden.any():
         colours = scene.setting.occluder, REASONS["occluded"].colour
