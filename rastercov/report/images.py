@@ -267,7 +267,7 @@ def draw_lines(
         drawn.append(at[is_line])
         if width > WIDE:
             drawn.append(drawn[-1] + step)
-    rows = np.unique(np.concatenate(drawn))
+    rows = np.concatenate(drawn)
     rows = rows[flat[rows] >= 0]
     colour = colours[rows].astype(np.float32)
     is_dark = colour.mean(axis=1, keepdims=True) < 56

@@ -296,7 +296,7 @@ def _with_zones(
         is_numbered = ((here >= 0) & (here < n)) | ((other >= 0) & (other < n))
         place[(here != other) & is_numbered] = theme.INK
     image = Image.fromarray(pixels)
-    rows = [row for row in np.unique(shown).tolist() if 0 <= row < n]
+    rows = np.flatnonzero(np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]).tolist()
     seen.update(rows)
     places = np.array([middle_of(shown == row) for row in rows]).reshape(-1, 2)
     names, own_colours = [str(row + 1) for row in rows], [colours[row] for row in rows]

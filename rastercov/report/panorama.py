@@ -249,10 +249,12 @@ def _bodies(mesh: Mesh, middle: FloatArray) -> IntArray:
     corners = mesh.vertices[mesh.faces[order]]
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
-    is_around = ((low <= middle) & (middle <= high)).all(axis=1)[body, None]
+    is_around = np.all((low <= middle) & (middle <= high), axis=1)
     offset = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]])
     size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    plane = np.column_stack((mesh.normals.round(2), (offset / size).round(3))) * is_around
+    plane = (
+        np.column_stack((mesh.normals.round(2), (offset / size).round(3))) * is_around[body, None]
+    )
     number: IntArray = np.unique(np.column_stack((body, plane)), axis=0, return_inverse=True)[1]
     return number.ravel()
 
@@ -270,7 +272,7 @@ def _without_outliers(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     """
     if mesh not in _POINTS:
         task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
-        opaque = task if mesh.target_mask.all() else ~mesh.target_mask
+        opaque = ~mesh.target_mask if mesh.target_mask.sum() < mesh.n_faces else task
         found = []
         for rows in map(np.flatnonzero, (task, opaque)):
             corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
@@ -278,7 +280,7 @@ def _without_outliers(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
             box, some = np.empty(6), slice(None, None, 1 + len(rows) // SOME)
             for side, order in enumerate(np.argsort(ends[some], axis=0).T):
                 beyond = areas[some][order].cumsum()
-                first = np.searchsorted(beyond, BEYOND * beyond[-1], side="right")
+                first = np.searchsorted(beyond, BEYOND * beyond[-1])
                 box[side] = ends[some][order[min(first, len(order) - 1)], side]
             slack = AROUND * -(box[:3] + box[3:]).min()
             kept = (ends >= box - slack).all(axis=1)

@@ -288,7 +288,7 @@ def camera_png(
     found = camera_image(mesh, camera, own.pose, task, side=side)
     pixels = camera_pixels(found, colour)
     legend = [
-        {"label": key.name, "colour": first, "stripe": next(iter(others), None)}
+        {"label": key.name, "colour": first, "stripe": next(iter(others), None), "hatch": key.hatch}
         for key in camera_keys(found, colour, "covered")
         for first, *others in (key.colours,)
     ]

@@ -1,6 +1,6 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
-import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
+import { button, choice, cssColour, cssHatch, element, figure, fill, percent, count } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
 
@@ -39,8 +39,9 @@ export function legend(session) {
   return root;
 }
 
-function legendEntry({ label, colour, percent: share, level }) {
+function legendEntry({ label, colour, hatch, percent: share, level }) {
   const swatch = element("span.swatch", { "data-level": String(level) });
+  swatch.style.background = cssHatch(colour, hatch);
   swatch.style.backgroundColor = cssColour(colour);
   return element(
     "li",

@@ -83,7 +83,7 @@ export class SceneView {
   #colour() {
     if (!this.session.levels || this.isLost) return;
     this.mesh.setLevels(this.session.levels);
-    this.mesh.setPalette(this.session.palette);
+    this.mesh.setPalette(this.session.palette, this.session.figures.legend);
   }
 
   /** Tells the device which groups are hidden, transparent or highlighted. */
