@@ -144,8 +144,8 @@ def run_and_print(
         console.print(run_table(summary))
         for line in zone_lines(summary):
             print(line)
-        sheet = out / "contact_sheet.png"
-        print(sheet if sheet.exists() else out / "network.glb")
+        files = ("zones.png", "contact_sheet.png", "network.glb")
+        print(next((out / name for name in files if (out / name).exists()), out))
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:
@@ -167,7 +167,7 @@ def run_and_print(
 def demo(
     out: options.Out = Path("report"),
     shape: Annotated[str, typer.Option(help=f"One of {', '.join(shapes.NAMES)}.")] = "aeroplane",
-    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 12,
+    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 4,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:

@@ -60,11 +60,16 @@ def coverage_picture(
         RGB; the image is at its own size below the title, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
+    found = coverage_pixels(scene, values) if pixels is None else pixels
+    return framed(found, title, coverage_keys(scene, named))
+
+
+def coverage_keys(scene: Scene, named: Sequence[str] = ()) -> list[Key]:
+    """Legend of `coverage_picture`."""
     keys = [Key.of(words, greys(level)) for words, level in zip(named, (1.0, 0.0), strict=False)]
     if not named:
         keys = [Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")]
-    found = coverage_pixels(scene, values) if pixels is None else pixels
-    return framed(found, title, [*keys, *scene_keys([scene])])
+    return [*keys, *scene_keys([scene])]
 
 
 def coverage_pixels(scene: Scene, values: ArrayLike, regions: Regions | None = None) -> Pixels:

@@ -44,7 +44,7 @@ from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
+from rastercov.report.camera_pictures import coverage_keys, coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import (
     CoverageTable,
     write_areas,
@@ -53,7 +53,7 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import contact_sheet, face_index_picture, save_picture
+from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import Overview, best_covering, zones_picture
 from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
@@ -232,6 +232,7 @@ def _draw_poses(
     mesh, cameras = found.mesh, cameras_of(found.camera)
     named = () if parts is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
+    keys: dict[str, Key] = {}
     digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
     try:
@@ -250,6 +251,7 @@ def _draw_poses(
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, own)}"
                     scene = seen(mesh, camera, poses.given[pose], buffer)
                     pixels = coverage_pixels(scene, found.kept[pose], own)
+                    keys |= {key.name: key for key in coverage_keys(scene, named)}
                     tiles[pose] = Image.fromarray(pixels), title
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
@@ -265,6 +267,7 @@ def _draw_poses(
             if tiles:
                 pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
                 sheet = contact_sheet(list(pictures), list(titles))
+                sheet = framed(np.asarray(sheet), "", list(keys.values()))
                 save_picture(sheet, folder.file("contact_sheet.png"))
 
 

@@ -218,7 +218,7 @@ def test_names_are_shown_as_they_are(capsys):
     name, out_folder, group = "<script>[bold]x[] é.obj", "a [red]b[] é", "<b>[bold]lid"
     write_part(name, names={0: group, 2: "rest"})
     out, _ = done(capsys, ["evaluate", name, "-ccamera.toml", "-psphere:2", "-o", out_folder])
-    assert f"{out_folder}/contact_sheet.png\n" in out
+    assert f"{out_folder}/zones.png\n" in out
     assert group in out
     summary = json.loads(Path(out_folder, "summary.json").read_text(encoding="utf-8"))
     assert summary["run"]["mesh"][0]["name"] == name
