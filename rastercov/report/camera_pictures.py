@@ -1,8 +1,8 @@
 """Images of cameras: the coverage of what they see in grey, or why they do not cover it.
 
 In a picture of coverage brighter is better, as in the figures of the source. In that of reasons,
-covered parts have the camera's colour, others colour and hatch of the criterion that fails, each
-face as a whole.
+covered parts are pale, others have colour and hatch of the criterion that fails, each face as a
+whole.
 
 E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
@@ -23,7 +23,7 @@ from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report.images import Key, facing, framed, greys, hatched, stripes
 from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
-from rastercov.report.theme import Colour, Pixels
+from rastercov.report.theme import Pixels
 
 FloatArray = NDArray[np.float64]
 
@@ -143,10 +143,11 @@ def camera_image(
     return CameraImage(bare, (scene.beneath >= 0) & (scene.targets < 0), reasons, n_covered)
 
 
-def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
-    """(H, W, 3) pixels of a camera's image, with what it covers in its colour."""
-    scene = image.scene
-    table, hatch = (values[image.reasons] for values in _looks(colour))
+def camera_pixels(image: CameraImage) -> Pixels:
+    """(H, W, 3) pixels of a camera's image, with what it does not cover in colour and hatch."""
+    scene, reasons = image.scene, REASONS.values()
+    table = np.array([each.colour for each in reasons], np.uint8)[image.reasons]
+    hatch = np.array([each.hatch for each in reasons], np.uint8)[image.reasons]
     pixels = paint(
         scene, neutral(scene.mesh, scene.setting),
         lambda face: hatched(table[face], hatch[face], scene.stripe // 2 + 1),
@@ -155,21 +156,12 @@ def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
     return pixels
 
 
-def _looks(colour: Colour) -> tuple[Pixels, NDArray[np.uint8]]:
-    """Colours and hatches of reasons, for a camera with its colour."""
-    table = np.array([each.colour for each in REASONS.values()], np.uint8)
-    table[Reason.COVERED] = colour
-    return table, np.array([each.hatch for each in REASONS.values()], np.uint8)
-
-
-def camera_keys(image: CameraImage, colour: Colour, name: str) -> list[Key]:
+def camera_keys(image: CameraImage) -> list[Key]:
     """Legend of a picture of a camera: everything that is in it."""
     scene, drawn = image.scene, np.unique(image.scene.faces)
     judged = drawn[(scene.mesh.task_mask & ~scene.backs)[drawn]]
-    keys = [Key.of(name, colour)]
-    for reason in np.unique(image.reasons[judged]).tolist():
-        if reason != Reason.COVERED:
-            keys.append(Key.of_reason(NAMES[reason]))
+    shown = np.unique(image.reasons[judged])[::-1].tolist()  # what is covered, first
+    keys = [Key.of_reason(NAMES[reason]) for reason in shown]
     keys += scene_keys([scene])
     if image.hidden.any():
         colours = scene.setting.occluder, REASONS["occluded"].colour

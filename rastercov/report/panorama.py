@@ -440,7 +440,8 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
         keys.append(target_key())
     if names := list(dict.fromkeys(name for scene in scenes for name in scene.opened)):
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        keys.append(Key.of(f"opened: {', '.join(names[:3])}{more}", PAPER))
+        what = f": {', '.join(names[:3])}{more}" if len(mesh.groups) > 1 else " towards the reader"
+        keys.append(Key.of("opened" + what, PAPER))
     return keys
 
 
