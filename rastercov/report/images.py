@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,7 +43,6 @@ LEAST_WITH_LINES = 12
 """Pixels of a face from which on its creases are drawn."""
 CREASE_DEG = 30.0
 """Angle between normals above which an edge is a crease."""
-CREASE_COS = math.cos(math.radians(CREASE_DEG))
 STEP_REL = 1e-3
 """Least step in depth that is drawn, relative to the depth."""
 WIDE = 960
@@ -91,23 +91,20 @@ def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
 def contact_sheet(
     pictures: Sequence[Image.Image],
     captions: Sequence[str],
-    columns: int | None = None,
     thumbnail_width: int = 320,
 ) -> Image.Image:
-    """Pictures side by side in reading order, each above its caption; RGB.
+    """Pictures side by side in reading order, about as many in a row as rows; RGB.
 
     Parameters
     ----------
     pictures : sequence of N PIL.Image.Image
         At least one, of any size.
     captions : sequence of N str
-        One line each, cut to fit.
-    columns : int, optional
-        Pictures in a row; about as many as rows by default.
+        One line below each, cut to fit.
     thumbnail_width : int
         Width that each is scaled to, pixels.
     """
-    columns = min(len(pictures), columns or math.ceil(math.sqrt(len(pictures))))
+    columns = math.ceil(math.sqrt(len(pictures)))
     thumbnails = []
     for picture in pictures:
         height = max(1, round(picture.height * thumbnail_width / picture.width))
@@ -170,24 +167,19 @@ class Key:
         stripe: ArrayLike | None = None,
         width: int = 6,
         period: int = 2,
+        hatch: int = 0,
     ) -> "Key":
-        """Entry for a colour, or for one striped with another."""
+        """Entry for a colour, or for one striped with another, with a hatch."""
         colours = np.array([colour] if stripe is None else [colour, stripe], np.uint8)
         row = stripes((24, 24), width, period) & (len(colours) > 1)
-        return cls(name, colours[row.astype(np.int64)], colours=colours.tolist())
-
-    @classmethod
-    def of_class(cls, name: str, colour: ArrayLike, hatch: int) -> "Key":
-        """Entry for a colour with a hatch."""
-        key = cls.of(name, colour)
-        pixels = hatched(key.pixels, np.full((24, 24), hatch, np.uint8), 2)
-        return replace(key, pixels=pixels, hatch=hatch)
+        pixels = hatched(colours[row.astype(np.int64)], np.full((24, 24), hatch, np.uint8), 2)
+        return cls(name, pixels, colours=colours.tolist(), hatch=hatch)
 
     @classmethod
     def of_reason(cls, name: str) -> "Key":
         """Entry for a reason, by its name."""
         words = REASONS[name]
-        return cls.of_class(words.label, words.colour, words.hatch)
+        return cls.of(words.label, words.colour, hatch=words.hatch)
 
     @classmethod
     def scale(cls, name: str, colours: Pixels, low: str, high: str) -> "Key":
@@ -258,15 +250,15 @@ def draw_lines(
         one, other = flat[at], flat[at + step]
         cosine = np.einsum("ni,ni->n", normals[one], normals[other])
         is_line = (one < 0) | (other < 0)
-        is_line |= (np.abs(cosine) < CREASE_COS) & is_large[one] & is_large[other]
+        is_line |= (
+            (np.abs(cosine) < math.cos(math.radians(CREASE_DEG))) & is_large[one] & is_large[other]
+        )
         if depth is not None:  # its reciprocal is linear on a plane
             places = np.clip(at + np.array([-1, 0, 1, 2])[:, None] * step, 0, flat.size - 1)
             before, jump, after = np.abs(np.diff(1 / depth.ravel()[places], axis=0))
             least = STEP_REL / np.minimum(*depth.ravel()[places[1:3]])
             is_line |= jump > 3 * np.maximum(before, after) + least
-        drawn.append(at[is_line])
-        if width > WIDE:
-            drawn.append(drawn[-1] + step)
+        drawn += [at[is_line], at[is_line] + step * (width > WIDE)]
     rows = np.concatenate(drawn)
     rows = rows[flat[rows] >= 0]
     colour = colours[rows].astype(np.float32)
@@ -448,15 +440,12 @@ def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, widt
     rows, columns = np.ogrid[: targets.shape[0], : targets.shape[1]]
     shown = (targets >= 0) & ((rows - columns) // width % 2 == 0)
     pixels[shown] = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
-    pixels[_outlines(targets)] = OUTLINE_3D
+    pixels[outlines(targets)] = OUTLINE_3D
 
 
-def _outlines(targets: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(H, W) pixels of targets beside one of another target or of none."""
-    found = np.zeros(targets.shape, np.bool_)
-    for step in ((0, 1), (1, 0)):
-        here = targets[: targets.shape[0] - step[0], : targets.shape[1] - step[1]]
-        following = targets[step[0] :, step[1] :]
-        found[: here.shape[0], : here.shape[1]] |= (here != following) & (here >= 0)
-        found[step[0] :, step[1] :] |= (here != following) & (following >= 0)
-    return found
+def outlines(rows: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
+    padded = np.pad(rows, 1, mode="edge")
+    around = padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]
+    is_border = np.any([rows != other for other in around], axis=0)
+    return np.asarray(is_border & (rows >= 0))

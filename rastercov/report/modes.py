@@ -63,12 +63,10 @@ class Painted:
         return self.palette[self.levels]
 
     @property
-    def hatch(self) -> Levels | None:
-        """(F,) hatch of the faces, as in `reasons.Words`; None if there is none."""
-        table = np.zeros(256, np.uint8)
-        for entry in self.legend:
-            table[entry["level"]] = entry.get("hatch", 0)
-        return table[self.levels] if table.any() else None
+    def hatch(self) -> Levels:
+        """(F,) hatch of the faces, as in `reasons.Words`."""
+        known = {entry["level"]: entry.get("hatch", 0) for entry in self.legend}
+        return np.array([known.get(level, 0) for level in range(256)], np.uint8)[self.levels]
 
     def keys(self, name: str) -> list[Key]:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
@@ -82,7 +80,7 @@ class Painted:
                 share = entry["percent"]
                 of_area = "" if share is None else f", {percent(share / 100)}"
                 name = entry["label"] + of_area
-                keys.append(Key.of_class(name, entry["colour"], entry.get("hatch", 0)))
+                keys.append(Key.of(name, entry["colour"], hatch=entry.get("hatch", 0)))
         return keys
 
 
@@ -239,7 +237,7 @@ def mode_picture(
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
     words = title or mode.words.rstrip(".")
-    return two_sides(mesh, painted.colours, words, keys, directions, eyes, painted.hatch)
+    return two_sides(mesh, painted.colours, words, keys, painted.hatch, directions, eyes)
 
 
 def rounded(value: float) -> str:

@@ -28,7 +28,7 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.images import Key, font_for, framed, hatched, write_labels
+from rastercov.report.images import Key, font_for, framed, hatched, outlines, write_labels
 from rastercov.report.panorama import (
     FINE,
     PIECES,
@@ -289,12 +289,7 @@ def _with_zones(
     shown = layers[0]
     for of_layer in layers[1:]:
         shown = np.where(of_layer >= 0, of_layer, shown)
-    for here, other, place in (
-        (shown[:, :-1], shown[:, 1:], pixels[:, :-1]),
-        (shown[:-1], shown[1:], pixels[:-1]),
-    ):
-        is_numbered = ((here >= 0) & (here < n)) | ((other >= 0) & (other < n))
-        place[(here != other) & is_numbered] = theme.INK
+    pixels[outlines(np.where(shown < n, shown, -1))] = theme.INK
     image = Image.fromarray(pixels)
     rows = np.flatnonzero(np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]).tolist()
     seen.update(rows)

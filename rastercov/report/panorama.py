@@ -7,7 +7,6 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -80,9 +79,7 @@ OPENED = 0.12
 """Part of the task's pixels that a plane of occluders hides from which on it is opened."""
 LAYERS = 6
 """Surfaces behind each other that are opened."""
-_POINTS: WeakKeyDictionary[Mesh, tuple[FloatArray, FloatArray]] = WeakKeyDictionary()
-_SHOWN: WeakKeyDictionary[Mesh, tuple[bytes, FloatArray]] = WeakKeyDictionary()
-_SKINS: WeakKeyDictionary[Mesh, tuple[bytes, BoolArray]] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[Mesh, dict[str, tuple[bytes, Any]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,7 +206,7 @@ def look(
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
     rows = np.flatnonzero(~mesh.target_mask)
     buffer = part_drawn(mesh, camera, pose, rows)
-    away, skin = turned_away(mesh, eye, eyes), outer_skin(mesh, eyes)
+    away, skin = turned_away(mesh, eye, eyes), _kept(outer_skin, mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
@@ -220,18 +217,17 @@ def look(
     is_closed = ~mesh.task_mask | skin
     task = rows[~(is_closed | away)[rows]]
     behind = buffer.face if len(task) == len(rows) else part_drawn(mesh, camera, pose, task).face
-    bodies: IntArray = np.zeros(0, np.int64)
-    opened = rows[:0]
+    opened, n_behind = rows[:0], int((behind >= 0).sum())
     for _ in range(LAYERS):
         hides = np.append(is_closed, False)[buffer.face] & (behind >= 0)
-        if hides.sum() <= OPENED * (behind >= 0).sum():
+        if hides.sum() <= OPENED * n_behind:
             break
-        bodies = bodies if len(bodies) else _bodies(mesh, middle)
+        bodies = _kept(_bodies, mesh, middle)
         hidden = np.bincount(bodies[buffer.face[hides]], minlength=mesh.n_faces)
-        least = OPENED * (behind >= 0).sum()
-        if (hidden <= least).all():  # of many small faces
-            least = 0 if 2 * hidden.sum() > (behind >= 0).sum() else hidden.sum()
-        is_opened = is_closed[rows] & (hidden[bodies[rows]] > least)
+        worth = hidden > OPENED * n_behind
+        if not worth.any():  # planes of small faces: all of them or none
+            worth = hidden > (0 if 2 * hidden.sum() > n_behind else n_behind)
+        is_opened = is_closed[rows] & worth[bodies[rows]]
         if not is_opened.any():
             break
         opened, rows = np.append(opened, rows[is_opened]), rows[~is_opened]
@@ -241,7 +237,7 @@ def look(
     return replace(scene, opened=names)
 
 
-def _bodies(mesh: Mesh, middle: FloatArray) -> IntArray:
+def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
     """(F,) number of the body of each face; a body around a point is taken apart into planes."""
     body = mesh.topology.components()
     order = np.argsort(body, kind="stable")
@@ -250,43 +246,39 @@ def _bodies(mesh: Mesh, middle: FloatArray) -> IntArray:
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
     is_around = np.all((low <= middle) & (middle <= high), axis=1)
-    offset = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]])
-    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    plane = (
-        np.column_stack((mesh.normals.round(2), (offset / size).round(3))) * is_around[body, None]
-    )
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    offset = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]]) / size
+    plane = np.column_stack((mesh.normals.round(2), offset.round(3))) * is_around[body, None]
     number: IntArray = np.unique(np.column_stack((body, plane)), axis=0, return_inverse=True)[1]
     return number.ravel()
 
 
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
-    return _without_outliers(mesh)[0]
+    points: FloatArray = _kept(_without_outliers, mesh)[0]
+    return points
 
 
-def _without_outliers(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
-    """Vertices (N, 3) of the scored faces and (2, 3) bounds of the opaque ones, without outliers.
+def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Vertices (N, 3) of the scored faces and (M, 3) of the opaque ones, without outliers.
 
     Beyond each side of a box is at most `BEYOND` of the area; outliers are faces farther beyond it
-    than `AROUND` of its length. The last answers are kept.
+    than `AROUND` of its length.
     """
-    if mesh not in _POINTS:
-        task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
-        opaque = ~mesh.target_mask if mesh.target_mask.sum() < mesh.n_faces else task
-        found = []
-        for rows in map(np.flatnonzero, (task, opaque)):
-            corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
-            ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
-            box, some = np.empty(6), slice(None, None, 1 + len(rows) // SOME)
-            for side, order in enumerate(np.argsort(ends[some], axis=0).T):
-                beyond = areas[some][order].cumsum()
-                first = np.searchsorted(beyond, BEYOND * beyond[-1])
-                box[side] = ends[some][order[min(first, len(order) - 1)], side]
-            slack = AROUND * -(box[:3] + box[3:]).min()
-            kept = (ends >= box - slack).all(axis=1)
-            found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
-        _POINTS[mesh] = found[0], np.stack((found[1].min(axis=0), found[1].max(axis=0)))
-    return _POINTS[mesh]
+    task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
+    found = []
+    for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
+        corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
+        ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
+        box, some = np.empty(6), slice(None, None, 1 + len(rows) // SOME)
+        for side, order in enumerate(np.argsort(ends[some], axis=0).T):
+            beyond = areas[some][order].cumsum()
+            first = np.searchsorted(beyond, BEYOND * beyond[-1])
+            box[side] = ends[some][order[first], side]
+        slack = AROUND * -(box[:3] + box[3:]).min()
+        kept = (ends >= box - slack).all(axis=1)
+        found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
+    return found[0], found[1]
 
 
 def best_directions(
@@ -296,9 +288,7 @@ def best_directions(
 
     Each direction adds most to the visible pixels of those before it.
     """
-    if not faces.any():
-        return DIRECTIONS[:count].copy()
-    shown = _shown(mesh, eyes) * faces
+    shown = _kept(_shown, mesh, eyes) * faces
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):
@@ -310,20 +300,22 @@ def best_directions(
 
 
 def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
-    """Pixels of the front of each face from each of `DIRECTIONS`, (8, F), weighted.
+    """Pixels of the front of each face from each of `DIRECTIONS`, (8, F), weighted."""
+    shown = np.empty((len(DIRECTIONS), mesh.n_faces))
+    for row, direction in enumerate(DIRECTIONS):
+        scene = look(mesh, direction, scale=0.3, eyes=eyes)
+        shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * ~scene.backs
+        if direction[2] < 0:
+            shown[row] *= FROM_BELOW**4 if is_inside(mesh, eyes) else FROM_BELOW
+    return shown
 
-    The last answer for each mesh is kept.
-    """
-    key = np.asarray(eyes, np.float64).tobytes()
-    if mesh not in _SHOWN or _SHOWN[mesh][0] != key:
-        shown = np.empty((len(DIRECTIONS), mesh.n_faces))
-        for row, direction in enumerate(DIRECTIONS):
-            scene = look(mesh, direction, scale=0.3, eyes=eyes)
-            shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * ~scene.backs
-            if direction[2] < 0:
-                shown[row] *= FROM_BELOW**4 if is_inside(mesh, eyes) else FROM_BELOW
-        _SHOWN[mesh] = key, shown
-    return _SHOWN[mesh][1]
+
+def _kept(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
+    """What a function makes of a mesh and of cameras; its last answer for each mesh is kept."""
+    known, key = _KEPT.setdefault(mesh, {}), np.asarray(eyes, np.float64).tobytes()
+    if make.__name__ not in known or known[make.__name__][0] != key:
+        known[make.__name__] = key, make(mesh, eyes)
+    return known[make.__name__][1]
 
 
 def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
@@ -333,7 +325,7 @@ def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixel
     have a colour of their own.
     """
     face = scene.face
-    pixels = _painted(scene, face, colours, own, scene.depth)
+    pixels = _painted(scene, face, colours, own)
     if (scene.beneath >= 0).any():
         shown = (scene.beneath >= 0) & ~stripes(face.shape, round(scene.stripe / 1.5), 3)
         pixels[shown] = _painted(scene, scene.beneath, colours, own)[shown]
@@ -343,13 +335,7 @@ def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixel
     return pixels
 
 
-def _painted(
-    scene: Scene,
-    face: FaceImage,
-    colours: Pixels,
-    own: OwnColours | None,
-    depth: NDArray[np.float32] | None = None,
-) -> Pixels:
+def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
     """Pixels of the opaque faces of one image."""
     mesh, light = scene.mesh, scene.light[:, None]
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
@@ -365,7 +351,7 @@ def _painted(
         striped = behind & stripes(face.shape, scene.stripe)
         for colour, rows in ((scene.setting.back, behind), (scene.setting.back_stripe, striped)):
             pixels[rows] = np.array(colour) * light[face[rows]]
-    draw_lines(pixels, face, mesh, depth)
+    draw_lines(pixels, face, mesh, scene.depth if face is scene.face else None)
     return pixels
 
 
@@ -401,23 +387,19 @@ def two_sides(
     colours: Pixels,
     title: str,
     keys: Sequence[Key],
+    hatch: NDArray[np.uint8],
     directions: FloatArray = ALL_SIDES,
     eyes: ArrayLike = (),
-    hatch: NDArray[np.uint8] | None = None,
 ) -> Image.Image:
     """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
-    images = []
-    for scene in scenes:
-        own = None
-        if hatch is not None:
-            own = partial(_own_of_faces, colours, hatch, scene.stripe // 2)
-        images.append(smooth(Image.fromarray(paint(scene, colours, own))))
+
+    def own(face: FaceImage) -> Pixels:
+        return hatched(colours[face], hatch[face], scenes[0].stripe // 2)
+
+    painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
+    images = [smooth(Image.fromarray(pixels)) for pixels in painted]
     return framed(beside(images), title, [*keys, *scene_keys(scenes)])
-
-
-def _own_of_faces(colours: Pixels, hatch: NDArray[np.uint8], width: int, face: FaceImage) -> Pixels:
-    return hatched(colours[face], hatch[face], width)
 
 
 def beside(images: Sequence[Image.Image]) -> Pixels:
@@ -501,7 +483,8 @@ def smooth(image: Image.Image) -> Image.Image:
 def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
     """True if most of some cameras, (P, 3), are in the bounds of the opaque faces."""
     points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    low, high = _without_outliers(mesh)[1]
+    opaque = _kept(_without_outliers, mesh)[1]
+    low, high = opaque.min(axis=0), opaque.max(axis=0)
     inside = ((points > low) & (points < high)).all(axis=1)
     return 2 * int(inside.sum()) > len(points)
 
@@ -550,16 +533,13 @@ def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
     """(F,) opaque faces of a building that no camera, (P, 3), is in front of.
 
     None unless the cameras are indoors: then the outside of walls and roof are among them, which
-    hide all that is inside. The last answer for each mesh is kept.
+    hide all that is inside.
     """
     points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    key = points.tobytes()
-    if mesh not in _SKINS or _SKINS[mesh][0] != key:
-        is_behind = np.full(mesh.n_faces, is_enclosed(mesh, points))
-        if is_behind.any():
-            is_behind &= ~mesh.target_mask & ~mesh.degenerate_mask & ~mesh.two_sided_mask
-            first = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]])
-            for eye in points:
-                is_behind &= mesh.normals @ eye < first
-        _SKINS[mesh] = key, is_behind
-    return _SKINS[mesh][1]
+    is_behind = np.full(mesh.n_faces, is_enclosed(mesh, points))
+    if is_behind.any():
+        is_behind &= ~mesh.target_mask & ~mesh.degenerate_mask & ~mesh.two_sided_mask
+        first = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]])
+        for eye in points:
+            is_behind &= mesh.normals @ eye < first
+    return is_behind
