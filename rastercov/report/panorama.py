@@ -311,7 +311,7 @@ def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
 
 
 def _kept(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
-    """What a function makes of a mesh and of cameras; its last answer for each mesh is kept."""
+    """Answer of a function on a mesh and cameras; the last one for each mesh is kept."""
     known, key = _KEPT.setdefault(mesh, {}), np.asarray(eyes, np.float64).tobytes()
     if make.__name__ not in known or known[make.__name__][0] != key:
         known[make.__name__] = key, make(mesh, eyes)
