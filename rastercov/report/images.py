@@ -91,9 +91,10 @@ def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
 def contact_sheet(
     pictures: Sequence[Image.Image],
     captions: Sequence[str],
+    columns: int | None = None,
     thumbnail_width: int = 320,
 ) -> Image.Image:
-    """Pictures side by side in reading order, about as many in a row as rows; RGB.
+    """Pictures side by side in reading order, each above its caption; RGB.
 
     Parameters
     ----------
@@ -101,10 +102,12 @@ def contact_sheet(
         At least one, of any size.
     captions : sequence of N str
         One line below each, cut to fit.
+    columns : int, optional
+        Pictures in a row; about as many as rows by default.
     thumbnail_width : int
         Width that each is scaled to, pixels.
     """
-    columns = math.ceil(math.sqrt(len(pictures)))
+    columns = min(len(pictures), columns or math.ceil(math.sqrt(len(pictures))))
     thumbnails = []
     for picture in pictures:
         height = max(1, round(picture.height * thumbnail_width / picture.width))
