@@ -1,7 +1,8 @@
 // Shades a face of the viewer's mesh in the colour of its level, or writes what a pick wants to know.
 //
 // A headlight dims faces that are seen at an angle: palette * (SHADE_LEAST + (1 - SHADE_LEAST) *
-// |cosine of incidence|), in sRGB. With `is_flat` the colour is that of the palette, exactly.
+// |cosine of incidence|), in sRGB. With `is_flat` the colour is that of the palette, exactly,
+// and without it the hatch of the level is drawn over it, in lines on the screen.
 
 uniform vec4 section;               // points with dot(section, (world, 1)) > 0 are cut away
 uniform bool is_cut;
@@ -14,12 +15,14 @@ uniform vec3 accent;                // colour of stripes on highlighted groups
 flat in uint id;
 flat in uint flags;
 flat in vec3 colour;
+flat in uint hatch;
 in vec3 world;
 in vec3 to_eye;
 in vec3 corner;
 
 const uint TWO_SIDED = 2u, HIGHLIGHTED = 8u;
 const float STRIPES = 10.0;         // pixels from one stripe to the next
+const float HATCH = 8.0;            // and from one line of a hatch to the next
 
 #ifdef PICKING
 out uvec4 picked;                   // face + 1, and the bits of the point's coordinates
@@ -38,6 +41,11 @@ void main() {
         vec3 normal = cross(dFdx(world), dFdy(world));
         float size = length(normal) * length(to_eye);
         float cosine = size > 0.0 ? abs(dot(normal, to_eye)) / size : 1.0;
+        vec2 at = gl_FragCoord.xy;
+        bvec4 on = lessThan(mod(vec4(at.x - at.y, at.x + at.y, at), HATCH), vec4(0.25 * HATCH));
+        bvec4 wanted = notEqual(uvec4(hatch) & uvec4(1u, 2u, 4u, 8u), uvec4(0u));
+        if (any(bvec4(uvec4(on) * uvec4(wanted))))
+            shown = mix(shown, vec3(1.0), 0.45);
         shown *= SHADE_LEAST + (1.0 - SHADE_LEAST) * cosine;
     }
     if (has_edges) {

@@ -1,8 +1,9 @@
 // Places the corners of a face of the viewer's mesh and looks up the colour of its level.
 //
 // Positions are not indexed, so the face is gl_VertexID / 3. Level and group of each face are texels
-// of textures TEXELS_A_ROW wide; a row of `palette` belongs to a level, and one of `groups` to a group.
-// PICKING leaves colours out. PIECES are parts of faces: triangles that name their face.
+// of textures TEXELS_A_ROW wide; a row of `palette` belongs to a level (alpha: its hatch), and one of
+// `groups` to a group. PICKING leaves colours out. PIECES are parts of faces: triangles that name
+// their face.
 
 uniform mat4 clip_from_world;
 uniform vec3 eye;                   // where one looks from; a parallel view: minus its direction
@@ -23,6 +24,7 @@ in vec3 position;                   // metres from the origin of the soup
 flat out uint id;                   // index of the face + 1
 flat out uint flags;
 flat out vec3 colour;
+flat out uint hatch;                // 1 for /, 2 for the other diagonal, 4 for |, 8 for -
 out vec3 world;
 out vec3 to_eye;
 out vec3 corner;                    // barycentric coordinates, 1 where the edge has no line
@@ -48,8 +50,11 @@ void main() {
         || which == 2 && !is_transparent;
 #ifdef PICKING
     colour = vec3(0.0);
+    hatch = 0u;
 #else
-    colour = texelFetch(palette, ivec2(texelFetch(levels, texel(face), 0).r, 0), 0).rgb;
+    vec4 row = texelFetch(palette, ivec2(texelFetch(levels, texel(face), 0).r, 0), 0);
+    colour = row.rgb;
+    hatch = uint(round(255.0 * row.a));
 #endif
     uvec3 lines = uvec3(texelFetch(creases, texel(face), 0).r) >> uvec3(0u, 1u, 2u) & 1u;
     corner = mix(vec3(1.0), weights, vec3(lines));

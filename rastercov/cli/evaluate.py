@@ -170,7 +170,7 @@ def run_and_print(
 def demo(
     out: options.Out = Path("report"),
     shape: Annotated[str, typer.Option(help=f"One of {', '.join(shapes.NAMES)}.")] = "aeroplane",
-    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 12,
+    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 4,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:

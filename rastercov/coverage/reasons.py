@@ -32,7 +32,7 @@ class Reason(IntEnum):
 
 
 class Words(NamedTuple):
-    """Words on a reason, and its colour in pictures.
+    """Words on a reason, and its colour and hatch in pictures.
 
     Attributes
     ----------
@@ -44,53 +44,65 @@ class Words(NamedTuple):
         For one camera to cover a face; names in braces are figures of the face.
     colour : (3,) int
         sRGB.
+    hatch : int
+        Lines over the colour, a sum of 1 for /, 2 for the other diagonal, 4 for | and 8 for -.
     """
 
     label: str
     sentence: str
     advice: str
     colour: tuple[int, int, int]
+    hatch: int = 0
 
 
 REASONS = {
     "degenerate": Words(
-        "without area", "have no area", "it has no area, and cannot be covered", (84, 96, 100)
+        "without area", "have no area", "it has no area, and cannot be covered", (84, 96, 100), 10
     ),
     "back_facing": Words(
         "seen from behind",
         "are seen from behind",
         "move the camera to the side that its normal points to",
         (136, 84, 164),
+        1,
     ),
     "outside": Words(
         "not all in the image",
         "are not all in the image",
         "turn the camera towards it{wider}",
         (0, 114, 178),
+        4,
     ),
     "out_of_focus": Words(
         "out of focus",
         "are out of focus",
         "it is {depth} deep, in focus are {in_focus}: focus on it",
         (86, 180, 233),
+        8,
     ),
     "unsampled": Words(
-        "too small for a sample", "are too small for a sample", "come nearer", (120, 94, 60)
+        "too small for a sample", "are too small for a sample", "come nearer", (120, 94, 60), 5
     ),
     "too_coarse": Words(
         "too few pixels",
         "get too few pixels",
         "best {found} at {distance}; {wanted} needs {nearer} or {times} the focal length",
         (240, 160, 0),
+        2,
     ),
     "occluded": Words(
-        "occluded", "are occluded", "move the camera so that {hider} is not between", (214, 39, 40)
+        "occluded",
+        "are occluded",
+        "move the camera so that {hider} is not between",
+        (214, 39, 40),
+        3,
     ),
     "too_oblique": Words(
         "seen too flatly",
         "are seen too flatly",
         "seen at {angle}°, of {max_angle}° at most: move towards its normal",
         (0, 158, 115),
+        12,
     ),
     "covered": Words("covered", "are covered", "", (214, 220, 226)),
     "too_few_views": Words(
@@ -98,8 +110,9 @@ REASONS = {
         "are covered by too few cameras",
         "add another camera that sees it",
         (230, 120, 180),
+        6,
     ),
-    "no_cameras": Words("no cameras", "have no camera", "add a camera", (218, 198, 176)),
+    "no_cameras": Words("no cameras", "have no camera", "add a camera", (218, 198, 176), 9),
 }
 """By the name of the reason: the members of `Reason`, in their order, and two of a network."""
 NAMES = tuple(REASONS)

@@ -1,8 +1,8 @@
 """Images of cameras: the coverage of what they see in grey, or why they do not cover it.
 
 In a picture of coverage brighter is better, as in the figures of the source. In that of reasons,
-covered parts have the camera's colour, and others are hatched in the colour of the criterion that
-fails, each face as a whole.
+covered parts are pale, others have colour and hatch of the criterion that fails, each face as a
+whole.
 
 E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
@@ -21,10 +21,9 @@ from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report import theme
-from rastercov.report.images import Key, facing, framed, greys, stripes
+from rastercov.report.images import Key, facing, framed, greys, hatched, stripes
 from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
-from rastercov.report.theme import Colour, Pixels
+from rastercov.report.theme import Pixels
 
 FloatArray = NDArray[np.float64]
 
@@ -61,11 +60,16 @@ def coverage_picture(
         RGB; the image is at its own size below the title, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
+    found = coverage_pixels(scene, values) if pixels is None else pixels
+    return framed(found, title, coverage_keys(scene, named))
+
+
+def coverage_keys(scene: Scene, named: Sequence[str] = ()) -> list[Key]:
+    """Legend of `coverage_picture`."""
     keys = [Key.of(words, greys(level)) for words, level in zip(named, (1.0, 0.0), strict=False)]
     if not named:
         keys = [Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")]
-    found = coverage_pixels(scene, values) if pixels is None else pixels
-    return framed(found, title, [*keys, *scene_keys([scene])])
+    return [*keys, *scene_keys([scene])]
 
 
 def coverage_pixels(scene: Scene, values: ArrayLike, regions: Regions | None = None) -> Pixels:
@@ -139,36 +143,25 @@ def camera_image(
     return CameraImage(bare, (scene.beneath >= 0) & (scene.targets < 0), reasons, n_covered)
 
 
-def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
-    """(H, W, 3) pixels of a camera's image, with what it covers in its colour."""
-    scene = image.scene
-    table, striped = (colours[image.reasons] for colours in _colours(colour))
-    lines = stripes(scene.face.shape, scene.stripe)[..., None]
+def camera_pixels(image: CameraImage) -> Pixels:
+    """(H, W, 3) pixels of a camera's image, with what it does not cover in colour and hatch."""
+    scene, reasons = image.scene, REASONS.values()
+    table = np.array([each.colour for each in reasons], np.uint8)[image.reasons]
+    hatch = np.array([each.hatch for each in reasons], np.uint8)[image.reasons]
     pixels = paint(
         scene, neutral(scene.mesh, scene.setting),
-        lambda face: np.where(lines, striped[face], table[face]),
+        lambda face: hatched(table[face], hatch[face], scene.stripe // 2 + 1),
     )  # fmt: skip
-    hatched = image.hidden & stripes(scene.face.shape, scene.stripe, 4)
-    pixels[hatched] = REASONS["occluded"].colour
+    pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour
     return pixels
 
 
-def _colours(colour: Colour) -> tuple[Pixels, Pixels]:
-    """Colours of reasons, and of the stripes over them."""
-    striped = np.array([each.colour for each in REASONS.values()], np.uint8)
-    table = np.full_like(striped, theme.COVERED)
-    table[Reason.COVERED] = striped[Reason.COVERED] = colour
-    return table, striped
-
-
-def camera_keys(image: CameraImage, colour: Colour, name: str) -> list[Key]:
+def camera_keys(image: CameraImage) -> list[Key]:
     """Legend of a picture of a camera: everything that is in it."""
     scene, drawn = image.scene, np.unique(image.scene.faces)
     judged = drawn[(scene.mesh.task_mask & ~scene.backs)[drawn]]
-    keys = [Key.of(name, colour)]
-    for reason, table, striped in zip(Reason, *_colours(colour), strict=False):
-        if reason != Reason.COVERED and reason in image.reasons[judged]:
-            keys.append(Key.of(REASONS[NAMES[reason]].label, table, striped))
+    shown = np.unique(image.reasons[judged])[::-1].tolist()  # what is covered, first
+    keys = [Key.of_reason(NAMES[reason]) for reason in shown]
     keys += scene_keys([scene])
     if image.hidden.any():
         colours = scene.setting.occluder, REASONS["occluded"].colour

@@ -45,7 +45,7 @@ from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
+from rastercov.report.camera_pictures import coverage_keys, coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import (
     CoverageTable,
     write_areas,
@@ -54,7 +54,7 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import contact_sheet, face_index_picture, save_picture
+from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
 from rastercov.report.network_page import NetworkPage, pictures_of
 from rastercov.report.panorama import seen
 from rastercov.report.printing import browser, write_page
@@ -239,6 +239,7 @@ def _draw_poses(
     named = () if parts is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
     sheet = None
+    keys: dict[str, Key] = {}
     digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
     try:
@@ -257,6 +258,7 @@ def _draw_poses(
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, own)}"
                     scene = seen(mesh, camera, poses.given[pose], buffer)
                     pixels = coverage_pixels(scene, found.kept[pose], own)
+                    keys |= {key.name: key for key in coverage_keys(scene, named)}
                     tiles[pose] = Image.fromarray(pixels), title
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
@@ -272,6 +274,7 @@ def _draw_poses(
             if tiles:
                 pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
                 sheet = contact_sheet(list(pictures), list(titles))
+                sheet = framed(np.asarray(sheet), "", list(keys.values()))
                 save_picture(sheet, folder.file("contact_sheet.png"))
     return sheet
 

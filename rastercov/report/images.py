@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
@@ -37,8 +39,18 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 LEAST_WIDTH = 320
 """Narrower images are enlarged by a whole factor, to make room for text."""
-LEAST_WITH_LINES = 200
-"""Pixels of a face from which on it has lines around it."""
+LEAST_WITH_LINES = 12
+"""Pixels of a face from which on its creases are drawn."""
+CREASE_DEG = 30.0
+"""Angle between normals above which an edge is a crease."""
+STEP_REL = 1e-3
+"""Least step in depth that is drawn, relative to the depth."""
+WIDE = 960
+"""Pixels above which lines are two pixels wide."""
+LINE = 0.45
+"""Brightness of a line, relative to its surface."""
+HATCH_PERIOD, HATCH_PALE = 4, 0.45
+"""Widths of a line of a hatch from one to the next; part of white in it."""
 DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
 TIE_REL = 1e-5
@@ -89,7 +101,7 @@ def contact_sheet(
     pictures : sequence of N PIL.Image.Image
         At least one, of any size.
     captions : sequence of N str
-        One line each, cut to fit.
+        One line below each, cut to fit.
     columns : int, optional
         Pictures in a row; about as many as rows by default.
     thumbnail_width : int
@@ -140,7 +152,7 @@ def png(image: Image.Image, choice: Image.Quantize | None = None) -> bytes:
 class Key:
     """Entry of a legend: a swatch or a scale, its meaning, and the ends of the scale.
 
-    `colours` are those of a swatch, the one in its corner first.
+    `colours` are those of a swatch, the one in its corner first; `hatch` is as in `reasons.Words`.
     """
 
     name: str
@@ -148,6 +160,7 @@ class Key:
     low: str = ""
     high: str = ""
     colours: Sequence[Sequence[int]] = ()
+    hatch: int = 0
 
     @classmethod
     def of(
@@ -157,11 +170,19 @@ class Key:
         stripe: ArrayLike | None = None,
         width: int = 6,
         period: int = 2,
+        hatch: int = 0,
     ) -> "Key":
-        """Entry for a colour, or for one striped with another."""
+        """Entry for a colour, or for one striped with another, with a hatch."""
         colours = np.array([colour] if stripe is None else [colour, stripe], np.uint8)
         row = stripes((24, 24), width, period) & (len(colours) > 1)
-        return cls(name, colours[row.astype(np.int64)], colours=colours.tolist())
+        pixels = hatched(colours[row.astype(np.int64)], np.full((24, 24), hatch, np.uint8), 2)
+        return cls(name, pixels, colours=colours.tolist(), hatch=hatch)
+
+    @classmethod
+    def of_reason(cls, name: str) -> "Key":
+        """Entry for a reason, by its name."""
+        words = REASONS[name]
+        return cls.of(words.label, words.colour, hatch=words.hatch)
 
     @classmethod
     def scale(cls, name: str, colours: Pixels, low: str, high: str) -> "Key":
@@ -196,24 +217,56 @@ def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.b
     return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1]).copy()
 
 
-def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
-    """Lines on the last pixel of a face before its right or lower neighbour, in place.
+def hatched(pixels: Pixels, hatch: NDArray[np.uint8], width: int) -> Pixels:
+    """Pixels (H, W, 3) with the paler lines of a hatch (H, W), as in `reasons.Words`, over them."""
+    period = HATCH_PERIOD * width
+    row, column = np.ogrid[:period, :period]
+    lines = np.stack([row + column, column - row + period, column + 0 * row, row + 0 * column])
+    is_line = lines // width % HATCH_PERIOD == 0
+    of_hatch = np.array([is_line[(code >> np.arange(4)) & 1 > 0].any(axis=0) for code in range(16)])
+    at = np.flatnonzero(hatch)
+    rows, columns = np.divmod(at, hatch.shape[1])
+    at = at[of_hatch[hatch.ravel()[at], rows % period, columns % period]]
+    found = pixels.copy()
+    found.reshape(-1, 3)[at] = pixels.reshape(-1, 3)[at] * (1 - HATCH_PALE) + 255 * HATCH_PALE
+    return found
 
-    Faces of less than `LEAST_WITH_LINES` pixels have none, so that lines do not dominate the
-    picture. Faces too dark for a darker line get a lighter one.
+
+def draw_lines(
+    pixels: Pixels, face: NDArray[np.int32], mesh: Mesh, depth: NDArray[np.float32] | None = None
+) -> None:
+    """Feature edges between neighbouring pixels of two faces, in place; never the triangulation.
+
+    They are outlines, creases above `CREASE_DEG` between faces of at least `LEAST_WITH_LINES`
+    pixels, and, with the depth, steps from a surface to one behind it. Colours too dark for a
+    darker line get a lighter one.
     """
     flat, colours, width = face.ravel(), pixels.reshape(-1, 3), face.shape[1]
     # The index -1 of the background finds the last entry.
-    is_large = np.roll(np.bincount(flat + 1, minlength=n_faces + 1), -1) >= LEAST_WITH_LINES
-    is_large[-1] = False
+    is_large = np.roll(np.bincount(flat + 1, minlength=mesh.n_faces + 1), -1) >= LEAST_WITH_LINES
+    normals = np.append(mesh.normals, np.zeros((1, 3)), axis=0).astype(np.float32)
+    drawn = []
     for step in (1, width):
         at = np.flatnonzero(flat[:-step] != flat[step:])
-        at = at[is_large[flat[at]] & is_large[flat[at + step]]]
         if step == 1:
             at = at[(at + 1) % width > 0]
-        colour = colours[at].astype(np.float32)
-        is_dark = colour.mean(axis=1, keepdims=True) < 56
-        colours[at] = np.where(is_dark, colour + 26, 0.62 * colour).astype(np.uint8)
+        one, other = flat[at], flat[at + step]
+        cosine = np.einsum("ni,ni->n", normals[one], normals[other])
+        is_line = (one < 0) | (other < 0)
+        is_line |= (
+            (np.abs(cosine) < math.cos(math.radians(CREASE_DEG))) & is_large[one] & is_large[other]
+        )
+        if depth is not None:  # its reciprocal is linear on a plane
+            places = np.clip(at + np.array([-1, 0, 1, 2])[:, None] * step, 0, flat.size - 1)
+            before, jump, after = np.abs(np.diff(1 / depth.ravel()[places], axis=0))
+            least = STEP_REL / np.minimum(*depth.ravel()[places[1:3]])
+            is_line |= jump > 3 * np.maximum(before, after) + least
+        drawn += [at[is_line], at[is_line] + step * (width > WIDE)]
+    rows = np.concatenate(drawn)
+    rows = rows[flat[rows] >= 0]
+    colour = colours[rows].astype(np.float32)
+    is_dark = colour.mean(axis=1, keepdims=True) < 56
+    colours[rows] = np.where(is_dark, colour + 40, LINE * colour).astype(np.uint8)
 
 
 def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
@@ -390,15 +443,12 @@ def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, widt
     rows, columns = np.ogrid[: targets.shape[0], : targets.shape[1]]
     shown = (targets >= 0) & ((rows - columns) // width % 2 == 0)
     pixels[shown] = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
-    pixels[_outlines(targets)] = OUTLINE_3D
+    pixels[outlines(targets)] = OUTLINE_3D
 
 
-def _outlines(targets: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(H, W) pixels of targets beside one of another target or of none."""
-    found = np.zeros(targets.shape, np.bool_)
-    for step in ((0, 1), (1, 0)):
-        here = targets[: targets.shape[0] - step[0], : targets.shape[1] - step[1]]
-        following = targets[step[0] :, step[1] :]
-        found[: here.shape[0], : here.shape[1]] |= (here != following) & (here >= 0)
-        found[step[0] :, step[1] :] |= (here != following) & (following >= 0)
-    return found
+def outlines(rows: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
+    padded = np.pad(rows, 1, mode="edge")
+    around = padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]
+    is_border = np.any([rows != other for other in around], axis=0)
+    return np.asarray(is_border & (rows >= 0))

@@ -7,7 +7,7 @@ wherever values of its name are known.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,7 +47,7 @@ class Painted:
     palette : (256, 3) uint8
         sRGB.
     legend : list of dict
-        Classes: level, label, colour, and the percentage of the task's area, or None.
+        Classes: level, label, colour, hatch, and the percentage of the task's area, or None.
     scale : dict or None
         Ends of a scale: low, high, unit, is_log, and the rows first ... last of the palette.
     """
@@ -62,6 +62,12 @@ class Painted:
         """(F, 3) sRGB of the faces."""
         return self.palette[self.levels]
 
+    @property
+    def hatch(self) -> Levels:
+        """(F,) hatch of the faces, as in `reasons.Words`."""
+        known = {entry["level"]: entry.get("hatch", 0) for entry in self.legend}
+        return np.array([known.get(level, 0) for level in range(256)], np.uint8)[self.levels]
+
     def keys(self, name: str) -> list[Key]:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
         keys = []
@@ -73,7 +79,8 @@ class Painted:
             if entry["label"] != OCCLUDER_LABEL:
                 share = entry["percent"]
                 of_area = "" if share is None else f", {percent(share / 100)}"
-                keys.append(Key.of(entry["label"] + of_area, entry["colour"]))
+                name = entry["label"] + of_area
+                keys.append(Key.of(name, entry["colour"], hatch=entry.get("hatch", 0)))
         return keys
 
 
@@ -109,7 +116,10 @@ def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     levels = np.where(mesh.task_mask, rows, np.uint8(OCCLUDER_OF_REASONS))
     colours: list[Colour] = [each.colour for each in REASONS.values()]
     words = [each.label for each in REASONS.values()]
-    return _classes(mesh, levels, [*colours, theme.OCCLUDER_PALE], [*words, OCCLUDER_LABEL])
+    found = _classes(mesh, levels, [*colours, theme.OCCLUDER_PALE], [*words, OCCLUDER_LABEL])
+    hatches = [*(each.hatch for each in REASONS.values()), 0]
+    legend = [entry | {"hatch": hatches[entry["level"]]} for entry in found.legend]
+    return replace(found, legend=legend)
 
 
 def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
@@ -227,7 +237,7 @@ def mode_picture(
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
     words = title or mode.words.rstrip(".")
-    return two_sides(mesh, painted.colours, words, keys, directions, eyes)
+    return two_sides(mesh, painted.colours, words, keys, painted.hatch, directions, eyes)
 
 
 def rounded(value: float) -> str:

@@ -28,7 +28,15 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.images import Key, facing, font_for, framed, write_labels
+from rastercov.report.images import (
+    Key,
+    facing,
+    font_for,
+    framed,
+    hatched,
+    outlines,
+    write_labels,
+)
 from rastercov.report.panorama import (
     DIRECTIONS,
     FINE,
@@ -266,16 +274,13 @@ def zones_picture(
     """
     mesh, listed = zones.mesh, numbered(summary)
     reasons = [zone["reason"] for zone in listed]
-    colours: list[Colour] = [REASONS[reason].colour for reason in reasons]
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone < max(1, len(listed))]] = True
     faces &= ~outer_skin(mesh, eyes)
     scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, faces, eyes=eyes)]
     seen: set[int] = set()
-    pictures = [_with_zones(zones, scene, colours, seen) for scene in scenes]
-    keys = [Key.of("covered", theme.COVERED)]
-    for reason in dict.fromkeys(reasons):
-        keys.append(Key.of(REASONS[reason].label, REASONS[reason].colour))
+    pictures = [_with_zones(zones, scene, reasons, seen) for scene in scenes]
+    keys = [Key.of_reason(reason) for reason in dict.fromkeys(["covered", *reasons])]
     if len(zones) > len(listed):
         keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
@@ -311,14 +316,16 @@ def zone_close_up(
     if not any(shown):
         return None
     scene = look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
-    return _with_zones(zones, scene, [REASONS[each["reason"]].colour for each in listed], set())
+    return _with_zones(zones, scene, [each["reason"] for each in listed], set())
 
 
 def _with_zones(
-    zones: DeadZones, scene: Scene, colours: Sequence[Colour], seen: set[int]
+    zones: DeadZones, scene: Scene, reasons: Sequence[str], seen: set[int]
 ) -> Image.Image:
     """One view of the zones, with the numbers of those that are seen, which are added."""
+    colours: list[Colour] = [REASONS[reason].colour for reason in reasons]
     n, table = len(colours), np.array([*colours, theme.UNCOVERED, theme.COVERED], np.uint8)
+    hatch = np.array([*(REASONS[reason].hatch for reason in reasons), 0, 0], np.uint8)
     layers: list[IntArray] = []  # row of the zone at each pixel, n without a number, -1 for none
 
     def zone_of(face: NDArray[np.int32], points: FloatArray) -> IntArray:
@@ -326,20 +333,15 @@ def _with_zones(
 
     def own(face: FaceImage) -> Pixels:
         layers.append(scene.at_points(face, zone_of, np.int64(-1)))
-        return table[layers[-1]]
+        return hatched(table[layers[-1]], hatch[layers[-1]], scene.stripe // 2)
 
     pixels = paint(scene, neutral(zones.mesh), own)
     shown = layers[0]
     for of_layer in layers[1:]:
         shown = np.where(of_layer >= 0, of_layer, shown)
-    for here, other, place in (
-        (shown[:, :-1], shown[:, 1:], pixels[:, :-1]),
-        (shown[:-1], shown[1:], pixels[:-1]),
-    ):
-        is_numbered = ((here >= 0) & (here < n)) | ((other >= 0) & (other < n))
-        place[(here != other) & is_numbered] = theme.INK
+    pixels[outlines(np.where(shown < n, shown, -1))] = theme.INK
     image = Image.fromarray(pixels)
-    rows = [row for row in np.unique(shown).tolist() if 0 <= row < n]
+    rows = np.flatnonzero(np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]).tolist()
     seen.update(rows)
     places = np.array([middle_of(shown == row) for row in rows]).reshape(-1, 2)
     names, own_colours = [str(row + 1) for row in rows], [colours[row] for row in rows]

@@ -6,8 +6,7 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -27,6 +26,7 @@ from rastercov.report.images import (
     facing,
     framed,
     hatch_over,
+    hatched,
     layers,
     part_drawn,
     stripes,
@@ -58,7 +58,7 @@ DIRECTIONS = np.array([(x, y, z) for z in (1, -1) for x, y in CORNERS])
 ALL_SIDES = DIRECTIONS[[0, 5]]
 """Two opposite corners: every side of a box is in one of the two pictures."""
 FROM_BELOW = 0.6
-"""Worth of what is seen from below, relative to what is seen from above."""
+"""Worth of what is seen from below, relative to what is seen from above; to the fourth indoors."""
 PIECES = 96
 """Pieces of a line, each visible or hidden."""
 PIXELS_AT_A_TIME = 1 << 16
@@ -67,11 +67,19 @@ MOST_EYES = 16
 """Cameras that are asked for the surfaces around them, spread evenly."""
 ENCLOSED = 4
 """Directions of six in which a surface must be around a camera that is indoors."""
-SKIN_REL = 0.02
-"""Distance from the hull of a building up to which a face is of its skin, relative to the
-diagonal."""
-NORMALS_AT_A_TIME = 64
-_SKINS: WeakKeyDictionary[Mesh, tuple[bytes, BoolArray]] = WeakKeyDictionary()
+SOME = 10_000
+"""Faces that the box is found of, spread evenly."""
+FEW_REL = 1e-4
+"""Part of a picture that needs no entry in its legend."""
+BEYOND = 0.01
+"""Part of the task's area that may be beyond each side of the box around most of it."""
+AROUND = 0.25
+"""Part of the longest side of that box up to which faces beyond it are in the picture."""
+OPENED = 0.12
+"""Part of the task's pixels that a plane of occluders hides from which on it is opened."""
+LAYERS = 6
+"""Surfaces behind each other that are opened."""
+_KEPT: WeakKeyDictionary[Mesh, dict[str, tuple[bytes, Any]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,6 +102,8 @@ class Scene:
         Task faces that turn their backs.
     setting : Setting
         Colours of all but the task.
+    opened : sequence of str
+        Groups that are left out, all or in part, because they hide the task.
     """
 
     mesh: Mesh
@@ -106,6 +116,7 @@ class Scene:
     light: FloatArray
     backs: BoolArray
     setting: Setting
+    opened: Sequence[str] = ()
 
     @property
     def stripe(self) -> int:
@@ -120,8 +131,8 @@ class Scene:
         return faces
 
     def shows_backs(self) -> bool:
-        """True if a task face is seen from behind."""
-        return bool(self.backs[self.faces].any())
+        """True if task faces are seen from behind, on more than a few pixels."""
+        return bool(self.backs[self.faces].sum() > FEW_REL * self.face.size)
 
     def at_points(
         self, face: FaceImage, values: OfPoints, nothing: ArrayLike, asked: BoolArray | None = None
@@ -156,7 +167,8 @@ def seen(
     """A mesh as a camera sees it, with targets, and some faces of the task behind occluders."""
     matrix = np.asarray(pose, np.float64)
     targets, beneath = layers(mesh, camera, matrix, buffer, np.asarray(task, np.int64))
-    is_front, cosine = facing(mesh, matrix)
+    is_front = facing(mesh, matrix)[0]
+    cosine = np.abs(mesh.normals @ matrix[:3, 2])  # one for all faces of a plane
     return Scene(
         mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
         light=setting.least_light + (1 - setting.least_light) * cosine,
@@ -197,7 +209,7 @@ def look(
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
     rows = np.flatnonzero(~mesh.target_mask)
     buffer = part_drawn(mesh, camera, pose, rows)
-    away = turned_away(mesh, eye, eyes) | outer_skin(mesh, eyes)
+    away, skin = turned_away(mesh, eye, eyes), _kept(outer_skin, mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
@@ -205,14 +217,71 @@ def look(
     if is_interior and 0 < len(kept) < len(rows):
         rows = kept
         buffer = part_drawn(mesh, camera, pose, rows)
-    return seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
+    is_closed = ~mesh.task_mask | skin
+    task = rows[~(is_closed | away)[rows]]
+    behind = buffer.face if len(task) == len(rows) else part_drawn(mesh, camera, pose, task).face
+    opened, n_behind = rows[:0], int((behind >= 0).sum())
+    for _ in range(LAYERS):
+        hides = np.append(is_closed, False)[buffer.face] & (behind >= 0)
+        if hides.sum() <= OPENED * n_behind:
+            break
+        bodies = _kept(_bodies, mesh, middle)
+        hidden = np.bincount(bodies[buffer.face[hides]], minlength=mesh.n_faces)
+        worth = hidden > OPENED * n_behind
+        if not worth.any():  # planes of small faces: all of them or none
+            worth = hidden > (0 if 2 * hidden.sum() > n_behind else n_behind)
+        is_opened = is_closed[rows] & worth[bodies[rows]]
+        if not is_opened.any():
+            break
+        opened, rows = np.append(opened, rows[is_opened]), rows[~is_opened]
+        buffer = part_drawn(mesh, camera, pose, rows)
+    scene = seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
+    names = [mesh.groups[row].name for row in np.unique(mesh.face_group[opened])]
+    return replace(scene, opened=names)
+
+
+def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
+    """(F,) number of the body of each face; a body around a point is taken apart into planes."""
+    body = mesh.topology.components()
+    order = np.argsort(body, kind="stable")
+    first = np.flatnonzero(np.diff(body[order], prepend=-1))
+    corners = mesh.vertices[mesh.faces[order]]
+    low = np.minimum.reduceat(corners.min(axis=1), first)
+    high = np.maximum.reduceat(corners.max(axis=1), first)
+    is_around = np.all((low <= middle) & (middle <= high), axis=1)
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    offset = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]]) / size
+    plane = np.column_stack((mesh.normals.round(2), offset.round(3))) * is_around[body, None]
+    number: IntArray = np.unique(np.column_stack((body, plane)), axis=0, return_inverse=True)[1]
+    return number.ravel()
 
 
 def task_points(mesh: Mesh) -> FloatArray:
-    """(N, 3) vertices of the scored faces, or of all faces if none is."""
-    scored = mesh.faces[mesh.task_mask] if mesh.task_mask.any() else mesh.faces
-    points: FloatArray = mesh.vertices[np.unique(scored)]
+    """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
+    points: FloatArray = _kept(_without_outliers, mesh)[0]
     return points
+
+
+def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Vertices (N, 3) of the scored faces and (M, 3) of the opaque ones, without outliers.
+
+    Beyond each side of a box is at most `BEYOND` of the area; outliers are faces farther beyond it
+    than `AROUND` of its length.
+    """
+    task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
+    found = []
+    for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
+        corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
+        ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
+        box, some = np.empty(6), slice(None, None, 1 + len(rows) // SOME)
+        for side, order in enumerate(np.argsort(ends[some], axis=0).T):
+            beyond = areas[some][order].cumsum()
+            first = np.searchsorted(beyond, BEYOND * beyond[-1])
+            box[side] = ends[some][order[first], side]
+        slack = AROUND * -(box[:3] + box[3:]).min()
+        kept = (ends >= box - slack).all(axis=1)
+        found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
+    return found[0], found[1]
 
 
 def best_directions(
@@ -222,14 +291,7 @@ def best_directions(
 
     Each direction adds most to the visible pixels of those before it.
     """
-    if not faces.any():
-        return DIRECTIONS[:count].copy()
-    shown = np.empty((len(DIRECTIONS), mesh.n_faces))
-    for row, direction in enumerate(DIRECTIONS):
-        scene = look(mesh, direction, scale=0.3, eyes=eyes)
-        is_front = facing(mesh, scene.pose)[0]
-        shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * (faces & is_front)
-        shown[row] *= FROM_BELOW if direction[2] < 0 else 1.0
+    shown = _kept(_shown, mesh, eyes) * faces
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):
@@ -238,6 +300,25 @@ def best_directions(
         chosen.append(int(gain.argmax()))
         best = np.maximum(best, shown[chosen[-1]])
     return DIRECTIONS[chosen]
+
+
+def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
+    """Pixels of the front of each face from each of `DIRECTIONS`, (8, F), weighted."""
+    shown = np.empty((len(DIRECTIONS), mesh.n_faces))
+    for row, direction in enumerate(DIRECTIONS):
+        scene = look(mesh, direction, scale=0.3, eyes=eyes)
+        shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * ~scene.backs
+        if direction[2] < 0:
+            shown[row] *= FROM_BELOW**4 if is_inside(mesh, eyes) else FROM_BELOW
+    return shown
+
+
+def _kept(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
+    """Answer of a function on a mesh and cameras; the last one for each mesh is kept."""
+    known, key = _KEPT.setdefault(mesh, {}), np.asarray(eyes, np.float64).tobytes()
+    if make.__name__ not in known or known[make.__name__][0] != key:
+        known[make.__name__] = key, make(mesh, eyes)
+    return known[make.__name__][1]
 
 
 def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
@@ -273,7 +354,7 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
         striped = behind & stripes(face.shape, scene.stripe)
         for colour, rows in ((scene.setting.back, behind), (scene.setting.back_stripe, striped)):
             pixels[rows] = np.array(colour) * light[face[rows]]
-    draw_lines(pixels, face, mesh.n_faces)
+    draw_lines(pixels, face, mesh, scene.depth if face is scene.face else None)
     return pixels
 
 
@@ -306,25 +387,21 @@ def neutral(mesh: Mesh, setting: Setting = OUTSIDE) -> Pixels:
 
 def two_sides(
     mesh: Mesh,
-    colours: Pixels | OfPoints,
+    colours: Pixels,
     title: str,
     keys: Sequence[Key],
+    hatch: NDArray[np.uint8],
     directions: FloatArray = ALL_SIDES,
     eyes: ArrayLike = (),
 ) -> Image.Image:
-    """Two views side by side, with title and legend.
-
-    `colours` are those of faces, (F, 3), or a function that gives those of points of the task.
-    """
+    """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
-    images = []
-    for scene in scenes:
-        if callable(colours):
-            own = partial(scene.at_points, values=colours, nothing=np.array(PAPER, np.uint8))
-            pixels = paint(scene, neutral(mesh), own)
-        else:
-            pixels = paint(scene, colours)
-        images.append(smooth(Image.fromarray(pixels)))
+
+    def own(face: FaceImage) -> Pixels:
+        return hatched(colours[face], hatch[face], scenes[0].stripe // 2)
+
+    painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
+    images = [smooth(Image.fromarray(pixels)) for pixels in painted]
     return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
 
@@ -346,6 +423,10 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
         keys.append(Key.of("back of the task, from here", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):
         keys.append(target_key())
+    if names := list(dict.fromkeys(name for scene in scenes for name in scene.opened)):
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        what = f": {', '.join(names[:3])}{more}" if len(mesh.groups) > 1 else " towards the reader"
+        keys.append(Key.of("opened" + what, PAPER))
     return keys
 
 
@@ -403,9 +484,10 @@ def smooth(image: Image.Image) -> Image.Image:
 
 
 def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
-    """True if most of some cameras, (P, 3), are in the bounding box of the opaque faces."""
+    """True if most of some cameras, (P, 3), are in the bounds of the opaque faces."""
     points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    low, high = mesh.opaque.bounds
+    opaque = _kept(_without_outliers, mesh)[1]
+    low, high = opaque.min(axis=0), opaque.max(axis=0)
     inside = ((points > low) & (points < high)).all(axis=1)
     return 2 * int(inside.sum()) > len(points)
 
@@ -451,34 +533,16 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
 
 
 def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
-    """(F,) faces on the hull of a building that no camera, (P, 3), is in front of.
+    """(F,) opaque faces of a building that no camera, (P, 3), is in front of.
 
-    None unless the cameras are indoors: then the outside of its walls and roof, which would hide
-    all that is inside. The last answer for each mesh is kept.
+    None unless the cameras are indoors: then the outside of walls and roof are among them, which
+    hide all that is inside.
     """
     points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    key = points.tobytes()
-    if mesh not in _SKINS or _SKINS[mesh][0] != key:
-        found = np.zeros(mesh.n_faces, np.bool_)
-        if is_enclosed(mesh, points):
-            found[_on_hull(mesh, points)] = True
-        _SKINS[mesh] = key, found
-    return _SKINS[mesh][1]
-
-
-def _on_hull(mesh: Mesh, points: FloatArray) -> IntArray:
-    """Opaque faces on the hull of a mesh that none of some points, (P, 3), is in front of."""
-    normals = mesh.normals
-    first = np.einsum("fi,fi->f", normals, mesh.vertices[mesh.faces[:, 0]])
-    is_behind = np.ones(mesh.n_faces, np.bool_)
-    for eye in points:
-        is_behind &= normals @ eye < first
-    rows = np.flatnonzero(is_behind & ~mesh.target_mask & ~mesh.degenerate_mask)
-    slack = SKIN_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    kinds, kind = np.unique(normals[rows].round(2), axis=0, return_inverse=True)
-    reach = np.empty(len(kinds))
-    for at in range(0, len(kinds), NORMALS_AT_A_TIME):
-        part = slice(at, at + NORMALS_AT_A_TIME)
-        reach[part] = (kinds[part] @ mesh.vertices.T).max(axis=1)
-    on_hull: IntArray = rows[first[rows] >= reach[kind.ravel()] - slack]
-    return on_hull
+    is_behind = np.full(mesh.n_faces, is_enclosed(mesh, points))
+    if is_behind.any():
+        is_behind &= ~mesh.target_mask & ~mesh.degenerate_mask & ~mesh.two_sided_mask
+        first = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]])
+        for eye in points:
+            is_behind &= mesh.normals @ eye < first
+    return is_behind

@@ -23,7 +23,6 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
 from rastercov.report.pages import described_frame, soup_of, zone_entries
@@ -326,13 +325,11 @@ def camera_png(
     row = state.row(station)
     own = state.stations[row]
     camera, task = state.camera_of(own), of_one_camera(state.task)
-    red, green, blue = theme.camera_colours(row + 1)[row].tolist()
-    colour = (red, green, blue)
     found = camera_image(mesh, camera, own.pose, task, side=side)
-    pixels = camera_pixels(found, colour)
+    pixels = camera_pixels(found)
     legend = [
-        {"label": key.name, "colour": first, "stripe": next(iter(others), None)}
-        for key in camera_keys(found, colour, "covered")
+        {"label": key.name, "colour": first, "stripe": next(iter(others), None), "hatch": key.hatch}
+        for key in camera_keys(found)
         for first, *others in (key.colours,)
     ]
     buffer = BytesIO()

@@ -21,7 +21,7 @@ from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
-from rastercov.report import overview, theme
+from rastercov.report import overview, panorama, theme
 from rastercov.report.images import place_labels
 from rastercov.report.modes import mode_picture
 from rastercov.report.network_page import left_picture
@@ -42,6 +42,7 @@ from rastercov.report.panorama import (
     outer_skin,
     paint,
     points_of_pixels,
+    scene_keys,
     turned_away,
 )
 
@@ -124,8 +125,54 @@ def test_the_task_fills_the_picture_whatever_stands_around_it():
     assert max(np.ptp(rows) / height, np.ptp(columns) / width) > 0.85
 
 
-def test_an_occluder_hides_no_colour_of_the_task():
+def test_outliers_do_not_shrink_the_task():
+    ball, rng = shapes.sphere(4, 0.5), np.random.default_rng(0)
+    tip = shapes.box((0.1, 0.1, 0.6), 1, (0, 0, 0.6))  # is no outlier
+    far = rng.normal(size=(20, 3)) * 50
+    corners = (far[:, None] + rng.normal(size=(20, 3, 3)) * 0.02).reshape(-1, 3)
+    mesh = joined(joined(ball, tip), Mesh(corners, np.arange(60).reshape(-1, 3)))
+    for direction in DIRECTIONS[:2]:
+        scene = look(mesh, direction, scale=0.3, eyes=[(3.0, 0, 0)])
+        assert not scene.backs[scene.face].all()
+        rows, places = in_picture(scene, mesh.centroids)
+        assert mesh.areas[rows].sum() >= 0.99 * mesh.areas.sum()
+        assert set(rows) >= set(range(mesh.n_faces - 20))
+        places = places[rows < mesh.n_faces - 20]
+        assert (np.ptp(places, axis=0) / (scene.camera.width, scene.camera.height)).max() > 0.8
+    assert not is_inside(mesh, [(3.0, 0, 0)])
+
+
+@pytest.mark.parametrize("shape", [shapes.box, shapes.room])
+def test_a_picture_does_not_show_the_triangulation(shape):
+    """The triangles of a plane have one shade, and lines are at its borders alone."""
+    one, other = (
+        paint(scene, np.full((mesh.n_faces, 3), 200, np.uint8)).astype(int)
+        for mesh in (shape(n=1), shape(n=5))
+        for scene in [look(mesh, DIRECTIONS[0], scale=1.0)]
+    )
+    assert len(np.unique(one)) > 5
+    assert (one != other).any(axis=2).mean() < 2e-3  # samples on an edge
+
+
+def test_what_hides_the_task_is_opened_and_named():
     mesh = in_fixture()
+    scene = look(mesh, (0, -1, 0.2), scale=0.5)
+    assert scene.opened == ["plate"]
+    assert not (scene.beneath >= 0).any()
+    assert "opened: plate" in {key.name for key in scene_keys([scene])}
+    assert look(mesh, (0, 1, 0.2), scale=0.5).opened == []
+    house = thick_building()
+    groups = (Group("task"), Group("shell", is_occluder=True))
+    shell = Mesh(house.vertices, house.faces, groups, np.repeat([1, 0], [12, 24]))
+    for direction in DIRECTIONS[:4]:
+        scene = look(shell, direction, scale=0.3, eyes=[(0, 0, 2.6)])
+        assert (scene.face >= 12).mean() > 0.3  # the room, not its roof
+        assert (scene.face < 12)[scene.face >= 0].mean() < 0.2
+
+
+def test_an_occluder_hides_no_colour_of_the_task(monkeypatch):
+    mesh = in_fixture()
+    monkeypatch.setattr(panorama, "OPENED", 1.0)
     scene = look(mesh, (0, -1, 0.2), scale=0.5)
     colours = np.where(mesh.task_mask[:, None], (200, 20, 20), theme.OCCLUDER_PALE).astype(np.uint8)
     pixels = paint(scene, colours).astype(int)
@@ -184,9 +231,9 @@ def test_the_outside_of_a_building_is_left_out_where_the_cameras_are_indoors():
     mesh = thick_building()
     eyes = [(2.5, 2, 2.5), (-2.5, -2, 2.5), (0, 0, 2.6)]
     assert is_enclosed(mesh, eyes)
-    assert (np.flatnonzero(outer_skin(mesh, eyes)) == np.arange(12)).all()
+    assert set(np.flatnonzero(outer_skin(mesh, eyes))) == {*range(12), 32, 33}  # and a bottom
     drawn = np.unique(look(mesh, (1, -1.5, 1), scale=0.3, eyes=eyes).faces)
-    assert set(np.unique(drawn // 12)) >= {1, 2}
+    assert set(np.unique(drawn // 12)) == {1, 2}
     assert not outer_skin(mesh, [(9, 0, 3), (0, 9, 3.0), (4, 4, 2.5)]).any()
     towers = [shapes.box((4, 4, 20), 1, (x, y, 10)) for x in (-10, 10) for y in (-10, 10)]
     city, between = reduce(joined, towers), [(0, 0, 5), (3, 9, 6), (-3, 1, 8)]
@@ -305,6 +352,9 @@ def test_colours_of_reasons_and_of_cameras_are_told_apart(colours, least):
     colours = np.array(colours).astype(int)
     apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
     assert apart.min() > least
+    hatches = [each.hatch for each in REASONS.values()]
+    assert len(set(hatches)) == len(hatches)
+    assert REASONS["covered"].hatch == 0
 
 
 # Dead zones

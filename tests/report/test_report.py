@@ -281,18 +281,6 @@ def test_background_occluders_and_backs_are_coloured_and_nothing_else_is():
     np.testing.assert_array_equal(turned, above)
 
 
-def test_lines_part_large_faces_and_not_small_ones():
-    pixels = coverage_pixels(strip_scene(), np.ones(6))
-    assert len(np.unique(pixels[105, 100:159, 0])) > 1
-    face = np.full((360, 480), -1, np.int32)
-    face[:200, :200] = np.random.default_rng(0).integers(0, 2000, (200, 200))
-    many = Mesh(STRIP.vertices, np.tile(STRIP.faces[:2], (1000, 1)))
-    buffer = VisibilityBuffer(face, np.ones(face.shape, np.float32))
-    small = coverage_pixels(seen(many, CAMERA, FROM_ABOVE, buffer), np.ones(2000))
-    plain = np.unique(small[:200, :200])
-    assert plain.min() > 200
-
-
 def test_picture_is_as_wide_as_the_image_and_shows_it_one_to_one():
     scene, values = strip_scene(), np.linspace(0, 1, 6)
     bare, titled = (

@@ -7,6 +7,7 @@ import {
   choice,
   count,
   cssColour,
+  cssHatch,
   element,
   figure,
   fill,
@@ -198,13 +199,13 @@ export function imagePanel(session, view, frusta, isVisible, large) {
   return panel;
 }
 
-/** Patch in the colour of a key, striped where the picture is. */
-function swatch({ colour, stripe }) {
+/** Patch in the colour of a key, striped or hatched where the picture is. */
+function swatch({ colour, stripe, hatch }) {
   const made = element("span.swatch");
   const plain = cssColour(colour);
   const other = stripe ? cssColour(stripe) : plain;
   made.style.background = stripe
     ? `repeating-linear-gradient(45deg, ${plain} 0 4px, ${other} 4px 7px)`
-    : plain;
+    : cssHatch(colour, hatch);
   return made;
 }

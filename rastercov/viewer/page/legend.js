@@ -1,7 +1,7 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
 import { legendOfPieces, shownPieces } from "rastercov/pieces.js";
-import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
+import { button, choice, cssColour, cssHatch, element, figure, fill, percent, count } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
 const BUSY_EVERY = 700;
@@ -46,8 +46,9 @@ export function legend(session, view) {
   return root;
 }
 
-function legendEntry({ label, colour, percent: share, level }) {
+function legendEntry({ label, colour, hatch, percent: share, level }) {
   const swatch = element("span.swatch", { "data-level": String(level) });
+  swatch.style.background = cssHatch(colour, hatch);
   swatch.style.backgroundColor = cssColour(colour);
   return element(
     "li",

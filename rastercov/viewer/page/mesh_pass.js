@@ -82,11 +82,12 @@ export class MeshPass {
     write(this.gl, this.creases, flags, this.gl.UNSIGNED_BYTE);
   }
 
-  /** 256 sRGB colours, 768 bytes. */
-  setPalette(colours) {
+  /** 256 sRGB colours, 768 bytes, and the legend, whose entries may have a hatch. */
+  setPalette(colours, legend = []) {
     const { gl } = this;
-    const texels = new Uint8Array(1024).fill(255);
+    const texels = new Uint8Array(1024);
     for (let row = 0; row < 256; row++) texels.set(colours.subarray(3 * row, 3 * row + 3), 4 * row);
+    for (const { level, hatch } of legend) texels[4 * level + 3] = hatch ?? 0;
     gl.bindTexture(gl.TEXTURE_2D, this.palette);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 256, 1, gl.RGBA, gl.UNSIGNED_BYTE, texels);
   }

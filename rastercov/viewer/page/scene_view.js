@@ -95,7 +95,7 @@ export class SceneView {
     const pieces = shownPieces(this.session, this);
     this.mesh.setLevels(pieces ? pieces.base : this.session.levels);
     this.mesh.setPieces(pieces);
-    this.mesh.setPalette(this.session.palette);
+    this.mesh.setPalette(this.session.palette, this.session.figures.legend);
   }
 
   /** Tells the device which groups are hidden, transparent or highlighted. */
