@@ -50,9 +50,10 @@ def length(metres: float) -> str:
 
 def area(square_metres: float) -> str:
     """Area as text, such as "85.2 m²": three digits."""
-    units = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6))
-    # A value that rounds to 1 has the larger unit.
-    unit, factor = next((u for u in units if square_metres * u[1] >= 0.9995), ("µm²", 1e12))
+    units = (("m²", 1.0, 1.0), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
+    # A value that rounds to the least of a unit has it.
+    fits = (each for each in units if square_metres * each[1] >= 0.9995 * each[2])
+    unit, factor, _ = next(fits, units[-1])
     value = square_metres * factor
     if value < 999.5 or not math.isfinite(value):
         return f"{number(value)} {unit}"

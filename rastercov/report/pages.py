@@ -25,7 +25,7 @@ from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
-from rastercov.base.format import length, number, percent, plural
+from rastercov.base.format import area, length, number, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -34,6 +34,7 @@ from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
+from rastercov.coverage.parts import part_rows
 from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.mesh import Mesh
 from rastercov.report import theme
@@ -79,6 +80,7 @@ def _environment(package: str) -> "Environment":
         undefined=StrictUndefined,
     )
     environment.filters |= {
+        "area": area,
         "count": "{:,}".format,
         "metres": length,
         "number": number,
@@ -86,7 +88,7 @@ def _environment(package: str) -> "Environment":
         "plural": plural,
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
-    environment.globals |= {"light": LIGHT, "dark": DARK}
+    environment.globals |= {"light": LIGHT, "dark": DARK, "part_rows": part_rows}
     return environment
 
 
