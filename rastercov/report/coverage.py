@@ -104,6 +104,8 @@ class Options:
         if self.table is not None:
             check_choice("table", self.table, CHOICES)
         check_choice("full", self.full, FULL)
+        if self.pdf and not self.pictures:
+            raise ConfigError("--pdf wants a page, got --pictures 0, which has none; leave out one")
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):

@@ -67,3 +67,11 @@ def test_without_a_browser_nothing_is_done(here, capsys, monkeypatch):
     assert code == 2
     assert "wants a browser" in err
     assert not Path("out").exists()
+
+
+def test_paper_without_a_page_is_refused(here, capsys):
+    line = "evaluate torus -c khepra -p sphere:2 --pictures 0 -o out --pdf"
+    code, _, error = call(capsys, line)
+    assert (code, error.count("\n")) == (2, 1)
+    assert "--pdf wants a page, got --pictures 0" in error
+    assert not Path("out").exists()
