@@ -24,6 +24,8 @@ from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
 
@@ -162,6 +164,7 @@ class Plan(PlanModel):
 
     _path: Path = PrivateAttr(default=Path("plan.toml"))
     _mounts: Mounts | None = PrivateAttr(default=None)
+    _rooms: dict[str, Room] = PrivateAttr(default={})
 
     @property
     def path(self) -> Path:
@@ -210,6 +213,36 @@ class Plan(PlanModel):
     def rig(self) -> Rig:
         """All cameras with their names, those of rigs too."""
         return self.mounts.rig
+
+    @property
+    def built_rooms(self) -> dict[str, Room]:
+        """Rooms by name; none before `with_rooms`."""
+        return self._rooms
+
+    def with_rooms(self, mesh: Mesh) -> Self:
+        """The same plan with its rooms in a mesh; PlanError with a line for each that fails."""
+        other, lines = self.model_copy(), []
+        other._rooms = {}
+        for name, each in self.rooms.items():
+            try:
+                if each.polygon is None or each.z is None:
+                    room = Room.at(mesh, each.inside or (), each.opening, name)
+                else:
+                    room = Room.of_polygon(each.polygon, (each.z[0], each.z[1]), name)
+                other._rooms[name] = room
+            except RastercovError as error:
+                lines.append(f"rooms.{name}: {error}")
+        if lines:
+            raise PlanError(self.name, lines)
+        return other
+
+    def room(self, name: str) -> Room:
+        """Room by its name; ConfigError for an unknown one."""
+        if name not in self._rooms:
+            raise ConfigError(
+                f"there is no room {name!r}; rooms are {', '.join(self._rooms) or 'none'}"
+            )
+        return self._rooms[name]
 
     def with_cameras(self, rig: Rig) -> Self:
         """The same plan with other cameras, each a mount of its own."""
