@@ -10,6 +10,7 @@ positions on the mesh.
 
 import math
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Literal
 
 import numpy as np
@@ -251,7 +252,7 @@ def in_room(
     *,
     room: Room,
     spacing: float,
-    aim: Aim | None = None,
+    aims: Sequence[Aim] = (),
     inset: float = 0.1,
     heights: tuple[float, float] | None = None,
     on: Sequence[Literal["walls", "ceiling"]] = ("walls", "ceiling"),
@@ -269,8 +270,8 @@ def in_room(
     room : Room
     spacing : float
         Largest distance of a place on the walls from a position, metres; > 0.
-    aim : Aim, optional
-        Rule of aim; the middle of the room by default.
+    aims : sequence of Aim
+        Rules of aim, a candidate for each; the middle of the room by default.
     inset : float
         Distance from the mesh, metres; > 0.
     heights : (float, float), optional
@@ -294,7 +295,8 @@ def in_room(
         raise ConfigError(f"spacing and inset must be positive, got {spacing} and {inset} m")
     low, high = room.bounds.copy()
     if heights is not None:
-        low[2], high[2] = finite_points("heights", heights, (2,), "two finite numbers")
+        limits = finite_points("heights", heights, (2,), "two finite numbers")
+        low[2], high[2] = max(low[2], limits[0]), min(high[2], limits[1])
     surface, corners = nearest_obstacle(mesh), mesh.vertices[mesh.faces]
     is_level = np.abs(mesh.normals[:, 2]) >= LEVEL
     usable = np.where(is_level, "ceiling" in on, "walls" in on) & ~mesh.degenerate_mask
@@ -323,8 +325,13 @@ def in_room(
     eyes, rows = eyes[kept], rows[kept]
     kept = np.flatnonzero(room.contains(eyes))
     kept = kept[_spread_out(eyes[kept], spacing)]
-    rule = aim or at_point(room.middle)
-    return _aimed(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
+    return reduce(
+        Candidates.__add__,
+        [
+            _aimed(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
+            for rule in aims or [at_point(room.middle)]
+        ],
+    )
 
 
 def _spread_out(points: FloatArray, spacing: float) -> list[int]:

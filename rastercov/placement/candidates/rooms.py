@@ -123,11 +123,10 @@ class Room:
         def outline(height: float) -> Any:
             return shape if low <= height <= high else shapely.Polygon()
 
-        middle = shape.centroid if shape.contains(shape.centroid) else shape.representative_point()
-        box = np.array(shape.bounds).reshape(2, 2)
-        bounds = np.column_stack((box, (low, high)))
-        centre = np.array([middle.x, middle.y, (low + high) / 2])
-        return cls(name, centre, bounds, contains, outline)
+        bounds = np.column_stack((np.reshape(shape.bounds, (2, 2)), (low, high)))
+        within = shape.centroid if shape.contains(shape.centroid) else shape.representative_point()
+        middle = np.array([within.x, within.y, (low + high) / 2])
+        return cls(name, middle, bounds, contains, outline)
 
 
 class _Space:
@@ -156,19 +155,16 @@ class _Space:
         distance = np.linalg.norm(ways, axis=1)
         order = np.argsort(distance, kind="stable")
         self.ways = ways[order[distance[order] <= REACH]]
-        start, at = self._place_near(inside[None]), f"inside: {np.round(inside, 3).tolist()}"
-        if start[0] < 0:
-            raise ConfigError(
-                f"{at} has no space around it that is wider than openings of {opening:g} m; "
-                "correct the point, or give a smaller opening"
-            )
-        self.is_room = self._flooded(start)
-        reached = self._position(np.flatnonzero(self.is_room))
+        start = self._place_near(inside[None])
+        self.is_room = self._flooded(start[start >= 0])
+        reached = np.append(self._position(np.flatnonzero(self.is_room)), inside[None], axis=0)
         self.bounds = np.stack((reached.min(axis=0), reached.max(axis=0)))
-        if (self.bounds[0] < mesh.bounds[0] - free).any():
+        is_open = (np.abs(self.bounds - self.centre) > extent / 2 + free).any()
+        if is_open or start[0] < 0:
+            fault = "a wider way leads out of the mesh" if is_open else "the space is narrower"
             raise ConfigError(
-                f"{at} is not closed in: a way wider than {opening:g} m leads out of the mesh; "
-                "correct the point, give a greater opening, or a polygon"
+                f"inside: {np.round(inside, 3).tolist()} is in no room with openings of "
+                f"{opening:g} m at most: {fault}; correct the point or opening, or give a polygon"
             )
         self.bounds += np.array([[-BEYOND], [BEYOND]]) * self.step
 
@@ -262,11 +258,11 @@ def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
 
 def wrong_side(rooms: Sequence[Room], eyes: FloatArray) -> list[str]:
     """A line on (P, 3) camera centres that are in none of the rooms, metres; often none."""
-    outside = ~np.any([room.contains(eyes) for room in rooms], axis=0) & bool(rooms)
-    rows = np.flatnonzero(outside)
-    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]]
-    more = ["more"] if len(rows) > MOST_NAMED else []
-    return [
-        f"{plural(len(rows), 'camera', 'are')} outside of the rooms "
-        f"({', '.join(room.name for room in rooms)}) or behind a wall: {', '.join(named + more)}"
-    ] * bool(len(rows))
+    if not rooms:
+        return []
+    rows = np.flatnonzero(~np.any([room.contains(eyes) for room in rooms], axis=0))
+    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows]
+    named[MOST_NAMED:] = ["..."] if len(rows) > MOST_NAMED else []
+    of = ", ".join(room.name for room in rooms)
+    line = f"{plural(len(rows), 'camera', 'are')} outside of the rooms ({of}) or behind a wall: "
+    return [line + ", ".join(named)] if named else []

@@ -220,28 +220,21 @@ class Plan(PlanModel):
         return self._rooms
 
     def with_rooms(self, mesh: Mesh) -> Self:
-        """The same plan with its rooms in a mesh; PlanError with a line for each that fails."""
-        other, lines = self.model_copy(), []
+        """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
+        other = self.model_copy()
         other._rooms = {}
-        for name, each in self.rooms.items():
+        for name, section in self.rooms.items():
             try:
-                if each.polygon is None or each.z is None:
-                    room = Room.at(mesh, each.inside or (), each.opening, name)
-                else:
-                    room = Room.of_polygon(each.polygon, (each.z[0], each.z[1]), name)
-                other._rooms[name] = room
+                other._rooms[name] = section.build(mesh, name)
             except RastercovError as error:
-                lines.append(f"rooms.{name}: {error}")
-        if lines:
-            raise PlanError(self.name, lines)
+                raise PlanError(self.name, [f"rooms.{name}: {error}"]) from None
         return other
 
     def room(self, name: str) -> Room:
         """Room by its name; ConfigError for an unknown one."""
         if name not in self._rooms:
-            raise ConfigError(
-                f"there is no room {name!r}; rooms are {', '.join(self._rooms) or 'none'}"
-            )
+            known = ", ".join(self._rooms) or "none"
+            raise ConfigError(f"there is no room {name!r}; rooms are {known}")
         return self._rooms[name]
 
     def with_cameras(self, rig: Rig) -> Self:

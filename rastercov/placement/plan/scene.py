@@ -412,11 +412,12 @@ def _made(
                 found = found.take(of_pose[found.index] == index)
             yield found
         case entries.InRoom():
-            given = {"spacing": entry.spacing} | _own(entry, entries.Aimed)
-            given["room"] = plan.room(entry.room)
-            for aim in entry.aim:
-                rule = None if aim.middle else _rule(aim)
-                yield mounting.in_room(*view, aim=rule, **given)
+            room = plan.room(entry.room)
+            rules = [
+                mounting.at_point(room.middle) if aim.middle else _rule(aim) for aim in entry.aim
+            ]
+            own = _own(entry, entries.Aimed) | {"room": room}
+            yield mounting.in_room(*view, spacing=entry.spacing, aims=rules, **own)
         case entries.Mounted():
             mount = getattr(mounting, entry.generator)
             bounds = None if entry.low is None else np.array([entry.low, entry.high])

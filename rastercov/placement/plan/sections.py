@@ -41,10 +41,12 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.rig import Rig
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -593,6 +595,12 @@ class RoomSection(Entry):
         only_one(self, ("inside", "polygon"))
         together(self, "polygon", "z")
         return self
+
+    def build(self, mesh: Mesh, name: str) -> Room:
+        """The room in a mesh; ConfigError where the entries do not make one."""
+        if self.polygon is None or self.z is None:
+            return Room.at(mesh, self.inside or (), self.opening, name)
+        return Room.of_polygon(self.polygon, (self.z[0], self.z[1]), name)
 
 
 class TargetEntry(Entry):
