@@ -291,7 +291,7 @@ def in_room(
     ConfigError
         For a spacing or an inset outside its range, and for an unknown group.
     """
-    if not 0 < spacing < np.inf or not 0 < inset < np.inf:
+    if not 0 < spacing < np.inf or not 0 < inset <= LARGEST_COORDINATE:
         raise ConfigError(f"spacing and inset must be positive, got {spacing} and {inset} m")
     low, high = room.bounds.copy()
     if heights is not None:
@@ -308,7 +308,7 @@ def in_room(
         return Candidates.of(np.zeros((0, 4, 4)), IN_ROOM + room.name)
     found = cells(Mesh(mesh.vertices, mesh.faces[rows]), min(FINEST, spacing / 2))
     rows = np.tile(rows[found.source_face], 2)
-    away = mesh.normals[rows] * np.repeat([inset, -inset], len(found))[:, None]
+    away = mesh.normals[rows] * np.repeat((float(inset), -float(inset)), len(found))[:, None]
     eyes = np.tile(found.vertices[found.faces].mean(axis=1), (2, 1)) + away
     within = np.clip(eyes, low, high)
     kept = (np.abs(eyes - within) <= found.size * np.array([0, 0, 1])).all(axis=1)
@@ -325,13 +325,11 @@ def in_room(
     eyes, rows = eyes[kept], rows[kept]
     kept = np.flatnonzero(room.contains(eyes))
     kept = kept[_spread_out(eyes[kept], spacing)]
-    return reduce(
-        Candidates.__add__,
-        [
-            _aimed(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
-            for rule in aims or [at_point(room.middle)]
-        ],
-    )
+    every = [
+        _aimed(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
+        for rule in list(aims) or [at_point(room.middle)]
+    ]
+    return reduce(Candidates.__add__, every)
 
 
 def _spread_out(points: FloatArray, spacing: float) -> list[int]:

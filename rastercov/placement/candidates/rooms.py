@@ -235,7 +235,7 @@ def around_faces(mesh: Mesh, groups: Sequence[str], distance: float) -> Any:
 
     faces = mesh.faces[np.array([group.name in groups for group in mesh.groups])[mesh.face_group]]
     shapes = shapely.convex_hull(shapely.multipoints(mesh.vertices[faces, :2]))
-    return shapely.union_all(shapely.buffer(shapes, distance, quad_segs=8))
+    return shapely.buffer(shapely.union_all(shapes), distance, quad_segs=8)
 
 
 def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
