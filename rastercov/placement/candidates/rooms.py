@@ -143,18 +143,14 @@ class _Space:
                 f"inside: a mesh of {mesh.size_in_words} with openings of {opening:g} m has too "
                 f"many places, {MOST_PLACES:,} at most; give a polygon, or a greater opening"
             )
-        self.shape, self.size = (
-            tuple(shape.astype(np.int64).tolist()),
-            float(np.linalg.norm(extent)),
-        )
-        rows = mesh.faces[~mesh.degenerate_mask]
-        self.tree = TriangleTree.over((mesh.vertices - self.centre) / self.size, rows)
+        self.shape, self.size = tuple(shape.astype(np.int64).tolist()), np.linalg.norm(extent)
         places = self._position(np.arange(int(np.prod(shape))))
         self.is_free = NearestSurface(mesh).query(places).distance >= free
+        rows = mesh.faces[~mesh.degenerate_mask]
+        self.tree = TriangleTree.over((mesh.vertices - self.centre) / self.size, rows)
         ways = np.indices((2 * REACH + 1,) * 3).reshape(3, -1).T - REACH
-        distance = np.linalg.norm(ways, axis=1)
-        order = np.argsort(distance, kind="stable")
-        self.ways = ways[order[distance[order] <= REACH]]
+        ways = ways[np.linalg.norm(ways, axis=1) <= REACH]
+        self.ways = ways[np.argsort((ways**2).sum(axis=1), kind="stable")]
         start = self._place_near(inside[None])
         self.is_room = self._flooded(start[start >= 0])
         reached = np.append(self._position(np.flatnonzero(self.is_room)), inside[None], axis=0)
@@ -181,9 +177,8 @@ class _Space:
         corner = np.indices(count.astype(np.int64)).reshape(2, -1).T
         xy = low + (corner + 0.5) * self.square
         corner = corner[self.contains(np.insert(xy, 2, height, axis=1))]
-        whole = shapely.union_all(
-            shapely.box(*corner.T, *(corner + 1).T)
-        )  # of whole numbers: exact
+        # Of whole numbers, so that neighbours have the same corners, bit for bit.
+        whole = shapely.union_all(shapely.box(*corner.T, *(corner + 1).T))
         return shapely.transform(whole.simplify(0.0), lambda at: low + at * self.square)
 
     def _position(self, place: IntArray) -> FloatArray:
