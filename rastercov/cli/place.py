@@ -86,7 +86,7 @@ def place(
     placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf)
     prepared = placed.prepared
     warn(prepared.mesh.warnings)
-    doubts = _doubts(asked, placed.cameras)
+    doubts = _doubts(prepared.plan, placed.cameras)
     if not len(placed.cameras.placed):  # nothing is covered from any candidate
         pool = prepared.pool.candidates.placed
         doubts = report.of_plan(unit_doubts(prepared.mesh, prepared.plan.rig, pool))
@@ -203,11 +203,13 @@ def check(
 
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
-    """Lines about the unit of the meshes, and the side that their faces show."""
+    """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
     from rastercov.coverage.doubts import doubts
+    from rastercov.placement.candidates.rooms import wrong_side
     from rastercov.report.plan import of_plan
 
-    return of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
+    return [*lines, *of_plan(doubts(cameras.network, plan.rig, cameras.placed))]
 
 
 @contextmanager

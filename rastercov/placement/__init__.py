@@ -25,6 +25,7 @@ from rastercov.placement.candidates.mounting import (
     at_middle,
     at_nearest_surface,
     at_point,
+    in_room,
     on_box,
     on_ceiling,
     on_hemisphere,
@@ -38,6 +39,7 @@ from rastercov.placement.candidates.pool import (
     per_face,
     per_segment,
 )
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -79,6 +81,7 @@ __all__ = [
     "PoseSpace",
     "Problem",
     "Refined",
+    "Room",
     "Segmentation",
     "Selection",
     "Sight",
@@ -91,6 +94,7 @@ __all__ = [
     "build_matrix",
     "filter_candidates",
     "from_poses",
+    "in_room",
     "in_solid",
     "measure_matrix",
     "on_box",

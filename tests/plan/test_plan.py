@@ -24,7 +24,7 @@ from rastercov.placement.plan import sections as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
 from rastercov.placement.plan.network import certain_and_possible, judge, percent
-from rastercov.placement.plan.scene import candidate_pool, framing_of, scene
+from rastercov.placement.plan.scene import candidate_pool, framing_of, named_scene, scene
 from rastercov.placement.plan.sections import PlanModel
 
 ROOT = Path(__file__).parents[2]
@@ -237,6 +237,12 @@ ENTRIES = {
     "on_box": ('spacing = 9\noutward = 1.0\nsides = ["+z", "-z"]\n', "box", 8),
     "on_walls": ("spacing = 9\ninset = -1.0\n", "walls", 8),
     "on_ceiling": ("spacing = 9\ninset = -1.0\n", "ceiling", 4),
+    "in_room": (
+        'room = "r"\nspacing = 9\n[rooms.r]\nz = [-9, 9]\n'
+        "polygon = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\n",
+        "in r",
+        1,
+    ),
     "poses": ('file = "rig.json"\n', "poses", 5),
 }
 
@@ -246,7 +252,7 @@ def test_an_entry_makes_the_candidates_of_its_generator(generator):
     own, source, count = ENTRIES[generator]
     write_poses("rig.json", sphere_of_poses((0, 0, 0), 3, 5))
     plan = plan_of(ENTRY + f'"{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}')
-    mesh = scene(plan)
+    mesh, plan, _ = named_scene(plan)
     made = candidate_pool(plan, mesh)
     assert made.made == {source: 2 * count}
     assert (made.costs == 2.5).all()

@@ -29,6 +29,8 @@ SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
 SHEETS = {"spacing": 0.4, "inset": 0.1}
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
+SQUARE = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
+ROOM = placement.Room.of_polygon(SQUARE, (-2, 2))
 OWN: dict[str, dict[str, Any]] = {
     "Camera": LENS
     | {"cx": 1.0, "cy": 1.0, "near": 0.1, "focal_length": 0.01, "pixel_size": (1e-5, 1e-5)}
@@ -95,6 +97,7 @@ OWN: dict[str, dict[str, Any]] = {
     "on_box": {"spacing": 0.7, "bounds": [(-2, -2, -2), (2, 2, 2)]},
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
+    "in_room": SHEETS | {"heights": (0.1, 0.9), "room": ROOM},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},
     "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},
@@ -311,7 +314,7 @@ SLOW = {
     "optimise": ("budget", "population", "cameras"),
     "refine": ("budget", "halvings"),
     **dict.fromkeys(("on_sphere", "on_hemisphere"), ("count",)),
-    **dict.fromkeys(("on_box", "on_walls", "on_ceiling"), ("spacing",)),
+    **dict.fromkeys(("on_box", "on_walls", "on_ceiling", "in_room"), ("spacing",)),
     "select_greedy": ("effort",),
     "tolerance": ("draws",),
 }

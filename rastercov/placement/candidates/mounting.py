@@ -1,10 +1,17 @@
 """Candidate poses at mounting positions: around a part, on walls, under a ceiling.
 
 The generators of `pool` follow the surface of the part; these follow the space where cameras can be
-mounted. Positions are on a sphere, or on a grid on the sides of a box with a rule for the aim.
+mounted. Positions are on a sphere, on a grid on the sides of a box, or on the mesh inside a room,
+with a rule for the aim.
+
+T. F. Gonzalez. Clustering to Minimize the Maximum Intercluster Distance. 1985, for the choice of
+positions on the mesh.
 """
 
+import math
 from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,19 +19,29 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE, finite_points
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
+from rastercov.coverage.area.cells import cells
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.clearance import NearestSurface
+from rastercov.placement.candidates.clearance import NearestSurface, in_solid, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.rooms import Room
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
 """Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 WALLS, CEILING = SIDES[:4], SIDES[5:]
 MOST_POSITIONS = 10_000_000
+IN_ROOM = "in "
+"""Start of the sources of `in_room`, before the name of the room."""
+LEVEL = math.cos(math.radians(45))
+"""Least |z| of the normal of a ceiling or a roof."""
+FINEST = 0.5
+"""Largest side of the cells on the mesh whose middles are tried, metres."""
+INSET_TOLERANCE_REL, PUSHES = 1e-6, 8
+"""Of the distance from the mesh; and steps that move a position out of a corner."""
 
 
 @typed
@@ -60,10 +77,7 @@ def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
     def aim(mesh: Mesh, eyes: FloatArray) -> FloatArray:
         chosen = mesh.task_mask
         if names is not None:
-            known = [group.name for group in mesh.groups]
-            if unknown := sorted(set(names) - set(known)):
-                raise ConfigError(f"groups must be among {known}, got {unknown}; correct them")
-            chosen = np.isin(mesh.face_group, [known.index(name) for name in names])
+            chosen = _of_groups(mesh, names)
         return NearestSurface(mesh, chosen).query(eyes).point
 
     return aim
@@ -230,6 +244,114 @@ def on_ceiling(
     )
 
 
+@typed
+def in_room(
+    mesh: Mesh,
+    camera: Camera,
+    framing: Framing = DEFAULT,
+    *,
+    room: Room,
+    spacing: float,
+    aims: Sequence[Aim] = (),
+    inset: float = 0.1,
+    heights: tuple[float, float] | None = None,
+    on: Sequence[Literal["walls", "ceiling"]] = ("walls", "ceiling"),
+    groups: Sequence[str] = (),
+) -> Candidates:
+    """Views from the walls and the ceiling of the mesh in a room; z is up.
+
+    The middles of small cells of the mesh are moved off it, to both sides, and out of corners. Of
+    those in the room, the one furthest from the positions so far is the next one, until none is
+    further than the spacing: corners come first, and a smaller spacing, of 1 m or more, adds to the
+    positions of a larger one.
+
+    Parameters
+    ----------
+    room : Room
+    spacing : float
+        Largest distance of a place on the walls from a position, metres; > 0.
+    aims : sequence of Aim
+        Rules of aim, a candidate for each; the middle of the room by default.
+    inset : float
+        Distance from the mesh, metres; > 0.
+    heights : (float, float), optional
+        Lowest and highest z of the positions; all of the room by default.
+    on : sequence of {"walls", "ceiling"}
+        Faces to use: steep ones from either side, others from below. Furniture counts, too.
+    groups : sequence of str
+        Faces of these groups only; all by default.
+
+    Returns
+    -------
+    Candidates
+        The source has the name of the room; `index` is the face.
+
+    Raises
+    ------
+    ConfigError
+        For a spacing or an inset outside its range, and for an unknown group.
+    """
+    if not 0 < spacing < np.inf or not 0 < inset <= LARGEST_COORDINATE:
+        raise ConfigError(f"spacing and inset must be positive, got {spacing} and {inset} m")
+    low, high = room.bounds.copy()
+    if heights is not None:
+        limits = finite_points("heights", heights, (2,), "two finite numbers")
+        low[2], high[2] = max(low[2], limits[0]), min(high[2], limits[1])
+    surface, corners = nearest_obstacle(mesh), mesh.vertices[mesh.faces]
+    is_level = np.abs(mesh.normals[:, 2]) >= LEVEL
+    usable = np.where(is_level, "ceiling" in on, "walls" in on) & ~mesh.degenerate_mask
+    usable &= ~mesh.target_mask & (_of_groups(mesh, groups) if len(groups) else True)
+    usable &= (corners.max(axis=1) >= low - inset).all(axis=1)
+    usable &= (corners.min(axis=1) <= high + inset).all(axis=1)
+    rows = np.flatnonzero(usable)
+    if surface is None or not len(rows):
+        return Candidates.of(np.zeros((0, 4, 4)), IN_ROOM + room.name)
+    found = cells(Mesh(mesh.vertices, mesh.faces[rows]), min(FINEST, spacing / 2))
+    rows = np.tile(rows[found.source_face], 2)
+    away = mesh.normals[rows] * np.repeat((float(inset), -float(inset)), len(found))[:, None]
+    eyes = np.tile(found.vertices[found.faces].mean(axis=1), (2, 1)) + away
+    within = np.clip(eyes, low, high)
+    kept = (np.abs(eyes - within) <= found.size * np.array([0, 0, 1])).all(axis=1)
+    kept &= ~(is_level[rows] & (away[:, 2] > 0))
+    eyes, rows = within[kept], rows[kept]
+    tight = np.arange(len(eyes))
+    for _ in range(PUSHES):
+        near = surface.query(eyes[tight])
+        is_tight = (near.distance > 0) & (near.distance < inset)
+        tight, way = tight[is_tight], (eyes[tight] - near.point)[is_tight]
+        eyes[tight] += way * (inset / near.distance[is_tight] - 1)[:, None]
+    kept = np.abs(surface.query(eyes).distance / inset - 1) <= INSET_TOLERANCE_REL
+    kept &= ((low <= eyes) & (eyes <= high)).all(axis=1) & ~in_solid(mesh, eyes)
+    eyes, rows = eyes[kept], rows[kept]
+    kept = np.flatnonzero(room.contains(eyes))
+    kept = kept[_spread_out(eyes[kept], spacing)]
+    every = [
+        _aimed(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
+        for rule in list(aims) or [at_point(room.middle)]
+    ]
+    return reduce(Candidates.__add__, every)
+
+
+def _spread_out(points: FloatArray, spacing: float) -> list[int]:
+    """Rows of (N, 3) points: each furthest from those before, until none is beyond the spacing."""
+    chosen: list[int] = []
+    distance = np.full(len(points), np.inf)
+    following = np.lexsort(points.T[::-1])[:1]
+    while len(following) and distance[following[0]] > spacing:
+        chosen.append(int(following[0]))
+        distance = np.minimum(distance, np.linalg.norm(points - points[following], axis=1))
+        following = np.argmax(distance, keepdims=True)
+    return chosen
+
+
+def _of_groups(mesh: Mesh, names: Sequence[str]) -> BoolArray:
+    """(F,) faces of the groups of these names; ConfigError for an unknown one."""
+    known = [group.name for group in mesh.groups]
+    if unknown := sorted(set(names) - set(known)):
+        raise ConfigError(f"groups must be among {known}, got {unknown}; correct them")
+    return np.isin(mesh.face_group, [known.index(name) for name in names])
+
+
 def _around(
     mesh: Mesh,
     camera: Camera,
@@ -273,14 +395,17 @@ def _upright(framing: Framing) -> FloatArray:
     return np.stack((first, np.cross(up, first), up), axis=1)
 
 
-def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str) -> Candidates:
+def _aimed(
+    mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str, index: ArrayLike = -1
+) -> Candidates:
     """Views from `eyes` by a rule, each with every roll; positions at their target are left out."""
     targets = np.asarray(aim(mesh, eyes), np.float64) if len(eyes) else eyes
     seeing = (targets != eyes).any(axis=1)
+    index = np.broadcast_to(index, len(eyes))[seeing]
     eyes, targets = eyes[seeing], targets[seeing]
     if not len(eyes):
         return Candidates.of(np.zeros((0, 4, 4)), source)
-    return rolled_candidates(look_at(eyes, targets, framing.up), source, -1, framing)
+    return rolled_candidates(look_at(eyes, targets, framing.up), source, index, framing)
 
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:

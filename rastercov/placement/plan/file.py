@@ -24,6 +24,8 @@ from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
 
@@ -162,6 +164,7 @@ class Plan(PlanModel):
 
     _path: Path = PrivateAttr(default=Path("plan.toml"))
     _mounts: Mounts | None = PrivateAttr(default=None)
+    _rooms: dict[str, Room] = PrivateAttr(default={})
 
     @property
     def path(self) -> Path:
@@ -210,6 +213,29 @@ class Plan(PlanModel):
     def rig(self) -> Rig:
         """All cameras with their names, those of rigs too."""
         return self.mounts.rig
+
+    @property
+    def built_rooms(self) -> dict[str, Room]:
+        """Rooms by name; none before `with_rooms`."""
+        return self._rooms
+
+    def with_rooms(self, mesh: Mesh) -> Self:
+        """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
+        other = self.model_copy()
+        other._rooms = {}
+        for name, section in self.rooms.items():
+            try:
+                other._rooms[name] = section.build(mesh, name)
+            except RastercovError as error:
+                raise PlanError(self.name, [f"rooms.{name}: {error}"]) from None
+        return other
+
+    def room(self, name: str) -> Room:
+        """Room by its name; ConfigError for an unknown one."""
+        if name not in self._rooms:
+            known = ", ".join(self._rooms) or "none"
+            raise ConfigError(f"there is no room {name!r}; rooms are {known}")
+        return self._rooms[name]
 
     def with_cameras(self, rig: Rig) -> Self:
         """The same plan with other cameras, each a mount of its own."""

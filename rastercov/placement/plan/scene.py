@@ -24,6 +24,7 @@ from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.clearance import KeepOut, Place
 from rastercov.placement.candidates.pool import Candidates, Framing
+from rastercov.placement.candidates.rooms import around_faces, clipped_sheet
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan import sections as entries
@@ -89,6 +90,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         for file, part in zip(files, parts, strict=True)
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
+    plan = plan.with_rooms(mesh)
     mesh, lines = _with_targets(plan, mesh, of_files)
     names = Names((group.name for group in mesh.groups), of_files)
     changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
@@ -186,7 +188,14 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> tuple[M
     if entry.above is not None:
         assert entry.height is not None
         name = entry.name or f"{entry.above} + {entry.height:g} m"
-        return sheet_above(mesh, names.groups_of(entry.above), entry.height), name
+        sheet = sheet_above(mesh, names.groups_of(entry.above), entry.height)
+        outlines = []
+        if entry.room is not None:
+            outlines.append(plan.room(entry.room).outline(float(sheet.bounds[:, 2].mean())))
+        if entry.near:
+            near = [group for each in entry.near for group in names.groups_of(each)]
+            outlines.append(around_faces(mesh, near, entry.within))
+        return (clipped_sheet(sheet, outlines) if outlines else sheet), name
     if entry.file is not None:
         path = plan.folder / entry.file
         return Mesh.load(path, entry.unit), entry.name or path.stem
@@ -402,6 +411,13 @@ def _made(
                 of_pose = views.with_cameras(Rig(firsts, mounts.names)).poses.camera
                 found = found.take(of_pose[found.index] == index)
             yield found
+        case entries.InRoom():
+            room = plan.room(entry.room)
+            rules = [
+                mounting.at_point(room.middle) if aim.middle else _rule(aim) for aim in entry.aim
+            ]
+            own = _own(entry, entries.Aimed) | {"room": room}
+            yield mounting.in_room(*view, spacing=entry.spacing, aims=rules, **own)
         case entries.Mounted():
             mount = getattr(mounting, entry.generator)
             bounds = None if entry.low is None else np.array([entry.low, entry.high])
@@ -433,7 +449,8 @@ def _segmented(mesh: Mesh, entry: entries.PerSegment) -> Segmentation:
 def _boxes(part: Candidates) -> Iterator[FloatArray]:
     """(2, 3) boxes of the allowed positions of an entry, where the plan has no spaces.
 
-    Mounted cameras stay on the sides of their box; others may move within their bounding box.
+    Mounted cameras stay on the sides of their box, and those on the mesh in a room where they are;
+    others may move within their bounding box.
     """
     eyes = part.poses[:, :3, 3]
     mounts = {"walls": mounting.WALLS, "ceiling": mounting.CEILING, "box": mounting.SIDES}
@@ -443,5 +460,7 @@ def _boxes(part: Candidates) -> Iterator[FloatArray]:
             level = (eyes.min(axis=0), eyes.max(axis=0))[end][axis]
             on_side = eyes[eyes[:, axis] == level]
             yield np.stack((on_side.min(axis=0), on_side.max(axis=0)))
+    elif part.sources[0].startswith(mounting.IN_ROOM):
+        yield from np.stack((eyes, eyes), axis=1)
     elif len(eyes):
         yield np.stack((eyes.min(axis=0), eyes.max(axis=0)))

@@ -41,10 +41,12 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.rig import Rig
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -427,7 +429,7 @@ class Aim(Entry):
     """Direction of view of a mounted camera: one of the four."""
 
     middle: Literal[True] | None = None
-    """The middle of the scene."""
+    """The middle of the scene, or of the room."""
     point: Triple | None = None
     """A point."""
     direction: Direction | None = None
@@ -441,13 +443,37 @@ class Aim(Entry):
         return self
 
 
-class Mounted(Generator):
-    """Views from a grid of mounting positions."""
+class Aimed(Generator):
+    """Views from mounting positions, each by a rule."""
 
     spacing: Positive
-    """Largest distance between neighbours, m."""
+    """Largest distance between neighbours, or from a place on the walls of a room, m."""
     aim: Some[Aim] = [Aim(middle=True)]
     """Points to look at; a candidate for each."""
+
+
+Heights = Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)]
+
+
+class InRoom(Aimed):
+    """Mounting positions on the walls and the ceiling of the mesh, in a room; z is up."""
+
+    generator: Literal["in_room"]
+    room: Name
+    """Name of the room, in whose middle the default aim is."""
+    inset: Positive = 0.1
+    """Distance from the mesh, m."""
+    heights: Heights | None = None
+    """[lowest, highest] z, or one, m; all of the room if left out."""
+    on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
+    """Faces to use: steep ones, and others from below."""
+    groups: list[Name] = []
+    """Faces of these groups only; all if empty."""
+
+
+class Mounted(Aimed):
+    """Views from a grid of mounting positions."""
+
     low: Triple | None = None
     """Corner of the box; that of the scene."""
     high: Triple | None = None
@@ -474,7 +500,7 @@ class OnWalls(Mounted):
     generator: Literal["on_walls"]
     inset: Number = 0.1
     """Distance from walls, floor and ceiling, m."""
-    heights: Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)] | None = None
+    heights: Heights | None = None
     """[lowest, highest] z, or one, m; from floor to ceiling if left out."""
 
 
@@ -495,7 +521,7 @@ class PoseFile(Generator):
 
 
 OfSurface = PerSegment | PerFace | PerCavity
-OfPlaces = Around | OnBox | OnWalls | OnCeiling | PoseFile
+OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | PoseFile
 CandidateEntry = Annotated[OfSurface | OfPlaces, Field(discriminator="generator")]
 
 
@@ -552,6 +578,31 @@ class MeshEntry(Entry):
         return self
 
 
+class RoomSection(Entry):
+    """A part of a building: the space that a point reaches, or a polygon with heights."""
+
+    inside: Triple | None = None
+    """Point in the room, from which it is reached without crossing the mesh."""
+    opening: Positive = 1.0
+    """Width up to which openings between rooms are closed, m; of inside."""
+    polygon: list[Pair] | None = None
+    """Corners [x, y] of the room in order, m."""
+    z: Pair | None = None
+    """[lowest, highest] z of the room, m; of polygon."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("inside", "polygon"))
+        together(self, "polygon", "z")
+        return self
+
+    def build(self, mesh: Mesh, name: str) -> Room:
+        """The room in a mesh; ConfigError where the entries do not make one."""
+        if self.polygon is None or self.z is None:
+            return Room.at(mesh, self.inside or (), self.opening, name)
+        return Room.of_polygon(self.polygon, (self.z[0], self.z[1]), name)
+
+
 class TargetEntry(Entry):
     """A surface to be seen that hides nothing: a sheet above a floor, a grid of boxes, or a file.
 
@@ -564,6 +615,12 @@ class TargetEntry(Entry):
     """Group whose faces that face up are lifted to a sheet."""
     height: NotNegative | None = None
     """Of the sheet above it, m."""
+    room: Name | None = None
+    """Room that the sheet is limited to."""
+    near: list[Name] = []
+    """Groups that the sheet is limited to the surroundings of, such as doors."""
+    within: Positive = 1.0
+    """Largest horizontal distance from the groups of near, m."""
     box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
     """Two corners of a volume with a grid of hollow boxes, m."""
     count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
@@ -581,6 +638,8 @@ class TargetEntry(Entry):
     def _check(self) -> Self:
         only_one(self, ("above", "box", "file"))
         together(self, "above", "height")
+        if self.above is None and (self.room or self.near):
+            raise ValueError("room and near are of a sheet; leave them out, or give above")
         of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
         if of_boxes and self.box is None:
             raise ValueError(f"{' and '.join(of_boxes)} is of a box; leave it out, or give box")
@@ -752,6 +811,8 @@ class PlanModel(Entry):
 
     meshes: Some[MeshEntry]
     """The scene: surfaces to be seen, and those that hide them."""
+    rooms: dict[Name, RoomSection] = {}
+    """Parts of a building by name: for candidates, targets and warnings."""
     targets: list[TargetEntry] = []
     """Further surfaces to be seen, which hide nothing."""
     camera: CameraSection | None = None

@@ -1,0 +1,263 @@
+"""Rooms of a building: the space that a point reaches, or a polygon with heights; z is up.
+
+A room limits mounting positions (`mounting.in_room`) and targets above a floor. The space of a
+point is flooded over a grid, through places that are as far from every surface as half the width
+of an opening: a door separates two rooms, although nothing closes it.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.base.arguments import finite_points
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.format import plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.typed import typed
+from rastercov.mesh import Mesh
+from rastercov.mesh.contacts import TriangleTree
+from rastercov.placement.candidates.clearance import NearestSurface
+
+STEPS = 2
+"""Steps of the grid in the free distance: between free places a step apart nothing is."""
+SAFETY = 1.0 / np.sqrt(1 - 1 / (2 * STEPS) ** 2)
+"""Free distance in half widths of an opening, from which on no step leads through the opening."""
+REACH = 7
+"""Steps from a corner of a room to the nearest free place, sqrt(3) (STEPS + 1) + 1 or more."""
+BEYOND = STEPS + 2
+"""Steps from the last free place to the walls, along an axis, with one to spare for corners."""
+MARGIN = 6
+"""Steps by which the grid is larger than the mesh."""
+SQUARES = 10
+"""Squares of an outline in the width of an opening."""
+MOST_PLACES = 4_000_000
+"""Places of a grid."""
+MOST_NAMED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A part of a building.
+
+    Attributes
+    ----------
+    name : str
+    middle : (3,) float64
+        Point in the room, metres; the default aim of its cameras.
+    bounds : (2, 3) float64
+        Box that holds the room, metres.
+    contains : callable
+        (N,) True for each of (N, 3) points in the room, metres.
+    outline : callable
+        Horizontal section at a height, m, as polygons of shapely.
+    """
+
+    name: str
+    middle: FloatArray
+    bounds: FloatArray
+    contains: Callable[[FloatArray], BoolArray]
+    outline: Callable[[float], Any]
+
+    @classmethod
+    @typed
+    def at(cls, mesh: Mesh, inside: ArrayLike, opening: float = 1.0, name: str = "room") -> "Room":
+        """Space that a point reaches without crossing the mesh, through no narrow opening.
+
+        A position belongs to the room if the nearest free place in sight is reached from the point:
+        the border between two rooms is in their door. Targets are no surfaces.
+
+        Parameters
+        ----------
+        inside : (3,) array_like
+            The point, metres.
+        opening : float
+            Width up to which openings are closed: doors and windows, metres.
+
+        Raises
+        ------
+        ConfigError
+            Where a way from the point leads out of the mesh, or the room is narrower than the
+            opening; for a grid of more than `MOST_PLACES` places.
+        """
+        point = finite_points("inside", inside, (3,), "three finite numbers")
+        if not 0 < opening < np.inf:
+            raise ConfigError(f"opening must be positive and finite, got {opening}; give metres")
+        space = _Space(mesh.opaque, opening, point)
+        return cls(name, point, space.bounds, space.contains, space.outline)
+
+    @classmethod
+    @typed
+    def of_polygon(cls, polygon: ArrayLike, z: tuple[float, float], name: str = "room") -> "Room":
+        """Prism above a polygon.
+
+        Parameters
+        ----------
+        polygon : (N, 2) array_like
+            Corners in order, metres; the outline must not cross itself.
+        z : (float, float)
+            Lowest and highest z, metres.
+
+        Raises
+        ------
+        ConfigError
+            For corners that make no polygon, or heights that are not ascending.
+        """
+        import shapely
+
+        corners = finite_points("polygon", polygon, (-1, 2), "finite corners, (N, 2)")
+        low, high = finite_points("z", z, (2,), "two finite numbers")
+        shape = shapely.Polygon(corners if len(corners) > 2 else None)
+        if not low < high or not shape.area > 0 or not shape.is_valid:
+            raise ConfigError(
+                "a room needs 3 corners or more around an area, in order and without crossings, "
+                f"and z = [lowest, highest], got {len(corners)} corners and {low:g}, {high:g}"
+            )
+
+        def contains(points: FloatArray) -> BoolArray:
+            x, y, height = points.T
+            return np.asarray(shapely.contains_xy(shape, x, y) & (low <= height) & (height <= high))
+
+        def outline(height: float) -> Any:
+            return shape if low <= height <= high else shapely.Polygon()
+
+        bounds = np.column_stack((np.reshape(shape.bounds, (2, 2)), (low, high)))
+        within = shape.centroid if shape.contains(shape.centroid) else shape.representative_point()
+        middle = np.array([within.x, within.y, (low + high) / 2])
+        return cls(name, middle, bounds, contains, outline)
+
+
+class _Space:
+    """Grid of free places around a mesh, and those of them that a point reaches."""
+
+    def __init__(self, mesh: Mesh, opening: float, inside: FloatArray) -> None:
+        free = opening / 2 * SAFETY
+        self.step, self.square = free / STEPS, opening / SQUARES
+        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.bounds.mean(axis=0)
+        extent = np.ptp(mesh.bounds, axis=0)
+        shape = np.ceil(extent / self.step) + 2 * MARGIN
+        if not np.prod(shape) <= MOST_PLACES:
+            raise ConfigError(
+                f"inside: a mesh of {mesh.size_in_words} with openings of {opening:g} m has too "
+                f"many places, {MOST_PLACES:,} at most; give a polygon, or a greater opening"
+            )
+        self.shape, self.size = tuple(shape.astype(np.int64).tolist()), np.linalg.norm(extent)
+        places = self._position(np.arange(int(np.prod(shape))))
+        self.is_free = NearestSurface(mesh).query(places).distance >= free
+        rows = mesh.faces[~mesh.degenerate_mask]
+        self.tree = TriangleTree.over((mesh.vertices - self.centre) / self.size, rows)
+        ways = np.indices((2 * REACH + 1,) * 3).reshape(3, -1).T - REACH
+        ways = ways[np.linalg.norm(ways, axis=1) <= REACH]
+        self.ways = ways[np.argsort((ways**2).sum(axis=1), kind="stable")]
+        start = self._place_near(inside[None])
+        self.is_room = self._flooded(start[start >= 0])
+        reached = np.append(self._position(np.flatnonzero(self.is_room)), inside[None], axis=0)
+        self.bounds = np.stack((reached.min(axis=0), reached.max(axis=0)))
+        is_open = (np.abs(self.bounds - self.centre) > extent / 2 + free).any()
+        if is_open or start[0] < 0:
+            fault = "a wider way leads out of the mesh" if is_open else "the space is narrower"
+            raise ConfigError(
+                f"inside: {np.round(inside, 3).tolist()} is in no room with openings of "
+                f"{opening:g} m at most: {fault}; correct the point or opening, or give a polygon"
+            )
+        self.bounds += np.array([[-BEYOND], [BEYOND]]) * self.step
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """(N,) True for each of (N, 3) points whose nearest free place in sight is of the room."""
+        place = self._place_near(points)
+        return np.logical_and(place >= 0, self.is_room[place])
+
+    def outline(self, height: float) -> Any:
+        """Squares at a height whose middle is in the room, as polygons."""
+        import shapely
+
+        low, count = self.bounds[0, :2], np.ceil(np.ptp(self.bounds[:, :2], axis=0) / self.square)
+        corner = np.indices(count.astype(np.int64)).reshape(2, -1).T
+        xy = low + (corner + 0.5) * self.square
+        corner = corner[self.contains(np.insert(xy, 2, height, axis=1))]
+        # Of whole numbers, so that neighbours have the same corners, bit for bit.
+        whole = shapely.union_all(shapely.box(*corner.T, *(corner + 1).T))
+        return shapely.transform(whole.simplify(0.0), lambda at: low + at * self.square)
+
+    def _position(self, place: IntArray) -> FloatArray:
+        """(N, 3) positions of places of the grid."""
+        found: FloatArray = self.low + np.stack(np.unravel_index(place, self.shape), 1) * self.step
+        return found
+
+    def _place_near(self, points: FloatArray) -> IntArray:
+        """(N,) nearest free place in sight of each of (N, 3) points, -1 for none near it."""
+        found, left = np.full(len(points), -1), np.arange(len(points))
+        base = np.rint((points - self.low) / self.step).astype(np.int64)
+        for way in self.ways:  # nearest first: a few for most points
+            cell = base[left] + way
+            in_grid = ((cell >= 0) & (cell < self.shape)).all(axis=1)
+            place = np.ravel_multi_index(tuple(cell.T), self.shape, mode="clip")
+            rows = np.flatnonzero(in_grid & self.is_free[place])
+            rows = rows[self._is_in_sight(points[left[rows]], self._position(place[rows]))]
+            found[left[rows]] = place[rows]
+            left = np.delete(left, rows)
+            if not len(left):
+                break
+        return found
+
+    def _is_in_sight(self, points: FloatArray, places: FloatArray) -> BoolArray:
+        """(N,) True where nothing crosses the way from a point to a place."""
+        way = (places - points) / self.size
+        length = np.linalg.norm(way, axis=1)
+        unit = way / np.maximum(length, np.finfo(np.float64).tiny)[:, None]
+        starts = (points - self.centre) / self.size
+        is_seen: BoolArray = self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
+        return is_seen
+
+    def _flooded(self, front: IntArray) -> BoolArray:
+        """Free places that are reached from some, step by step along the axes, up to the border."""
+        border = np.ones(self.shape, np.bool_)
+        border[1:-1, 1:-1, 1:-1] = False
+        reached = border.flatten()
+        across = self.shape[1] * self.shape[2], self.shape[2], 1
+        while len(front):
+            reached[front] = True
+            near = (front[:, None] + np.array([*across, *(-step for step in across)])).ravel()
+            front = np.unique(near[self.is_free[near] & ~reached[near]])
+        return np.logical_and(reached, ~border.ravel())
+
+
+def around_faces(mesh: Mesh, groups: Sequence[str], distance: float) -> Any:
+    """Area within a horizontal distance of the faces of some groups, m, as polygons of shapely."""
+    import shapely
+
+    faces = mesh.faces[np.array([group.name in groups for group in mesh.groups])[mesh.face_group]]
+    shapes = shapely.convex_hull(shapely.multipoints(mesh.vertices[faces, :2]))
+    return shapely.buffer(shapely.union_all(shapes), distance, quad_segs=8)
+
+
+def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
+    """Part of a surface that faces up, within all of some outlines; MeshError for none."""
+    import shapely
+
+    corners = sheet.vertices[sheet.faces]
+    pieces = shapely.polygons(corners[..., :2])
+    for outline in outlines:
+        pieces = shapely.intersection(pieces, outline)
+    parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(pieces), return_index=True)
+    if not len(parts):
+        raise MeshError("no part of its faces is in the room and within the distance; correct them")
+    xy = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1]  # counter-clockwise
+    normal, origin = sheet.normals[of], corners[of, 0]
+    slope = np.einsum("nkc,nc->nk", xy - origin[:, None, :2], normal[:, :2]) / normal[:, 2:]
+    vertices = np.dstack((xy, origin[:, 2:] - slope)).reshape(-1, 3)
+    return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def wrong_side(rooms: Sequence[Room], eyes: FloatArray) -> list[str]:
+    """A line on (P, 3) camera centres that are in none of the rooms, metres; often none."""
+    if not rooms:
+        return []
+    rows = np.flatnonzero(~np.any([room.contains(eyes) for room in rooms], axis=0))
+    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows]
+    named[MOST_NAMED:] = ["..."] if len(rows) > MOST_NAMED else []
+    of = ", ".join(room.name for room in rooms)
+    line = f"{plural(len(rows), 'camera', 'are')} outside of the rooms ({of}) or behind a wall: "
+    return [line + ", ".join(named)] if named else []
