@@ -62,22 +62,17 @@ def sheet(
     from rastercov.coverage.job import measure
     from rastercov.coverage.shards import Wanted, open_for
     from rastercov.exact.certificate import compile_first
-    from rastercov.report.plan_sheet import SheetOptions, open_sheet, plan_sheet, scale_text
-    from rastercov.report.sheet_files import check_sheet_name, write_sheet
+    from rastercov.report import plan_sheet as report
 
-    check_sheet_name(out)
+    report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
     start, mesh = scene.start, scene.mesh
-    if not start.stations:
+    if not start.on:
         raise ConfigError("there is no camera to draw; give --poses")
-    settings = SheetOptions(
-        paper=paper, scale=scale, floor=floor, cut=cut, north=north,
-        project=scene.title if project is None else project, date=date or "",
-    )  # fmt: skip
-    open_sheet(mesh, start.poses(), settings)  # a fault of these comes before the work
+    frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     compile_first("certified")
     warn([*mesh.warnings, *scene.notes])
-    asked = replace(start.task, views=start.most_views)
+    asked, names = replace(start.task, views=start.most_views), [each.name for each in start.on]
     unit, reason = unit_of_result(None, asked, Engine())
     wanted = Wanted(Engine(), unit == "area")
     with open_for(mesh, start.rig(), asked, wanted) as observer, progress_bar() as progress:
@@ -85,7 +80,8 @@ def sheet(
         found = measure(observer, start.poses(), asked, wanted, reason=reason, staff=staff)
     if found.interrupted:
         raise KeyboardInterrupt
-    made = plan_sheet(found, [each.name for each in start.on], settings, start.needed)
-    write_sheet(made, out)
-    say(f"{scale_text(made.scale)} on {paper}; print it at 100 %")
+    title = scene.title if project is None else project
+    text = report.plan_sheet(found, names, frame, title, date=date, north=north, views=start.needed)
+    report.write_sheet(text, frame, out)
+    say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print(out)
