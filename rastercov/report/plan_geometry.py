@@ -99,7 +99,8 @@ def visible_from(eye: FloatArray, walls: FloatArray) -> Any:
     rays = directions[np.stack((gap, (gap + 1) % n))]
     away = turn[wall] / _cross(rays, along[wall])
     points = np.moveaxis(away[..., None] * rays + eye, 0, 1).reshape(-1, 2)
-    return shapely.make_valid(shapely.Polygon(points))
+    found = shapely.Polygon(points)
+    return shapely.make_valid(found, method="structure", keep_collapsed=False)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -232,7 +232,7 @@ def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: Any) -> d
 
 
 def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
-    """What is not covered of targets, and of faces that face up from the floor to the cut."""
+    """Uncovered parts of targets, and of faces that face up from the floor to the cut."""
     mesh = found.mesh
     if found.areas is not None:
         zones = found.areas.zones(views)

@@ -284,6 +284,10 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = _state(read_views(rig_file), task, _cameras(run))
+    summary = next(name for name, (each, _) in RESULTS.items() if each == kind)
+    needed = (_read(folder / summary).get("covered_area") or {}).get("views")
+    if isinstance(needed, Mapping):  # by group
+        start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     return Scene(folder.resolve().name, mesh, start, result=result)
 
