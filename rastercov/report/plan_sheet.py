@@ -375,7 +375,8 @@ def _dxf(svg: str, frame: Frame) -> bytes:
     for group in ElementTree.fromstring(svg).iterfind("{*}g[@id]"):
         style: dict[str, Any] = {"layer": group.get("id", "")}
         colour = rgb2int(RGB.from_hex(str(group.get("stroke") or group.get("fill"))))
-        drawing.layers.add(style["layer"], true_color=colour)
+        weight = round(100 * float(group.get("stroke-width", 0.13)))
+        drawing.layers.add(style["layer"], true_color=colour, lineweight=weight)
         for path in group.iterfind("{*}path"):
             fill, rings = path.get("fill", group.get("fill", "none")), []
             for line in path.get("d", "").split("M")[1:]:
