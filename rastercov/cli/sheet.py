@@ -37,11 +37,7 @@ def sheet(
         typer.Option(help="z at which walls are cut, m.", show_default="1.2 m above the floor"),
     ] = None,
     north: Annotated[
-        float | None,
-        typer.Option(
-            help="Direction of the north arrow, degrees counter-clockwise from +x.",
-            show_default="no arrow",
-        ),
+        float | None, typer.Option(help="Direction of the north, degrees from +x towards +y.")
     ] = None,
     project: Annotated[
         str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")

@@ -205,7 +205,7 @@ def plan_sheet(
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
         bar_mm=bar * metre, bar_text=f"{bar:g} m", dead=area(zone.area), edition=EDITION,
         levels=[(level, EDITIONS[EDITION][level]) for level in LEVELS],
-        mesh=shortened(", ".join(each.name for each in found.mesh.sources) or "arrays", 60),
+        mesh=shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60),
         covered=words if found.areas is None else in_words(found.areas.summary(views)),
         wanted=shortened(wanted_text(found.task, views), 80),
         date=date or datetime.date.today().isoformat(), version=version("rastercov"),
@@ -314,7 +314,10 @@ def lens_text(camera: Camera) -> str:
 
 def wanted_text(task: Task, views: Mapping[str, int] | None = None) -> str:
     """Thresholds of a task that are not the usual ones, and the cameras that groups need."""
-    usual, texts = asdict(Task()), [f"{n} of {group}" for group, n in (views or {}).items()]
+    usual, texts = (
+        asdict(Task()),
+        [f"{n} cameras for {group}" for group, n in (views or {}).items()],
+    )
     for name, value in asdict(task).items():
         if value != usual[name] and not (name == "views" and views):
             text = f"{value:g}" if isinstance(value, float) else str(value)
