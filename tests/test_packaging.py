@@ -39,7 +39,7 @@ def expected():
         packed = "/".join((inside.get(top, top), *rest))
         is_data = packed.startswith("rastercov/data/") or packed == "rastercov/py.typed"
         is_code = packed.startswith("rastercov/") and name.endswith(
-            (".py", ".glsl", ".html", ".js", ".css")
+            (".py", ".glsl", ".html", ".svg", ".js", ".css")
         )
         if (is_data or is_code) and not (ROOT / name).is_symlink():
             names.add(packed)

@@ -38,6 +38,7 @@ COMMANDS = {
     "subset.",
     "convert": "Convert camera and pose files between programs; whatever is lost is said.",
     "view": "See a rig in the browser, move its cameras, and understand what they cover.",
+    "sheet": "Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.",
     "doctor": "List graphics devices, test each, and say what to install.",
     "validate": "Hold the model against what a real task makes of pictures.",
 }

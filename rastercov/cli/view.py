@@ -90,33 +90,13 @@ def view(
     """
     from rastercov.exact.certificate import compile_first
     from rastercov.viewer.saving import check_name, export_page
-    from rastercov.viewer.scene import open_plan
     from rastercov.viewer.server import redirect, serve
     from rastercov.viewer.session import Session
 
     if export is not None:
         check_name(export)
 
-    first = sources[0]
-    is_plan = first.suffix.lower() == ".toml"
-    if is_plan or first.is_dir():
-        if poses is not None and poses.startswith("sphere:"):
-            raise ConfigError("sphere:N goes with mesh files; give a pose file")
-        if task != Task():
-            raise ConfigError(
-                f"{first} has its own thresholds; leave out those options, or use the page"
-            )
-        rig = read_cameras(camera, Border(conventions))
-        if poses is not None:
-            rig = read_rig(camera, Path(poses), conventions, camera_name)
-    if is_plan:
-        if len(sources) > 1:
-            raise ConfigError("a plan names its meshes; give the plan alone")
-        scene = open_plan(first, rig)
-    elif first.is_dir():
-        scene = _of_result(first, sources[1:], files, rig)
-    else:
-        scene = _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
+    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
     compile_first(method)
@@ -146,6 +126,39 @@ def view(
             Thread(target=webbrowser.open, args=(page,), daemon=True).start()
 
         serve(session, port, out, started, arrived=redirecting.close)
+
+
+def open_scene(
+    sources: list[Path],
+    files: SceneOptions,
+    conventions: Conventions,
+    task: Task,
+    camera: list[str],
+    poses: str | None,
+    camera_name: str | None,
+) -> "Scene":
+    """Scene of a plan, of the folder of a result, or of mesh files."""
+    from rastercov.viewer.scene import open_plan
+
+    first = sources[0]
+    is_plan = first.suffix.lower() == ".toml"
+    if is_plan or first.is_dir():
+        if poses is not None and poses.startswith("sphere:"):
+            raise ConfigError("sphere:N goes with mesh files; give a pose file")
+        if task != Task():
+            raise ConfigError(
+                f"{first} has its own thresholds; leave out those options, or use the page"
+            )
+        rig = read_cameras(camera, Border(conventions))
+        if poses is not None:
+            rig = read_rig(camera, Path(poses), conventions, camera_name)
+    if is_plan:
+        if len(sources) > 1:
+            raise ConfigError("a plan names its meshes; give the plan alone")
+        return open_plan(first, rig)
+    if first.is_dir():
+        return _of_result(first, sources[1:], files, rig)
+    return _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
 
 
 def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":

@@ -316,7 +316,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
         For another folder, one without its cameras, and a mesh that is not that of the result.
     """
     run = run_of(folder)
-    kind, rig_name = next(each for name, each in RESULTS.items() if (folder / name).is_file())
+    name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
     mesh = _with_roles(load(files), run["scene"])
@@ -330,6 +330,9 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = _state(read_views(rig_file), task, _cameras(run))
+    needed = (_read(folder / name).get("covered_area") or {}).get("views")
+    if isinstance(needed, Mapping):  # by group
+        start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     return Scene(folder.resolve().name, mesh, start, result=result)
 

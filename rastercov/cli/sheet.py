@@ -1,0 +1,83 @@
+"""The command `sheet`: a plan of a building with its cameras, to scale, as SVG, PDF or DXF."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rastercov.base.errors import ConfigError
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.cli import options
+from rastercov.cli.console import out_option, progress_bar, say, warn
+from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.view import RigOption, Sources, open_scene
+from rastercov.coverage.task import Task
+
+
+@options.expanded
+def sheet(
+    sources: Sources,
+    files: SceneOptions,
+    conventions: Conventions,
+    task: Task,
+    out: Annotated[Path, out_option("The file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
+    poses: RigOption = None,
+    camera_name: options.CameraName = None,
+    paper: Annotated[str, typer.Option(help="A4, A3, A2, A1 or A0, landscape.")] = "A3",
+    scale: Annotated[
+        str, typer.Option(help="1:50, 1:100, ...; auto: the largest that fits the paper.")
+    ] = "auto",
+    floor: Annotated[
+        float | None, typer.Option(help="z of the floor, m.", show_default="the lowest floor")
+    ] = None,
+    cut: Annotated[
+        float | None,
+        typer.Option(help="z at which walls are cut, m.", show_default="1.2 m above the floor"),
+    ] = None,
+    north: Annotated[
+        float | None, typer.Option(help="Direction of the north, degrees from +x towards +y.")
+    ] = None,
+    project: Annotated[
+        str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
+    ] = None,
+    date: Annotated[
+        str | None, typer.Option(help="Date on the sheet.", show_default="today")
+    ] = None,
+) -> None:
+    """Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.
+
+    Example: rastercov sheet result/ --out plan.pdf --scale 1:50
+
+    Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
+    """
+    from rastercov.cluster import Staff
+    from rastercov.coverage.area.network import unit_of_result
+    from rastercov.coverage.engine import Engine
+    from rastercov.coverage.job import measure
+    from rastercov.coverage.shards import Wanted, open_for
+    from rastercov.exact.certificate import compile_first
+    from rastercov.report import plan_sheet as report
+
+    report.check_sheet_name(out)
+    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
+    start, mesh = scene.start, scene.mesh
+    if not start.on:
+        raise ConfigError("there is no camera to draw; give --poses")
+    frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
+    compile_first("certified")
+    warn([*mesh.warnings, *scene.notes])
+    asked, names = replace(start.task, views=start.most_views), [each.name for each in start.on]
+    unit, reason = unit_of_result(None, asked, Engine())
+    wanted = Wanted(Engine(), unit == "area")
+    with open_for(mesh, start.rig(), asked, wanted) as observer, progress_bar() as progress:
+        staff = Staff(None, progress)
+        found = measure(observer, start.poses(), asked, wanted, reason=reason, staff=staff)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    title = scene.title if project is None else project
+    text = report.plan_sheet(found, names, frame, title, date=date, north=north, views=start.needed)
+    report.write_sheet(text, frame, out)
+    say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
+    print(out)

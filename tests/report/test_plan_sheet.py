@@ -1,0 +1,105 @@
+"""Plan sheets: to scale, bands by density, lines of sight by rays, and files that read back."""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import ezdxf
+import numpy as np
+import pytest
+import shapely
+from commands import call
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rastercov as rc
+from rastercov.camera.projection import to_camera
+from rastercov.coverage.densities import LEVELS
+from rastercov.mesh import shapes
+from rastercov.report.plan_geometry import field_of_view, noded, section, solid, visible_from
+
+CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
+LENS = rc.Camera(width=1280, height=720, fx=640, fy=640, model="opencv", distortion=(0, 0, 0, 0))
+EYES = ((-2.9, -2.4, 2.5), (2.9, 2.4, 2.5), (2.9, -2.4, 2.5))
+BOX = np.array(((-3.0, -3.0), (3.0, 3.0)))
+POINT = st.tuples(*[st.integers(-29, 29).map(lambda tenth: tenth / 10)] * 2)
+
+
+@given(st.lists(st.tuples(POINT, POINT), max_size=8), POINT, st.integers(0, 9))
+@settings(max_examples=60, deadline=None)
+def test_a_point_is_in_the_visibility_polygon_where_its_ray_crosses_no_wall(walls, eye, seed):
+    lines = [shapely.LineString(ends) for ends in walls if ends[0] != ends[1]]
+    if any(line.distance(shapely.Point(eye)) < 1e-9 for line in lines):
+        return
+    segments = np.array([line.coords for line in lines]).reshape(-1, 2, 2)
+    seen = visible_from(np.array(eye), noded(segments, BOX))
+    points = shapely.points(np.random.default_rng(seed).uniform(-2.99, 2.99, (300, 2)))
+    points = points[shapely.distance(points, shapely.boundary(seen)) > 1e-6]
+    rays = shapely.linestrings([(eye, xy) for xy in shapely.get_coordinates(points)])
+    is_hidden = shapely.intersects(rays, shapely.union_all(lines)) if lines else False
+    np.testing.assert_array_equal(shapely.contains(seen, points), ~np.asarray(is_hidden))
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
+@pytest.mark.parametrize("level", ["identify", "recognise", "observe", "detect"])
+def test_a_band_ends_where_the_facing_density_falls_to_its_level(camera, level):
+    depth = 640 / LEVELS[level]
+    (pose,) = rc.look_at((0, 0, 2), (5, 0, 2)).reshape(-1, 4, 4)
+    wedge = shapely.Polygon([(0, 0), (depth, -depth), (depth, depth)])
+    found = field_of_view(camera, pose, LEVELS[level], 2.0)
+    assert found.symmetric_difference(wedge).area < 1e-6 * wedge.area
+    (pose,) = rc.look_at((1, 2, 2.5), (4, 3, 1.5)).reshape(-1, 4, 4)
+    corners = shapely.get_coordinates(field_of_view(camera, pose, LEVELS[level], 1.2))
+    x, y, z = to_camera(np.insert(corners, 2, 1.2, axis=1), pose).T
+    assert z.max() == pytest.approx(depth)
+    assert (np.maximum(abs(x), abs(y) * 16 / 9) <= z * (1 + 1e-6)).all()
+
+
+def test_a_section_of_solids_is_filled_and_that_of_a_room_is_not():
+    room = shapes.by_name("room")
+    crates = solid(section(room.vertices, room.welded_faces, 0.5))
+    assert crates.area == pytest.approx(1.2 * 0.8 + 0.8 * 0.8 + 0.8 * 1.2)
+    outer, inner = shapes.box((4.0, 3.0, 2.0)), shapes.box((3.6, 2.6, 3.0))
+    walls = [section(outer.vertices, outer.faces, 0.0)]
+    walls.append(section(inner.vertices, inner.faces[:, ::-1], 0.0))
+    assert solid(np.concatenate(walls)).area == pytest.approx(4.0 * 3.0 - 3.6 * 2.6)
+
+
+def test_the_files_of_the_command_are_to_scale(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rc.write_poses("rig.json", np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
+    line = "sheet room -c khepra -p rig.json --project Store --date 2020-02-20 --north 60 --out"
+    for suffix in ("svg", "pdf", "dxf"):
+        code, out, err = call(capsys, f"{line} plan.{suffix}")
+        assert (code, out) == (0, f"plan.{suffix}\n"), err
+    assert "1:25 on A3" in err
+    svg = ElementTree.parse("plan.svg").getroot()
+    assert (svg.get("width"), svg.get("viewBox")) == ("420mm", "0 0 420 297")
+    paths = {group.get("id"): group.findall("{*}path") for group in svg.iterfind("{*}g[@id]")}
+    numbers = re.findall(r"([-\d.]+),([-\d.]+)", paths["WALLS"][1].get("d"))
+    walls = np.array(numbers, np.float64)
+    np.testing.assert_allclose(np.ptp(walls, axis=0), (6e3 / 25, 5e3 / 25), atol=0.01)
+    assert {"Store", "2020-02-20", "pose 0"} <= {text.text for text in svg.iter() if text.text}
+    assert re.search(rb"/MediaBox \[0 0 1190\.55 841\.89\]", Path("plan.pdf").read_bytes())
+    drawing = ezdxf.readfile("plan.dxf")
+    assert not drawing.audit().has_errors
+    assert drawing.header["$INSUNITS"] == 6
+    entities = drawing.modelspace().query("LWPOLYLINE[layer=='WALLS']")
+    corners = np.concatenate([line.get_points("xy") for line in entities])
+    inside = corners[(abs(corners) < 3.1).all(axis=1)]  # not the sample in the legend
+    np.testing.assert_allclose(abs(inside).max(axis=0), (3, 2.5), atol=1e-5)
+    layers = {entity.dxf.layer for entity in drawing.modelspace()}
+    assert {"WALLS", "CAMERAS", "FOV", "FOV_IDENTIFY", "FOV_DETECT", "DEAD", "TEXT"} <= layers
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [("plan.png", ".svg, .pdf or .dxf"), ("plan.svg --cut 9", "the mesh from 0 to 2.8 m"),
+     ("plan.svg --scale 1:5", "larger than A3; take --scale 1:100")],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_one_line_and_no_file(capsys, tmp_path, monkeypatch, words, told):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = call(capsys, f"sheet room -c khepra -p sphere:2 --out {words}")
+    assert (code, out) == (2, "")
+    assert told in err.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
