@@ -13,7 +13,7 @@ from rastercov.base.checks import is_number
 from rastercov.base.format import plural
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import catalogue
+from rastercov.camera.catalogue import catalogue, price_of
 from rastercov.camera.projection import rays_of
 from rastercov.cli import options
 
@@ -51,15 +51,14 @@ def cameras(
     for what, name in [(what, name) for what, names in every.items() for name in names]:
         parts = shop.parts(name) if what == "cameras" else [shop.lenses[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
-        prices = [part.get("price", math.nan) for part in parts]
-        row["price"] = None if math.isnan(sum(prices)) else sum(prices)
+        row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
         row["hfov_deg"] = None if hfov is None else _hfov_deg(name, own)
         text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
         if (
             all(word.casefold() in text.casefold() for word in words or ())
             and mount in (None, row.get("mount"))
             and row.get("width", 0) * row.get("height", 0) >= min_pixels
-            and (max_price == math.inf or sum(prices) <= max_price)
+            and (max_price == math.inf or (row["price"] or math.inf) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
         ):
             found[what].append(row)
