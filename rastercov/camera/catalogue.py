@@ -64,9 +64,10 @@ class Catalogue(NamedTuple):
         parts, words = [], str(name).split("+", 1)
         for part, what, table in zip(words, Catalogue._fields, self, strict=False):
             if part not in table:
+                near = listed([each for each in table if part in each] or table, part.lower())
                 raise CameraError(
-                    f"no {shown(part)} among the {what} of the catalogue; there are "
-                    f"{listed(table, part.lower())}: see rastercov cameras"
+                    f"no {shown(part)} among the {what} of the catalogue; there are {near}: see "
+                    "rastercov cameras"
                 )
             parts.append(table[part])
         if len(parts) == 2 and (why := misfit(*parts)):

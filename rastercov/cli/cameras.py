@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 
 from rastercov.base.checks import is_number
-from rastercov.base.format import plural
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, price_of
@@ -56,7 +55,7 @@ def cameras(
         text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
         if (
             all(word.casefold() in text.casefold() for word in words or ())
-            and mount in (None, row.get("mount"))
+            and (mount or "").upper() in ("", row.get("mount"))
             and row.get("width", 0) * row.get("height", 0) >= min_pixels
             and (max_price == math.inf or (row["price"] or math.inf) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
@@ -74,8 +73,9 @@ def cameras(
             table.add_column(UNITS.get(name, (name,))[0].replace("_", " "), no_wrap=True)
         for row in rows:
             table.add_row(*(_cell(row, name) for name in names))
-        Console().print(table)
-        print(plural(len(rows), what.removesuffix("s")))
+        if rows:
+            Console().print(table)
+        print(f"{what}: {len(rows)}")
 
 
 def _hfov_deg(name: str, own: Path | None) -> float:

@@ -323,7 +323,7 @@ def _cameras(camera: str, border: Border) -> Views:
         try:
             return _without_poses([Camera.preset(camera)], [camera])
         except CameraError as error:
-            raise CameraError(f"--camera {camera}: no file; {error}") from None
+            raise CameraError(f"--camera {camera}: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
         return _without_poses([_of_entries(camera)], ["camera"])
     found = read_through(camera, border)
