@@ -41,26 +41,9 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
+from rastercov.camera.catalogue import entries_of, is_name
 from rastercov.camera.models import MODELS, checked_model
 
-PRESETS: dict[str, dict[str, Any]] = {
-    # Table 5.2, used for the marker experiments of chapter 5.
-    "icube-ns4133bu-8mm": {
-        "width": 1280,
-        "height": 1024,
-        "focal_length": 8e-3,
-        "pixel_size": 5.3e-6,
-    },
-    # Figure A.3: Khepra's default, given as a sensor of 3.6 x 2.01 mm.
-    "khepra": {
-        "width": 1280,
-        "height": 800,
-        "focal_length": 1.93e-3,
-        "pixel_size": (3.6e-3 / 1280, 2.01e-3 / 800),
-        "focus_range": (0.1, 5.0),
-    },
-}
-"""Arguments of `Camera.from_lens` for the cameras of the thesis."""
 OF_LENS = ("principal_point", "f_number")
 OPTICS = (
     *("near", "focal_length", "pixel_size", "aperture", "f_number", "focus_distance"),
@@ -76,9 +59,9 @@ MOST_DIFFERENCE_REL = 0.05
 def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
     """Arguments of `Camera` from the entries of a file.
 
-    "preset" adds the entries of a preset; "hfov_deg" and "vfov_deg" give fx and fy; "f_number" is
-    of the focal length, which fx and "pixel_size" give where it is not there. CameraError for an
-    entry that does not exist, is missing, or contradicts another one.
+    "preset" adds the entries of a camera of the catalogue; "hfov_deg" and "vfov_deg" give fx and
+    fy; "f_number" is of the focal length, which fx and "pixel_size" give where it is not there.
+    CameraError for an entry that does not exist, is missing, or contradicts another one.
     """
     if not isinstance(entries, Mapping):
         raise CameraError(f"a camera is a table of names and values, got {shown(entries)}")
@@ -142,14 +125,9 @@ def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
 
 
 def _changed_preset(entries: Mapping[str, Any]) -> dict[str, Any]:
-    """Entries of a preset, changed by others."""
-    name = str(entries["preset"])
-    if name not in PRESETS:
-        raise CameraError(f"no camera preset {shown(name)}; there are {', '.join(PRESETS)}")
-    base = dict(PRESETS[name])
-    if not entries.keys().isdisjoint({"fx", "fy", *ANGLES}):
-        del base["focal_length"]  # it is of another lens then
-    return base | {k: v for k, v in entries.items() if k != "preset"}
+    """Entries of a camera of the catalogue, or of a file beside it, changed by others."""
+    changes = {k: v for k, v in entries.items() if k not in ("preset", "catalogue")}
+    return entries_of(entries["preset"], changes, entries.get("catalogue"))
 
 
 def _with_focal_lengths(entries: dict[str, Any]) -> dict[str, Any]:
@@ -456,15 +434,18 @@ class Camera:
 
     @classmethod
     def preset(cls, name: str) -> "Camera":
-        """Camera by name: the ones the thesis used; see `PRESETS`."""
+        """Camera of the catalogue by name, NAME or NAME+LENS; see `rastercov cameras`."""
         return cls.from_dict({"preset": name})
 
     @classmethod
     def load(cls, path: StrPath) -> "Camera":
         """Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
 
-        `preset = "khepra"` starts from a preset; other entries change it.
+        `preset = "khepra"` starts from a camera of the catalogue; other entries change it. A name
+        of the catalogue in place of a file, NAME or NAME+LENS, is that camera.
         """
+        if is_name(path):
+            return cls.preset(str(path))
         try:
             suffix = suffix_of(path)
             if suffix not in (".json", ".toml"):

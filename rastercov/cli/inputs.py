@@ -19,7 +19,8 @@ from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import is_file, is_same_file
 from rastercov.base.typed import fits
-from rastercov.camera.camera import PRESETS, Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import is_name
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
@@ -312,14 +313,17 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
 def _named_camera(text: str) -> tuple[str, str] | None:
     """Name and file, or preset, of NAME=FILE; None for anything else."""
     name, equals, source = text.partition("=")
-    is_known = source in PRESETS or os.path.exists(source)  # noqa: PTH110 - of a text
+    is_known = is_name(source) or os.path.exists(source)  # noqa: PTH110 - of a text
     is_file = os.path.exists(text)  # noqa: PTH110 - a name with = in it
     return (name, source) if name and equals and is_known and not is_file else None
 
 
 def _cameras(camera: str, border: Border) -> Views:
-    if camera in PRESETS:
-        return _without_poses([Camera.preset(camera)], [camera])
+    if is_name(camera):
+        try:
+            return _without_poses([Camera.preset(camera)], [camera])
+        except CameraError as error:
+            raise CameraError(f"--camera {camera}: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
         return _without_poses([_of_entries(camera)], ["camera"])
     found = read_through(camera, border)

@@ -14,7 +14,6 @@ import typer
 
 from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
 from rastercov.cluster import Workers
@@ -35,7 +34,8 @@ CamerasOption = Annotated[
         "--camera",
         "-c",
         help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
-        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
+        "Metashape and others; one that is sold, NAME or NAME+LENS of `rastercov cameras`; or "
+        "entries of a camera file, "
         "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. Or "
         "NAME=FILE, once for each camera, for poses that name theirs.",
         show_default="the cameras of --poses",

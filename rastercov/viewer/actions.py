@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
-from rastercov.camera.camera import PRESETS, Camera
+from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task
 from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, checked_pose
@@ -133,16 +133,10 @@ def _camera(state: RigState, settle: Settle, camera: Name, changes: dict[str, Nu
 
 @_edit("new_camera")
 def _new_camera(state: RigState, settle: Settle, name: Name, source: Name) -> Edited:
-    """With a further camera, like a preset or another one."""
+    """With a further camera, like another one or one of the catalogue."""
     if name in state.cameras:
         raise ConfigError(f"there is a camera {shown(name)} already; take another name")
-    if source in state.cameras:
-        made = state.cameras[source]
-    elif source in PRESETS:
-        made = Camera.preset(source)
-    else:
-        known = ", ".join([*state.cameras, *PRESETS])
-        raise ConfigError(f"source must be one of {known}, got {shown(source)}")
+    made = state.cameras[source] if source in state.cameras else Camera.preset(source)
     return state.with_camera(name, made), f"new camera {name}"
 
 

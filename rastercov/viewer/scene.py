@@ -19,7 +19,8 @@ from rastercov.base.arguments import annotations_of, documented, metadata_of
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
-from rastercov.camera.camera import PRESETS, Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import catalogue, has_lens
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
@@ -152,7 +153,7 @@ class Scene:
             "is_room": self.is_room,
             "task_fields": task_fields(),
             "camera_fields": CAMERA_FIELDS,
-            "presets": list(PRESETS),
+            "presets": [name for name, each in catalogue().cameras.items() if has_lens(each)],
             "modes": [
                 described_mode(name, mode)
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.camera import PRESETS, Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import entries_of
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect
 from rastercov.reference.markers.render import MarkerRenderer, sensor
@@ -166,7 +167,7 @@ def resolution(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
 
 def focus(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
     """Table 5.4, the second of that number, with P_min = 38 px and so R_min = (38 / 4)^2 px."""
-    camera = Camera.from_lens(**PRESETS[ICUBE], f_number=0.25, focus_distance=4.0)
+    camera = Camera.from_lens(**entries_of(ICUBE, {}), f_number=0.25, focus_distance=4.0)
     top = [(170, 180), (440, 180), (650, 180), (830, 180), (990, 180)]
     places = top + [(170 + 240 * (step % 5), 500 + 260 * (step // 5)) for step in range(10)]
 

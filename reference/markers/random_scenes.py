@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera.camera import PRESETS, Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import entries_of
 from rastercov.camera.projection import to_image
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
@@ -181,7 +182,7 @@ def random_scene(
     """
     rng = np.random.default_rng((seed, number))
     distance = np.exp(rng.uniform(np.log(1.5), np.log(20.0)))
-    preset = PRESETS["icube-ns4133bu-8mm"]
+    preset = entries_of("icube-ns4133bu-8mm", {})
     f_number = np.exp(rng.uniform(np.log(1.4), np.log(16.0)))
     nearness = rng.uniform(1e-3, 2.0)
     camera = Camera.from_lens(**preset, f_number=float(f_number), focus_distance=1 / nearness)

@@ -11,7 +11,8 @@ from pages import read_alone
 
 from rastercov import cli
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera.camera import PRESETS, Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import entries_of
 from rastercov.camera.projection import to_image
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
@@ -51,7 +52,7 @@ ICUBE = Camera.preset("icube-ns4133bu-8mm")
 
 def with_lens(f_number, focus_distance, **changes):
     lens = {"f_number": f_number, "focus_distance": focus_distance}
-    return Camera.from_lens(**(PRESETS["icube-ns4133bu-8mm"] | lens | changes))
+    return Camera.from_lens(**(entries_of("icube-ns4133bu-8mm", {}) | lens | changes))
 
 
 @pytest.fixture(scope="module")

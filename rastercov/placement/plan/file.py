@@ -198,8 +198,9 @@ class Plan(PlanModel):
         if self._mounts is None:
             if not self.has_cameras:
                 raise PlanError(self.name, [NO_CAMERA])
+            own = None if self.catalogue is None else self.folder / self.catalogue
             types = dict(self.cameras) if self.camera is None else {ONE_CAMERA: self.camera}
-            built = {name: each.build(self.folder) for name, each in types.items()}
+            built = {name: each.build(self.folder, own) for name, each in types.items()}
             rigs: dict[str, Camera | Rig] = {}
             for name, section in self.rigs.items():
                 try:
@@ -316,8 +317,10 @@ def plan_of(table: Mapping[str, Any], path: Path = Path("plan")) -> Plan:
 
     Files are relative to the folder of `path`, which names the plan.
     """
+    own = table.get("catalogue")
+    context = {"folder": path.parent, "catalogue": own and path.parent / str(own)}
     try:
-        plan = Plan.model_validate(table, context={"folder": path.parent})
+        plan = Plan.model_validate(table, context=context)
     except ValidationError as error:
         raise PlanError(path.name, lines_of(error, table, PlanModel)) from None
     plan._path = path

@@ -36,7 +36,8 @@ from pydantic.fields import FieldInfo
 
 from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
 from rastercov.base.errors import CameraError, RastercovError
-from rastercov.camera.camera import PRESETS, Camera, check_optics
+from rastercov.camera.camera import Camera, check_optics
+from rastercov.camera.catalogue import price_of
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.rig import Rig
@@ -226,13 +227,17 @@ def no_limit(pair: list[float] | None) -> tuple[float, float]:
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""
-Preset = Annotated[str, *among(PRESETS)]
 
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
 OF_A_LIST = ("pixel_size", "focus_range", "distortion")
 """Entries of a camera that are arrays in a file, and tuples in a `Camera`."""
+
+
+def _catalogue(info: ValidationInfo) -> Path | None:
+    """The catalogue of the plan."""
+    return (info.context or {}).get("catalogue")
 
 
 class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
@@ -248,8 +253,8 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
     """Model of four coefficients in the file."""
     image_size: list[Count] | None = None
     """[width, height], px, for a file without."""
-    preset: Preset | None = None
-    """Camera of the thesis; other entries change it."""
+    preset: Name | None = None
+    """Camera of the catalogue, NAME or NAME+LENS; other entries change it."""
     pixel_size: Number | list[Number] | None = None
     """Metres, one or two."""
     principal_point: Pair | None = None
@@ -267,12 +272,14 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
-        self.build(Path((info.context or {}).get("folder", ".")))
+        self.build(Path((info.context or {}).get("folder", ".")), _catalogue(info))
         return self
 
-    def build(self, folder: Path) -> Camera:
+    def build(self, folder: Path, catalogue: Path | None = None) -> Camera:
         """The camera; CameraError where the entries do not make one."""
         entries = self.model_dump(exclude_none=True, exclude={"cost"})
+        if self.preset is not None:
+            entries["catalogue"] = catalogue
         if self.file is None:
             return Camera.from_dict(entries)
         optics = {k: v for k, v in entries.items() if k not in ("file", "name", *OF_FILES)}
@@ -297,7 +304,13 @@ class CameraType(CameraSection):
     """One of several types of cameras, by its name."""
 
     cost: NotNegative | None = None
-    """Of one of them, added to that of its place; 1 unless given."""
+    """Of one of them, added to that of its place; the price of a preset, or 1, unless given."""
+
+    @model_validator(mode="after")
+    def _with_price(self, info: ValidationInfo) -> Self:
+        if self.cost is None and self.preset is not None:
+            object.__setattr__(self, "cost", price_of(self.preset, _catalogue(info)))
+        return self
 
 
 class RigCamera(Entry):
@@ -815,6 +828,8 @@ class PlanModel(Entry):
     """Parts of a building by name: for candidates, targets and warnings."""
     targets: list[TargetEntry] = []
     """Further surfaces to be seen, which hide nothing."""
+    catalogue: File | None = None
+    """Catalogue of cameras and lenses, beside that of the package, for presets."""
     camera: CameraSection | None = None
     """The camera that all poses share."""
     cameras: dict[Name, CameraType] = {}
@@ -836,6 +851,10 @@ class PlanModel(Entry):
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("camera and cameras exclude each other; put it among the cameras")
+        types = self.cameras.items()
+        if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
+            for name in (name for name, each in types if each.cost is None):
+                raise ValueError(f"cameras.{name}: there is no price, as of others; give its cost")
         used: dict[str, tuple[list[str], tuple[str, ...]]] = {}
         for rig, section in self.rigs.items():
             if rig in self.camera_names:

@@ -1,0 +1,164 @@
+"""Cameras and lenses that are sold, by name: NAME with a lens of its own, or NAME+LENS.
+
+`data/cameras.toml` has them, one line a model, in the tables `cameras` and `lenses`. A file of the
+same form adds models and changes entries of those that are there: one that is given, or that
+RASTERCOV_CATALOGUE names in the environment. Entries of a camera are those of a camera file, and
+`OF_SHOP`. Lengths are metres, prices of one currency.
+"""
+
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rastercov.base.checks import is_number, pair, positive, shown
+from rastercov.base.errors import CameraError
+from rastercov.base.files import StrPath, UnreadableError, printable, read_toml
+from rastercov.mesh.groups import listed
+
+Entries = dict[str, Any]
+Table = dict[str, Entries]
+
+NUMBERS = ("price", "f_numbers", "image_circle", "nearest")
+OF_SHOP = ("maker", "product", "sensor", "mount", "source", *NUMBERS)
+"""Entries that a camera file does not have."""
+OF_VIEW = ("fx", "fy", "focal_length", "hfov_deg", "vfov_deg")
+"""Entries of a camera with a lens of its own; any of them replaces that of the catalogue."""
+NEEDED = {"cameras": ("width", "height", "pixel_size"), "lenses": ("focal_length",)}
+"""Entries of all; a camera with a lens of its own may do without pixel_size."""
+WITH_RING = {("CS", "C")}
+"""Mounts of a camera and a lens that a ring of 5 mm connects."""
+CIRCLE_TOLERANCE_REL = 0.01
+"""Part of the diagonal of a sensor that may exceed the image circle, whose formats are rounded."""
+
+
+class Catalogue(NamedTuple):
+    """Entries of cameras and lenses by name."""
+
+    cameras: Table
+    lenses: Table
+
+    def lenses_of(self, camera: str) -> list[str]:
+        """Names of the lenses that fit a camera."""
+        return [name for name in self.lenses if not misfit(self.cameras[camera], self.lenses[name])]
+
+    def names(self) -> Iterator[str]:
+        """Names of cameras with a lens of their own, and of pairs of a camera and a lens."""
+        for name, camera in self.cameras.items():
+            if has_lens(camera):
+                yield name
+            else:
+                yield from (f"{name}+{lens}" for lens in self.lenses_of(name))
+
+    def parts(self, name: Any) -> list[Entries]:
+        """Entries of a camera, and of its lens where the name has one.
+
+        Raises
+        ------
+        CameraError
+            For a name that is not there, and for a lens that does not fit.
+        """
+        parts, words = [], str(name).split("+", 1)
+        for part, what, table in zip(words, Catalogue._fields, self, strict=False):
+            if part not in table:
+                near = listed([each for each in table if part in each] or table, part.lower())
+                raise CameraError(
+                    f"no {shown(part)} among the {what} of the catalogue; there are {near}: see "
+                    "rastercov cameras"
+                )
+            parts.append(table[part])
+        if len(parts) == 2 and (why := misfit(*parts)):
+            fitting = listed(self.lenses_of(words[0])) or "none"
+            raise CameraError(f"{name}: {why}; lenses that fit: {fitting}")
+        return parts
+
+
+def has_lens(camera: Entries) -> bool:
+    """True for a camera with a lens of its own."""
+    return not camera.keys().isdisjoint(OF_VIEW)
+
+
+def misfit(camera: Entries, lens: Entries) -> str:
+    """Reason for which a lens does not go with a camera; empty where it does."""
+    if has_lens(camera):
+        return "the camera has a lens of its own"
+    mounts = camera.get("mount"), lens.get("mount")
+    if mounts[0] != mounts[1] and mounts not in WITH_RING:
+        return f"the mount of the camera is {mounts[0]}, that of the lens is {mounts[1]}"
+    s_u, s_v = pair("pixel_size", camera["pixel_size"])
+    diagonal = math.hypot(camera["width"] * s_u, camera["height"] * s_v)
+    circle = lens.get("image_circle", math.inf)
+    if circle < diagonal * (1 - CIRCLE_TOLERANCE_REL):
+        sizes = f"{1e3 * circle:.3g} mm is smaller than the sensor, {1e3 * diagonal:.3g} mm"
+        return f"the image circle of {sizes} across its corners"
+    return ""
+
+
+@cache
+def _sold() -> Catalogue:
+    """The catalogue of the package."""
+    return Catalogue(**read_toml(Path(__file__).parents[1] / "data" / "cameras.toml"))
+
+
+def catalogue(file: StrPath | None = None) -> Catalogue:
+    """The catalogue with the file of a user, `file` or that of the environment.
+
+    Raises
+    ------
+    CameraError
+        For a file that is no catalogue.
+    """
+    tables = {name: dict(table) for name, table in _sold()._asdict().items()}
+    path = file or os.environ.get("RASTERCOV_CATALOGUE")
+    try:
+        for what, more in (read_toml(path) if path else {}).items():
+            for name, entry in more.items():
+                whole = tables[what][name] = tables[what].get(name, {}) | entry
+                needed = NEEDED[what][: 2 if has_lens(whole) else 3]
+                for each in (*needed, *(each for each in NUMBERS if each in whole)):
+                    check = pair if each in ("pixel_size", "f_numbers") else positive
+                    whole[each] = check(f"{what}.{name}.{each}", whole.get(each))
+    except (UnreadableError, CameraError) as error:
+        raise CameraError(f"{printable(str(path))}: {error}") from None
+    except (KeyError, AttributeError, TypeError):
+        words = "cameras and lenses by name, [cameras.NAME] and [lenses.NAME], wanted; correct it"
+        raise CameraError(f"{printable(str(path))}: {words}") from None
+    return Catalogue(**tables)
+
+
+def is_name(text: Any) -> bool:
+    """True for a text that may be a name in the catalogue, and is no file."""
+    is_word = isinstance(text, str) and re.fullmatch(r"[A-Za-z][\w+-]*", text)
+    return bool(is_word) and not os.path.exists(text)  # noqa: PTH110 - of a text
+
+
+def entries_of(name: Any, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:
+    """Entries of a camera file for a camera with its lens, changed by others.
+
+    With `focus_distance` alone the lens is open, at its least f-number.
+    """
+    found = catalogue(file)
+    entries = {k: v for part in found.parts(name) for k, v in part.items()}
+    if not changes.keys().isdisjoint(OF_VIEW):
+        entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, "f_numbers", "nearest")}
+    elif not has_lens(entries):
+        lens = listed(found.lenses_of(name)) or f"none of mount {entries.get('mount')}"
+        raise CameraError(f"{name} has no lens; give {name}+LENS or focal_length; lenses: {lens}")
+    low, high = entries.get("f_numbers", (0, math.inf))
+    n, z = changes.get("f_number"), changes.get("focus_distance")
+    if is_number(n) and not low <= n <= high:
+        raise CameraError(f"f_number of {name} must be {low:g} to {high:g}, got {shown(n)}")
+    if is_number(z) and z < entries.get("nearest", 0):
+        raise CameraError(f"{name} focuses from {entries['nearest']:g} m on, got {shown(z)} m")
+    if z is not None and low and changes.keys().isdisjoint({"f_number", "aperture"}):
+        entries["f_number"] = low
+    return {k: v for k, v in entries.items() if k not in OF_SHOP} | dict(changes)
+
+
+def price_of(name: str, file: StrPath | None = None) -> float | None:
+    """Price of a camera with its lens; None where one of them has none."""
+    prices = [part.get("price", math.nan) for part in catalogue(file).parts(name)]
+    return None if math.isnan(sum(prices)) else float(sum(prices))

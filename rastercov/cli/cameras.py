@@ -1,0 +1,91 @@
+"""The command `cameras`: cameras and lenses that are sold, filtered."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from rastercov.base.checks import is_number
+from rastercov.base.output import json_text
+from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import catalogue, price_of
+from rastercov.camera.projection import rays_of
+from rastercov.cli import options
+
+Row = dict[str, Any]
+NEAR_REL = 0.1
+"""Difference of a field of view from that which is asked for."""
+COLUMNS = {
+    "cameras": "name width height pixel_size mount hfov_deg price",
+    "lenses": "name focal_length f_numbers image_circle nearest mount price",
+}
+UNITS = {"pixel_size": ("um", 1e6), "focal_length": ("mm", 1e3), "image_circle": ("circle", 1e3)}
+"""Words and factors of lengths that are not in metres in a table."""
+
+
+def cameras(
+    words: Annotated[
+        list[str] | None, typer.Argument(help="Words of name, maker, product or sensor.")
+    ] = None,
+    hfov: Annotated[float | None, typer.Option(help="Field of view, deg, to 10 %: pairs.")] = None,
+    min_pixels: Annotated[float, typer.Option(help="Pixels at least, such as 5e6.")] = 0.0,
+    mount: Annotated[str | None, typer.Option(help="Mount of the lens: C, CS, S or E.")] = None,
+    max_price: Annotated[float, typer.Option(help="Price at most, of those with one.")] = math.inf,
+    own: Annotated[Path | None, typer.Option("--catalogue", help="File of your own.")] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """List cameras and lenses that are sold, by text, pixels, mount, price or field of view.
+
+    Example: rastercov cameras rpi --hfov 60
+    """
+    shop = catalogue(own)
+    every = {what: list(table) for what, table in shop._asdict().items()}
+    if hfov is not None:
+        every = {"cameras": list(shop.names())}
+    found: dict[str, list[Row]] = {what: [] for what in every}
+    for what, name in [(what, name) for what, names in every.items() for name in names]:
+        parts = shop.parts(name) if what == "cameras" else [shop.lenses[name]]
+        row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
+        row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
+        row["hfov_deg"] = None if hfov is None else _hfov_deg(name, own)
+        text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
+        if (
+            all(word.casefold() in text.casefold() for word in words or ())
+            and (mount or "").upper() in ("", row.get("mount"))
+            and row.get("width", 0) * row.get("height", 0) >= min_pixels
+            and (max_price == math.inf or (row["price"] or math.inf) <= max_price)
+            and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
+        ):
+            found[what].append(row)
+    if as_json:
+        print(json_text(found))
+        return
+    for what, rows in found.items():
+        names = [
+            name for name in COLUMNS[what].split() if any(map(_cell, rows, [name] * len(rows)))
+        ]
+        table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+        for name in names:
+            table.add_column(UNITS.get(name, (name,))[0].replace("_", " "), no_wrap=True)
+        for row in rows:
+            table.add_row(*(_cell(row, name) for name in names))
+        if rows:
+            Console().print(table)
+        print(f"{what}: {len(rows)}")
+
+
+def _hfov_deg(name: str, own: Path | None) -> float:
+    """Angle between left and right, degrees, of a camera with its lens."""
+    camera = Camera.from_dict({"preset": name, "catalogue": own})
+    rays = rays_of(np.array([(0.0, camera.cy), (camera.width, camera.cy)]), camera)
+    return float(np.diff(np.degrees(np.arctan2(rays[:, 0], rays[:, 2])))[0])
+
+
+def _cell(row: Row, name: str) -> str:
+    value, factor = row.get(name), UNITS.get(name, ("", 1.0))[1]
+    values = value if isinstance(value, list | tuple) else [] if value is None else [value]
+    return "-".join(dict.fromkeys(f"{factor * v:.4g}" if is_number(v) else v for v in values))

@@ -1,0 +1,92 @@
+"""Cameras that are sold: the derived camera against published angles, pairs, prices, own files."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov.camera.catalogue import catalogue, misfit
+from rastercov.camera.projection import rays_of
+from rastercov.cli import command
+from rastercov.placement.plan.file import PlanError, plan_of
+
+PUBLISHED = {  # degrees across the image by the makers, which the catalogue does not have
+    "rpi-hq+rpi-16mm": 22.2,
+    "rpi-hq+rpi-6mm": 55,
+    "rpi-gs+rpi-16mm": 17.8,
+    "rpi-hq-m12+rpi-25mm-m12": 14.4,
+    "rpi-cm1": 53.5,
+    "rpi-cm2": 62.2,
+}
+ACROSS_CORNERS = {"dji-phantom4rtk": 84, "hikvision-2143g2-28mm": 122, "hikvision-2143g2-4mm": 99.7}
+OWN = """
+[cameras]
+ours = { width = 4000, height = 3000, pixel_size = 2e-6, mount = "C", price = 300 }
+flir-bfs-u3-51s5 = { price = 900 }
+[lenses]
+fujinon-hf12xa-5m = { price = 150 }
+"""
+
+
+def test_derived_cameras_have_the_published_angles_of_view():
+    for name, degrees in {**PUBLISHED, **ACROSS_CORNERS}.items():
+        camera = rc.Camera.load(name)
+        top = 0 if name in ACROSS_CORNERS else camera.cy
+        a, b = rays_of(np.array([(0, top), (camera.width, camera.height - top)]), camera)
+        angle = math.acos(a @ b / math.sqrt((a @ a) * (b @ b)))
+        assert math.degrees(angle) == pytest.approx(degrees, rel=0.01), name
+    camera = rc.Camera.from_dict({"preset": "rpi-hq+rpi-16mm", "focus_distance": 1.0})
+    blur = 1.55e-6 / (16e-3 / 1.4) * (1 - 16e-3) / 16e-3  # (3.10), one pixel, at f/1.4
+    assert camera.depth_of_field() == pytest.approx((1 / (1 + blur), 1 / (1 - blur)))
+
+
+def test_every_model_has_its_source_and_every_pair_that_fits_is_a_camera():
+    shop = catalogue()
+    assert all(each["source"] for table in shop for each in table.values())
+    names = set(shop.names())
+    assert all(rc.Camera.preset(name).width >= 720 for name in names)
+    for camera, one in shop.cameras.items():
+        fitting = {f"{camera}+{lens}" for lens, its in shop.lenses.items() if not misfit(one, its)}
+        assert fitting == {name for name in names if name.startswith(f"{camera}+")}
+
+
+REFUSED = {
+    'preset = "flir-bfs-u3-51s"': "among the cameras of the catalogue; there are flir-bfs-u3-51s5",
+    'preset = "sony-a7m4+rpi-16mm"': "the camera is E, that of the lens is C; .* sony-sel35f18f",
+    'preset = "flir-bfs-u3-244s8+fujinon-hf8xa-5m"': "11 mm is smaller than the sensor, 19.3 mm",
+    'preset = "rpi-cm2+rpi-6mm"': "has a lens of its own",
+    'preset = "rpi-hq"': "give rpi-hq.LENS or focal_length; lenses: .*",
+    'preset = "rpi-hq+rpi-16mm", f_number = 1.2, focus_distance = 1': "1.4 to 16, got 1.2",
+    'preset = "rpi-hq+rpi-16mm", focus_distance = 0.1': "focuses from 0.2 m on, got 0.1 m",
+}
+
+
+def test_what_does_not_fit_is_one_line(capsys):
+    for entries, words in REFUSED.items():
+        assert command(["evaluate", "box", "-c", entries, "-p", "sphere:1"]) == 2
+        assert re.fullmatch(f"error: .*{words}.*\n", capsys.readouterr().err)
+
+
+def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys):
+    (tmp_path / "own.toml").write_text(OWN)
+    lens = "fujinon-hf12xa-5m"
+    types = {"a": {"preset": f"ours+{lens}"}, "b": {"preset": f"flir-bfs-u3-51s5+{lens}"}}
+    entries = {"meshes": [{"built_in": "box"}], "cameras": types, "catalogue": "own.toml"}
+    plan = plan_of(entries, tmp_path / "plan.toml")
+    assert [plan.cost_of("a", None), plan.cost_of("b", 50)] == [450, 1100]
+    assert plan.rig.cameras[0].fx == pytest.approx(6000)
+    types["c"] = {"preset": "rpi-hq+fujinon-hf8xa-5m"}
+    with pytest.raises(PlanError, match=r"cameras\.c: there is no price, as of others"):
+        plan_of(entries, tmp_path / "plan.toml")
+    monkeypatch.setenv("RASTERCOV_CATALOGUE", str(tmp_path / "own.toml"))
+    assert command(["cameras", "--hfov=35", "--max-price=500", "--min-pixels=5e6", "--json"]) == 0
+    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
+    assert found[f"ours+{lens}"]["price"] == 450
+    assert all(31.5 <= each["hfov_deg"] <= 38.5 and each["price"] <= 500 for each in found.values())
+    for text in ("[cameras]\nx = 3", "[shop.x]\na = 1", "[lenses.x]\nprice = 3", "cameras = 1"):
+        (tmp_path / "own.toml").write_text(text)
+        assert command(["cameras"]) == 2
+        assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'own.toml'}: ")
