@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from rastercov.base.errors import CameraError
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import percent, plural
 from rastercov.camera.formats import bytes_like, read_through
 from rastercov.camera.formats.conventions import Border, Conventions, metres_per
 from rastercov.camera.formats.doubts import unit_doubts
@@ -107,7 +107,9 @@ def audit(
 
 def _print(summary: Mapping[str, Any], out: Path) -> None:
     """Print the headline of an audit, and the cameras that add most."""
-    from rastercov.report.audit import headlines
+    from rastercov.report.audit import headlines, words_of
+
+    area = words_of(summary["unit"])[0]
 
     print(
         f"{plural(summary['cameras'], 'image', 'cover')} "

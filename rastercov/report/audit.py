@@ -199,7 +199,7 @@ def _upright(mesh: Mesh, poses: Poses, up: NDArray[np.float64]) -> tuple[Mesh, P
     if up[2] == 1:
         return mesh, poses
     # Half a turn about the middle of both directions; about x where they are opposite.
-    axis = np.array([1.0, 0.0, 0.0]) if up[2] == -1 else (up + (0, 0, 1)) / np.sqrt(2)
+    axis = np.array([1.0, 0.0, 0.0]) if up[2] == -1 else np.add(up, (0, 0, 1)) / np.sqrt(2)
     turn = np.diag([-1.0, -1.0, -1.0, 1.0])
     turn[:3, :3] += 2 * np.outer(axis, axis)
     turned = Poses.of(turn @ poses.world_from_camera, camera=poses.camera)
