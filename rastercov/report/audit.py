@@ -47,7 +47,7 @@ from rastercov.report.modes import (
 )
 from rastercov.report.overview import Overview
 from rastercov.report.pages import Picture, figures_of, rendered, view_page
-from rastercov.report.panorama import beside, look, neutral, paint, smooth
+from rastercov.report.panorama import beside, look, neutral, paint, scene_keys, smooth
 from rastercov.report.theme import WEAK, Colour
 
 AUDIT = ReportKind(
@@ -222,8 +222,9 @@ def _zone_picture(
         part = Mesh(surface.vertices, surface.faces[near])
         scenes.append((look(part, towards), colours[near]))
         words += ". Right: from near"
+    drawn = [scene for scene, _ in scenes]
     images = [smooth(Image.fromarray(paint(scene, each))) for scene, each in scenes]
-    return framed(beside(images), words, [Key.of("the zone", colour)])
+    return framed(beside(images), words, [Key.of("the zone", colour), *scene_keys(drawn)])
 
 
 def _suggested_picture(given: Suggested) -> Image.Image:
@@ -329,9 +330,10 @@ def headlines(summary: Mapping[str, Any]) -> list[str]:
         before, after = given["before"], given["after"]
         lines.append(
             f"with the {plural(len(given['images']), 'suggested image')} (simulated): covered "
-            f"{percent(before['covered_percent'] / 100)} -> "
-            f"{percent(after['covered_percent'] / 100)}, weak "
-            f"{percent(before['weak_percent'] / 100)} -> {percent(after['weak_percent'] / 100)}"
+            f"{percent(after['covered_percent'] / 100)} in place of "
+            f"{percent(before['covered_percent'] / 100)}, weak "
+            f"{percent(after['weak_percent'] / 100)} in place of "
+            f"{percent(before['weak_percent'] / 100)}"
         )
     cameras = summary.get("by_camera", ())
     for entry in cameras[:MOST_LINES]:
