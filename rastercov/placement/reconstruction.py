@@ -91,17 +91,14 @@ class Suggested:
     def summary(self) -> dict[str, Any]:
         """Shares that are covered, and weak, before, with each image, and after; for JSON."""
         shares = [
-            {
-                "covered_percent": step.percent(step.covered),
-                "weak_percent": step.percent(weak(step).kind >= 0),
-            }
+            {"covered_percent": step.percent(step.covered),
+             "weak_percent": step.percent(weak(step).kind >= 0)}
             for step in self.steps
-        ]
+        ]  # fmt: skip
+        eyes = self.poses.world_from_camera[:, :3, 3].tolist()
         images = [
-            {"name": name, "position": pose[:3, 3].tolist()} | share
-            for name, pose, share in zip(
-                self.names, self.poses.world_from_camera, shares[1:], strict=True
-            )
+            {"name": name, "position": eye} | share
+            for name, eye, share in zip(self.names, eyes, shares[1:], strict=True)
         ]
         return {"before": shares[0], "images": images, "after": shares[-1]}
 
@@ -227,16 +224,12 @@ def summary_of(found: Audit) -> dict[str, Any]:
 
     for row, m2 in enumerate(zones.area[:MOST_ZONES].tolist()):
         own = zones.zone == row
-        figures = {
-            "kind": KINDS[int(zones.kind[own][0])],
-            "m2": m2,
-            "percent": percent * m2,
-            "centroid": (weights[own] @ found.elements.centroids[own] / m2).tolist(),
-            "mean_views": float(np.average(found.views[own], weights=weights[own])),
-            "angle_deg": math.degrees(quantile(found.widest_angle, weights, own)),
-            "gsd_per_px": gsd(own),
-        }
-        entries.append(figures)
+        entries.append(
+            {"kind": KINDS[int(zones.kind[own][0])], "m2": m2, "percent": percent * m2,
+             "centroid": (weights[own] @ found.elements.centroids[own] / m2).tolist(),
+             "mean_views": float(weights[own] @ found.views[own] / m2), "gsd_per_px": gsd(own),
+             "angle_deg": math.degrees(quantile(found.widest_angle, weights, own))}
+        )  # fmt: skip
     of_kind = np.bincount(zones.kind[zones.kind >= 0], weights[zones.kind >= 0], len(KINDS))
     return {
         "gsd_per_px": {
@@ -273,7 +266,7 @@ def suggest(
     found : Audit
         What the existing images cover; the new ones have the camera of most of these.
     count : int
-        1 or more.
+        0 or more.
     method : {"certified", "exact", "sampled"}, or Engine
         That of the audit.
     progress : callable
@@ -282,13 +275,11 @@ def suggest(
     Raises
     ------
     ConfigError
-        For a count below 1, and an audit whose images see nothing.
+        For a negative count, and an audit whose images see nothing.
     """
-    if count < 1 or not found.views.any():
-        raise ConfigError(
-            f"suggest needs 1 image or more to add to images that see the surface, got {count} to "
-            f"add to {len(found.poses)}; correct it, or check the poses and the unit"
-        )
+    if not found.views.any():
+        words = f"and none of {len(found.poses)} images does; check the poses and their unit"
+        raise ConfigError(f"suggested images go on from images that see the surface, {words}")
     zones, problem, n = weak(found), strict(found.problem), len(found.poses)
     task = replace(found.task, min_angle_deg=0.0)
     sharp = max(task.min_pixel_density, coarse_density(found))
@@ -299,9 +290,8 @@ def suggest(
     candidates = _around(found, zones).of_camera(camera)
     with open_observer(found.mesh, found.camera, method) as observer:
         measured = partial(build_matrix, observer, cells=found.cells)
-        matrix = measured(
-            candidates.placed, replace(task, min_pixel_density=sharp), progress=progress
-        )
+        sharply = replace(task, min_pixel_density=sharp)
+        matrix = measured(candidates.placed, sharply, progress=progress)
         joined = replace(
             problem,
             bits=CoveredBits.from_pairs(*counted, n, problem.n_faces).joined(_bits(matrix)),
@@ -329,10 +319,9 @@ def upwards(poses: Poses) -> FloatArray:
     """
     axes = np.concatenate((np.eye(3)[::-1], -np.eye(3)))
     across, down, ahead = (poses.world_from_camera[:, :3, axis] @ axes.T for axis in range(3))
-    worth = (np.maximum(-down, -ahead) - np.abs(across)).mean(axis=0)
-    worth[0] += Z_IS_UP
-    up: FloatArray = axes[worth.argmax()]
-    return up
+    worth = (np.maximum(-down, -ahead) - np.abs(across)).sum(axis=0)
+    worth[0] += Z_IS_UP * max(1, len(poses))
+    return np.array(axes[worth.argmax()])
 
 
 def _around(found: Audit, zones: Weak) -> Candidates:

@@ -63,7 +63,8 @@ MOST_PICTURES = 4
 CLOSE_UP = 2.5
 """Reach of the close-up of a zone, in those of the zone."""
 MOST_NEAR = 0.7
-"""Part of the surface from which a close-up is of all."""
+"""Part of the surface from which a close-up is of all, and the second view is aslant by this."""
+ASLANT = (0.8, -0.8, 0.6)
 MOST_ROWS = 400
 """Cameras in the table of a page; cameras.parquet has all."""
 MOST_LINES = 8
@@ -126,11 +127,12 @@ def write(
         if suggest is not None:
             next_ones = suggest(found)
             summary["suggested"] = next_ones.summary()
+        if suggest is not None and next_ones.names:
             views = views_of(found.camera, next_ones.poses, next_ones.names)
             more["suggested.json"] = json_bytes(content_of(views), indent=2) + b"\n"
             if (other := written(views)) is not None:
                 more[f"suggested_{other[0]}"] = other[1]
-            words = f"The surface by the {plural(len(next_ones.names), 'suggested image')} alone"
+            words = "The surface by the suggested images alone"
             pictures["audit_suggested"] = Picture.of(words, _suggested_picture(next_ones))
         is_task = found.problem.weights > 0
         figures = {
@@ -209,7 +211,7 @@ def _upright(mesh: Mesh, poses: Poses, up: NDArray[np.float64]) -> tuple[Mesh, P
 def _zone_picture(
     surface: Mesh, eyes: NDArray[np.float64], own: NDArray[np.bool_], colour: Colour, words: str
 ) -> Image.Image:
-    """A weak zone: where it is on the surface, and near by where it is small."""
+    """A weak zone: where it is on the surface; then from near, or aslant where it is large."""
     colours = neutral(surface).copy()
     colours[own] = colour
     middle = np.average(surface.centroids[own], axis=0, weights=surface.areas[own])
@@ -217,14 +219,14 @@ def _zone_picture(
     near = away <= max(CLOSE_UP * away[own].max(), 0.1 * float(np.ptp(surface.bounds)))
     towards = surface.areas[own] @ surface.normals[own]
     towards = towards if towards.any() else middle - surface.bounds.mean(axis=0)
-    scenes = [(look(surface, towards, eyes=eyes), colours)]
-    if near.mean() < MOST_NEAR:
-        part = Mesh(surface.vertices, surface.faces[near])
-        scenes.append((look(part, towards), colours[near]))
-        words += ". Right: from near"
-    drawn = [scene for scene, _ in scenes]
-    images = [smooth(Image.fromarray(paint(scene, each))) for scene, each in scenes]
-    return framed(beside(images), words, [Key.of("the zone", colour), *scene_keys(drawn)])
+    again = towards
+    if near.mean() > MOST_NEAR:
+        near[:], again = True, towards / np.linalg.norm(towards) + ASLANT
+    close = look(Mesh(surface.vertices, surface.faces[near]), again)
+    scenes = [look(surface, towards, eyes=eyes), close]
+    painted = paint(scenes[0], colours), paint(close, colours[near])
+    images = [smooth(Image.fromarray(pixels)) for pixels in painted]
+    return framed(beside(images), words, [Key.of("the zone", colour), *scene_keys(scenes)])
 
 
 def _suggested_picture(given: Suggested) -> Image.Image:
@@ -300,14 +302,13 @@ def words_of(unit: str) -> tuple[Callable[[float], str], Callable[[float], str]]
 
 def headlines(summary: Mapping[str, Any]) -> list[str]:
     """Lines on the whole of an audit, on its frames and on each of its cameras."""
-    subset, of_pixel, lines = summary["subset"], summary["gsd_per_px"], []
-    area, gsd = words_of(summary["unit"])
-    if of_pixel["median"] is not None:
-        lines.append(
-            f"ground sampling distance {gsd(of_pixel['median'])} (median), "
-            f"{gsd(of_pixel['least'])} at best, {gsd(of_pixel['percentile_95'])} or less for 95 % "
-            "of the area seen"
-        )
+    subset, (area, gsd) = summary["subset"], words_of(summary["unit"])
+    lines, (least, median, most) = [], summary["gsd_per_px"].values()
+    if median is not None:
+        lines = [
+            f"ground sampling distance {gsd(median)} (median), {gsd(least)} at best, {gsd(most)} "
+            "or less for 95 % of the area seen"
+        ]
     lines += [
         f"median density {rounded(summary['median_density_px_per_m'])} px/{summary['unit']}, "
         f"median angle between views {summary['median_widest_angle_deg']:.3g} degrees",
@@ -325,16 +326,14 @@ def headlines(summary: Mapping[str, Any]) -> list[str]:
             f"fewer than {frames['subset']['bound']:g}; {frames['redundant']:,} could be left out "
             "one at a time"
         )
-    if "suggested" in summary:
-        given = summary["suggested"]
-        before, after = given["before"], given["after"]
-        lines.append(
-            f"with the {plural(len(given['images']), 'suggested image')} (simulated): covered "
-            f"{percent(after['covered_percent'] / 100)} in place of "
-            f"{percent(before['covered_percent'] / 100)}, weak "
-            f"{percent(after['weak_percent'] / 100)} in place of "
-            f"{percent(before['weak_percent'] / 100)}"
+    if summary.get("suggested", {}).get("images"):
+        images, *ends = (summary["suggested"][name] for name in ("images", "before", "after"))
+        covered, weak_ = (
+            " in place of ".join(percent(end[name] / 100) for end in reversed(ends))
+            for name in ("covered_percent", "weak_percent")
         )
+        number_of = plural(len(images), "suggested image")
+        lines.append(f"with the {number_of} (simulated): covered {covered}, weak {weak_}")
     cameras = summary.get("by_camera", ())
     for entry in cameras[:MOST_LINES]:
         lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"

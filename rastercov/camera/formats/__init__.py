@@ -311,15 +311,13 @@ def bytes_like(path: StrPath, views: Views, metres: float = 1.0) -> tuple[str, b
 
     None for formats that are not written, or have our unit. `metres` are those of its unit.
     """
-    target = {"colmap": "colmap-text", "nerfstudio": "nerfstudio"}.get(
-        _recognised(_path(path), None)[1]
-    )
-    if target is None:
+    found = _recognised(_path(path), None)[1]
+    if found not in ("colmap", "nerfstudio"):
         return None
     matrices = views.poses.world_from_camera.copy()
     matrices[:, :3, 3] /= metres
     scaled = replace(views, poses=Poses.of(matrices, camera=views.poses.camera), has_unit=False)
-    contents, _ = _contents(_path(path), scaled, target)
+    contents, _ = _contents(_path(path), scaled, f"{found}-text" if found == "colmap" else found)
     if "" in contents:
         return "transforms.json", contents[""]
     packed = io.BytesIO()
