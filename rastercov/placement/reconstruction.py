@@ -26,7 +26,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
-from rastercov.mesh.topology import first_equal_row
+from rastercov.mesh.topology import components_of, first_equal_row
 from rastercov.placement.audit import Audit, quantile
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames
@@ -125,28 +125,15 @@ def weak(found: Audit) -> Weak:
     # Cells of two faces have a corner in common up to rounding.
     step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
     corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
-    key = corner[on.faces[rows]] * len(KINDS) + kind[rows, None]
-    root = _connected(np.unique(key, return_inverse=True)[1].reshape(-1, 3))
-    zone = np.unique(root, return_inverse=True)[1]
+    key = (corner[on.faces[rows]] * len(KINDS) + kind[rows, None]).ravel()
+    around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
+    turn = np.stack((around[:-1], around[1:]), axis=1)[np.diff(key[around]) == 0] // 3
+    zone = components_of(len(rows), turn)
     area = np.bincount(zone, found.problem.weights[rows]).astype(np.float64)
     order = np.argsort(-area, kind="stable")
     zones = np.full(len(kind), -1, np.int64)
     zones[rows] = np.argsort(order)[zone]
     return Weak(kind, zones, area[order])
-
-
-def _connected(corner: IntArray) -> IntArray:
-    """(N,) lowest row of those connected by corners, of (N, 3) corners."""
-    root, lowest = np.arange(len(corner)), np.empty(int(corner.max(initial=0)) + 1, np.int64)
-    while True:  # each round joins neighbours, and halves the ways to the root
-        lowest[:] = len(root)
-        np.minimum.at(lowest, corner, root[:, None])
-        least = lowest[corner].min(axis=1)
-        np.minimum.at(least, root, least.copy())
-        least = least[least]
-        if np.array_equal(least, root):
-            return root
-        root = least
 
 
 def overlap(found: Audit) -> dict[str, Any]:

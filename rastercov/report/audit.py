@@ -69,7 +69,6 @@ MOST_ROWS = 400
 """Cameras in the table of a page; cameras.parquet has all."""
 MOST_LINES = 8
 """Cameras with a line of their own; audit.json has all."""
-HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the smallest set")
 
 
 def write(
@@ -260,14 +259,8 @@ def page(
     has_view: bool,
 ) -> str:
     """HTML of an audit: its summary, and the columns of its cameras."""
-    area = words_of(summary["unit"])[0]
+    area, gsd = words_of(summary["unit"])
     order = np.lexsort((-np.array(cameras["seen_m2"]), -np.array(cameras["lost_m2"])))
-    rows = [
-        [cameras["name"][row], cameras["camera"][row]]
-        + [area(cameras[name][row]) for name in ("seen_m2", "lost_m2", "alone_m2")]
-        + ["yes" if cameras["in_subset"][row] else ""]
-        for row in order[:MOST_ROWS].tolist()
-    ]
     exact = summary.get("covered_area")
     return rendered(
         "audit.html",
@@ -283,10 +276,10 @@ def page(
         files="audit.json, elements.parquet and cameras.parquet",
         zone_rows=None,
         area=area,
-        gsd=words_of(summary["unit"])[1],
+        gsd=gsd,
         weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
-        headings=HEADINGS,
-        rows=rows,
+        cameras=cameras,
+        order=order[:MOST_ROWS].tolist(),
         n_more=max(0, len(order) - MOST_ROWS),
         pictures=pictures,
         has_view=has_view,
