@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from rastercov.base.errors import CameraError
-from rastercov.base.format import area, percent, plural
-from rastercov.camera.formats import read_through
-from rastercov.camera.formats.conventions import Border, Conventions
+from rastercov.base.format import percent, plural
+from rastercov.camera.formats import bytes_like, read_through
+from rastercov.camera.formats.conventions import Border, Conventions, metres_per
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
@@ -18,6 +18,9 @@ from rastercov.cli.inputs import SceneOptions, in_metres, left_out
 from rastercov.cluster import Tally
 from rastercov.coverage.task import Task
 
+NO_SCALE = (
+    "the reconstruction has no scale: m and mm are its units; --pose-unit and --unit give metres"
+)
 MOST_NAMED = 5
 """Cameras that are named one by one."""
 
@@ -45,6 +48,10 @@ def audit(
         float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
     ] = None,
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    suggest: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of images to take next.", show_default="none"),
+    ] = None,
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -56,6 +63,7 @@ def audit(
     from rastercov.coverage.shards import is_long
     from rastercov.exact.certificate import compile_first
     from rastercov.placement.audit import audit as run
+    from rastercov.placement.reconstruction import suggest as next_images
     from rastercov.report.audit import write  # loads pyarrow
 
     staff, tally, mesh = processes.open(), Tally(), scene.read(meshes)
@@ -63,21 +71,30 @@ def audit(
     views = read_through(source, border)
     if views.rig is None:
         raise CameraError(f"{source}: there are poses and no cameras; convert it with its cameras")
-    in_metres(views, source)
-    notes = [*views.notes, *left_out(views.poses)]
+    if not views.has_unit and (conventions.pose_unit is not None or scene.unit != options.UNIT):
+        in_metres(views, source)
+    notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     doubts = unit_doubts(mesh, views.rig, views.poses)
     compile_first(method)
     warn([*mesh.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
-        options: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
+        asked: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
         made = partial(
             run, mesh, views.rig, views.poses, task, names=views.images or None,
             frames=views.frames, progress=progress, workers=staff, watch=tally.add,
-            note=lambda line: warn([line]), **options,
+            note=lambda line: warn([line]), **asked,
         )  # fmt: skip
+        metres = 1.0 if conventions.pose_unit is None else metres_per(conventions.pose_unit)
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
-        kept = options | {"scene": scene.entries(out, meshes)}
-        _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf)
+        kept = asked | {"scene": scene.entries(out, meshes)}
+        _, summary = write(
+            made, out, kept, notes, is_kept=is_kept, pdf=pdf,
+            unit="m" if views.has_unit else "unit",
+            suggest=None if suggest is None else partial(
+                next_images, count=suggest, method=method, progress=progress
+            ),
+            written=partial(bytes_like, source, metres=metres),
+        )  # fmt: skip
     quarantined = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:
@@ -92,7 +109,9 @@ def audit(
 
 def _print(summary: Mapping[str, Any], out: Path) -> None:
     """Print the headline of an audit, and the cameras that add most."""
-    from rastercov.report.audit import headlines
+    from rastercov.report.audit import headlines, words_of
+
+    area = words_of(summary["unit"])[0]
 
     print(
         f"{plural(summary['cameras'], 'image', 'cover')} "

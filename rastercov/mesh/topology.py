@@ -185,18 +185,26 @@ class Topology:
 
     def components(self) -> NDArray[np.int64]:
         """(F,) number of each face's edge-connected component, from 0 in order of first face."""
-        dtype = np.int32 if self.n_faces < 2**31 else np.int64  # int32 halves the memory
-        root = np.arange(self.n_faces, dtype=dtype)
-        left, right = self.neighbours.T.astype(dtype)
-        while True:  # about log F rounds: each joins every root that has a lower neighbour
-            a, b = root[left], root[right]
-            apart = a != b
-            if not apart.any():
-                break
-            left, right, a, b = left[apart], right[apart], a[apart], b[apart]
-            root[np.maximum(a, b)] = np.minimum(a, b)
-            while not np.array_equal(root, jumped := root[root]):
-                root = jumped
-        number = np.cumsum(root == np.arange(self.n_faces)) - 1
-        part: NDArray[np.int64] = number[root]
-        return part
+        return components_of(self.n_faces, self.neighbours)
+
+
+def components_of(count: int, pairs: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+    """(N,) number of the component of each of N things, (M, 2) pairs of which are neighbours.
+
+    From 0, in the order of the first of each component.
+    """
+    dtype = np.int32 if count < 2**31 else np.int64  # int32 halves the memory
+    root = np.arange(count, dtype=dtype)
+    left, right = pairs.T.astype(dtype)
+    while True:  # about log N rounds: each joins every root that has a lower neighbour
+        a, b = root[left], root[right]
+        apart = a != b
+        if not apart.any():
+            break
+        left, right, a, b = left[apart], right[apart], a[apart], b[apart]
+        root[np.maximum(a, b)] = np.minimum(a, b)
+        while not np.array_equal(root, jumped := root[root]):
+            root = jumped
+    number = np.cumsum(root == np.arange(count)) - 1
+    part: NDArray[np.int64] = number[root]
+    return part

@@ -207,10 +207,36 @@ class Audit(Groups, InOneLine):
     by_camera: Groups | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
 
+    def percent(self, mask: BoolArray) -> float:
+        """Part of the area that some elements, (E,), have, in percent."""
+        weights, total = self.problem.weights, float(self.problem.weights.sum())
+        return (100 / total if total > 0 else 0.0) * float(weights[mask].sum())
+
+    @property
+    def elements(self) -> Mesh:
+        """The E elements as faces of a mesh."""
+        return self.mesh if self.cells is None else self.cells.elements
+
+    def with_poses(self, new: Poses, bits: CoveredBits) -> "Audit":
+        """The audit with further poses, and the elements that each of them covers.
+
+        Only problem, poses, and figures of elements are of all poses.
+        """
+        matrices = np.concatenate((self.poses.world_from_camera, new.world_from_camera))
+        poses = Poses.of(matrices, camera=np.concatenate((self.poses.camera, new.camera)))
+        eyes = poses.world_from_camera[:, :3, 3].copy()
+        both = self.problem.bits.joined(bits)
+        problem = replace(self.problem, bits=both, costs=np.ones(len(poses)), eyes=eyes)
+        return replace(
+            self,
+            problem=problem,
+            poses=poses,
+            **element_figures(problem, self.elements, poses, cameras_of(self.camera)),
+        )
+
     def summary(self) -> dict[str, Any]:
         """Figures of the audit, ready for JSON."""
         weights, total = self.problem.weights, float(self.problem.weights.sum())
-        percent = 100 / total if total > 0 else 0.0
         is_seen, several = self.views > 0, self.views > 1
         summary: dict[str, Any] = {
             "by": self.by,
@@ -218,11 +244,11 @@ class Audit(Groups, InOneLine):
             "elements": len(self.views),
             "cell_size_m": None if self.cells is None else self.cells.size,
             "required_views": self.task.views,
-            "covered_percent": percent * float(weights[self.covered].sum()),
-            "seen_percent": percent * float(weights[is_seen].sum()),
+            "covered_percent": self.percent(self.covered),
+            "seen_percent": self.percent(is_seen),
             "mean_views": float(np.average(self.views, weights=weights)) if total > 0 else 0.0,
-            "median_density_px_per_m": _median(self.best_density, weights, is_seen),
-            "median_widest_angle_deg": math.degrees(_median(self.widest_angle, weights, several)),
+            "median_density_px_per_m": quantile(self.best_density, weights, is_seen),
+            "median_widest_angle_deg": math.degrees(quantile(self.widest_angle, weights, several)),
             "redundant_cameras": int(self.redundant.sum()),
             "subset": self.fewest(),
             "per_camera": [
@@ -369,31 +395,27 @@ def audit(
         eyes=accepted.world_from_camera[:, :3, 3].copy(),
         centroids=on.centroids,
     )
-    every = np.arange(len(accepted))
-    views, covered = problem.covered_by(every)
-    best, by_camera, widest = _figures(problem, on, accepted, cameras_of(camera))
-    weights = problem.weights
-    each = groups_of(problem, covered, every.tolist())
-    covered &= weights > 0
+    figures = element_figures(problem, on, accepted, cameras_of(camera))
+    each = groups_of(problem, figures["covered"], list(range(len(accepted))))
     of_camera = None
     if cameras_apart(camera, accepted):
         labels = np.array(names_of(camera), object)[accepted.camera]
-        of_camera = groups_of(problem, covered, labels.tolist())
+        of_camera = groups_of(problem, figures["covered"], labels.tolist())
     own = vars(each) | {"names": words, "subset": select_greedy(problem)}
     return Audit(
         **own, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
-        problem=problem, views=views, best_density=best, best_camera=by_camera,
-        widest_angle=widest, covered=covered, network=network, areas=areas,
-        frames=groups_of(problem, covered, instants, has_subset=True) if instants else None,
+        problem=problem, network=network, areas=areas, **figures,
+        frames=groups_of(problem, figures["covered"], instants, has_subset=True)
+        if instants else None,
         by_camera=of_camera,
         quarantined={} if shards is None else shards.quarantined,
     )  # fmt: skip
 
 
-def _figures(
+def element_figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
-) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
-    """Best density and its camera, and widest angle, (E,)."""
+) -> dict[str, Any]:
+    """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
     from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
     from rastercov.kernels import spread
@@ -411,7 +433,11 @@ def _figures(
         )  # fmt: skip
     widest = np.empty(n)
     spread.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
-    return best, by, widest
+    views, covered = problem.covered_by(np.arange(len(poses)))
+    return {
+        "views": views, "covered": covered & (problem.weights > 0), "best_density": best,
+        "best_camera": by, "widest_angle": widest,
+    }  # fmt: skip
 
 
 def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, ...]:
@@ -428,11 +454,11 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
     return tuple(found[row] for row in poses.ids)
 
 
-def _median(values: FloatArray, weights: FloatArray, mask: BoolArray) -> float:
-    """Median by weight; 0 for nothing."""
+def quantile(values: FloatArray, weights: FloatArray, mask: BoolArray, share: float = 0.5) -> float:
+    """Value below which a share of the weight is, the median unless given; 0 for nothing."""
     chosen = np.flatnonzero(mask & (weights > 0))
     if not len(chosen):
         return 0.0
     order = chosen[np.argsort(values[chosen], kind="stable")]
     below = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(below, below[-1] / 2)]])
+    return float(values[order[np.searchsorted(below, share * below[-1])]])

@@ -239,15 +239,19 @@ def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = 
 
     `names` are those of the images, their rows in the input unless given.
     """
-    if not 0 < len(poses) <= MOST_POSES:
-        return
+    if 0 < len(poses) <= MOST_POSES:
+        write_json(path, content_of(views_of(camera, poses, names)))
+
+
+def views_of(camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> Views:
+    """Poses of a result with their cameras; the names of images as for `write_rig`."""
     cameras = cameras_of(camera)
     used = np.unique(poses.camera).tolist()
     rig = Rig([cameras[row] for row in used], [names_of(camera)[row] for row in used])
     index = np.searchsorted(used, poses.camera)
     placed = dataclasses.replace(poses, camera=index.astype(np.int32), rejected={})
     images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
-    write_json(path, content_of(Views(rig=rig, poses=placed, images=images)))
+    return Views(rig=rig, poses=placed, images=images)
 
 
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:

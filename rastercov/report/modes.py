@@ -34,6 +34,8 @@ OCCLUDER_OF_REASONS = len(NAMES)
 MOST_VIEWS = 12
 """Views from which the colour is the same."""
 OCCLUDER_LABEL = "occluder"
+WEAK_LABELS = ("too few views", "small angle between views", "coarse")
+"""Of the kinds of weakness in `rastercov.placement.reconstruction`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,13 @@ class OfCameras(NamedTuple):
     row: NDArray[np.integer[Any]]
     names: Sequence[str]
     colours: Pixels
+
+
+class OfUnit(NamedTuple):
+    """Values of faces, (F,), and the unit to show them with."""
+
+    values: ArrayLike
+    unit: str
 
 
 class Mode(NamedTuple):
@@ -152,9 +161,13 @@ def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
     return _classes(mesh, levels, colours, ["no camera", OCCLUDER_LABEL, *words])
 
 
-def by_density(mesh: Mesh, density: ArrayLike) -> Painted:
-    """Pixel densities, (F,) px/m, 0 for none; the ends are those of 2 and 98 % of the area."""
-    values = np.asarray(density, np.float64)
+def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
+    """Pixel densities, (F,), in px/m unless they have a unit, 0 for none.
+
+    The ends are those of 2 and 98 % of the area.
+    """
+    given, unit = density if isinstance(density, OfUnit) else OfUnit(density, "px/m")
+    values = np.asarray(given, np.float64)
     known = np.flatnonzero(mesh.task_mask & (values > 0))
     low, high = 1.0, 10.0
     if len(known):
@@ -165,7 +178,7 @@ def by_density(mesh: Mesh, density: ArrayLike) -> Painted:
         high = max(high, low * (1 + 1e-9))
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)
-    return _on_scale(mesh, shares, (low, high), "px/m", "not covered", is_log=True)
+    return _on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
 def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
@@ -173,6 +186,13 @@ def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     values = np.asarray(angle, np.float64)
     high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
     return _on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
+
+
+def by_weakness(mesh: Mesh, kind: NDArray[np.integer[Any]]) -> Painted:
+    """Kinds of weak parts of a reconstruction, (F,), rows of `WEAK_LABELS`; -1 for none."""
+    colours = [theme.COVERED, theme.OCCLUDER_PALE, *theme.WEAK]
+    words = ["enough views, angle and resolution", OCCLUDER_LABEL, *WEAK_LABELS]
+    return _classes(mesh, _cycled(mesh, kind), colours, words)
 
 
 def by_one_camera(mesh: Mesh, coverage: ArrayLike) -> Painted:
@@ -205,8 +225,9 @@ MODES: dict[str, Mode] = {
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
     "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
-    "density": Mode("Pixel density", "Best pixel density of each part, in px/m.", by_density),
+    "density": Mode("Pixel density", "Best pixel density of each part.", by_density),
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
+    "weak": Mode("Weak zones", "Parts with too few views, small angle, or coarse.", by_weakness),
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
     "single": Mode(
         "One camera", "Coverage by the chosen camera: grey in proportion to it.", by_one_camera,

@@ -62,6 +62,8 @@ OF_CAMERA = Setting((160, 190, 219), (176, 140, 90), (132, 96, 140), (158, 122, 
 """Of the image of a camera: all have a hue, so that every grey means coverage."""
 DARKEST, GREY_SPAN = 14, 235
 """Grey of a face: light * (DARKEST + GREY_SPAN * coverage)."""
+WEAK: tuple[Colour, ...] = ((204, 62, 68), (226, 142, 44), (112, 92, 176))
+"""Of weak parts: too few views, small angle, coarse."""
 CAMERAS: tuple[Colour, ...] = (
     (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (100, 185, 245), (236, 206, 60),
     (213, 48, 40), (120, 84, 190), (130, 190, 40), (40, 50, 140), (250, 160, 170), (0, 205, 205),

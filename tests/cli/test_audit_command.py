@@ -1,6 +1,8 @@
 """`rastercov audit`: the figures of the function, in tables, arrays and a coloured mesh."""
 
 import json
+import re
+import zipfile
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,7 +11,7 @@ from commands import answer, done, refusal
 from mesh_files import obj
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats import write_views
+from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
 from rastercov.camera.viewpoints import sphere_of_poses
@@ -51,7 +53,8 @@ def test_files_of_an_audit_of_a_reconstruction_are_those_of_the_function(here, c
     page = (out / "audit.html").read_text(encoding="utf-8")
     assert all(f"<td>{name}</td>" in page for name in IMAGES)
     pictures = {path.name for path in out.glob("audit_*.png")}
-    assert pictures == {"audit_views.png", "audit_density.png", "audit_angle.png"}
+    modes = {f"audit_{name}.png" for name in ("views", "density", "angle", "weak")}
+    assert modes <= pictures
 
 
 @pytest.mark.slow
@@ -70,8 +73,29 @@ def test_pinholes_are_audited_by_area(here, capsys):
         assert words in text
 
 
+@pytest.mark.slow
+def test_suggested_images_are_in_our_format_and_in_that_of_the_input(here, capsys):
+    printed, error = done(capsys, "audit sparse torus.obj --min-pixels 4 --suggest 2 -o out")
+    page = (here / "out/audit.html").read_text(encoding="utf-8")
+    assert "no scale" in error
+    for text, unit in ((printed, "units/px"), (page, "units/px")):
+        assert unit in text
+        assert "mm/px" not in text
+    said = json.loads((here / "out/audit.json").read_text())["suggested"]["images"]
+    assert len(said) == 2
+    with zipfile.ZipFile("out/suggested_colmap.zip") as archive:
+        archive.extractall("next")
+    for name in ("out/suggested.json", "next"):
+        eyes = read_views(name).poses.world_from_camera[:, :3, 3]
+        np.testing.assert_allclose(eyes, [image["position"] for image in said], atol=1e-9)
+    for image in re.findall(r"<img [^>]*>", page):
+        assert re.search('alt="[^"]+"', image)
+
+
 def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
     np.save("poses.npy", np.array(POSES))
-    assert "give --pose-unit" in refusal(capsys, "audit sparse torus.obj -o out")
+    assert "give --pose-unit" in refusal(capsys, "audit sparse torus.obj --unit mm -o out")
+    (here / "scan.psx").write_text("")
+    assert "Metashape; export the mesh" in refusal(capsys, "audit sparse scan.psx -o out")
     assert "no cameras" in refusal(capsys, "audit poses.npy torus.obj --pose-unit 1 -o out")
     assert not (here / "out").exists()

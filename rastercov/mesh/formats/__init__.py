@@ -50,6 +50,9 @@ READERS: dict[str, Reader] = {
     ".stl": text.read_stl,
     ".stp": gltf.read_step,
 }
+PROJECTS = dict.fromkeys((".psx", ".psz"), "Metashape") | {".mvs": "OpenMVS"}
+PROJECTS |= dict.fromkeys((".rcproj", ".rsproj"), "RealityCapture")
+"""Programs whose projects are taken for meshes."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
@@ -202,6 +205,8 @@ def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     extension = Path(path).suffix.lower()
     got = repr(extension or "no extension")
     formats = ", ".join(READERS)
+    project = f"a mesh wanted, got a project of {PROJECTS.get(extension)}"
+    check(extension not in PROJECTS, project, "export the mesh, as PLY or OBJ, and name that file")
     check(extension in READERS, f"supported formats are {formats}, got {got}", "convert the mesh")
     try:
         data = file_bytes(path, max_bytes, SMALLER)

@@ -1,0 +1,327 @@
+"""Figures for photogrammetry of an audit, and the images to take next.
+
+    audit -> weak zones -> candidates around them -> greedy with exchanges -> views, measured again
+
+An element is weak where fewer than k images cover it, where the rays to all of these are within a
+small angle, or where its ground sampling distance (GSD), the inverse of the best pixel density, is
+much more than the median. Two images overlap by the area that both cover.
+
+The images to take next see what is weak from the distance of the existing images. They are chosen
+with these as one candidate without cost, so that a view that is there counts, but not of what is
+coarse. A new view counts where it is not coarse. What they cover is then measured by the task.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.pose import Poses
+from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import open_observer
+from rastercov.mesh.topology import components_of, first_equal_row
+from rastercov.placement.audit import Audit, quantile
+from rastercov.placement.bits import CoveredBits
+from rastercov.placement.candidates.cavities import face_frames
+from rastercov.placement.candidates.clearance import filter_candidates
+from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.problem import BestCoverage, Problem
+
+LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
+"""Images that a point needs to have a place, and an angle between them; the task may ask more."""
+COARSE = 2.0
+"""GSD above which an element is coarse, in medians."""
+LEAST_OVERLAP = 0.2
+"""Part of the smaller area of two images that both cover, from which they are linked."""
+LEAST_LINKS = 2
+"""Other images that an image is to be linked with."""
+MOST_IMAGES, MOST_PAIRS, MOST_ZONES = 2000, 10_000, 100
+"""Images with an overlap graph; pairs and zones that a summary lists."""
+KINDS = ("few_views", "small_angle", "coarse")
+"""Kinds of weakness; an element has the first that is true of it."""
+PLACES, DIRECTIONS = 48, 9
+"""Places in weak zones around which there are candidates, and directions from each."""
+MOST_OBLIQUE = 0.5
+"""Least cosine of the angle of a direction to the normal."""
+Z_IS_UP = 0.1
+"""Worth of z as the direction upwards, beside the mean of cosines."""
+CLEARANCE = 0.25
+"""Least distance of a candidate to the surface, in distances of the existing images."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weak:
+    """Weak elements of an audit, (E,): the `kind`, a row of `KINDS`, and `zone`; -1 for neither.
+
+    Zones are connected elements of one kind, the largest first; `area` is that of each.
+    """
+
+    kind: NDArray[np.int64]
+    zone: IntArray
+    area: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Suggested:
+    """Images to take next.
+
+    Attributes
+    ----------
+    poses : Poses
+        world_from_camera, with the index of the camera of each.
+    names : tuple of str
+    steps : list of Audit
+        The audit with the problem, poses and figures of elements as they are with the first 0, 1,
+        ... of these images; what it has of each image, and its exact area, is of the existing ones.
+    """
+
+    poses: Poses
+    names: tuple[str, ...]
+    steps: list[Audit]
+
+    def summary(self) -> dict[str, Any]:
+        """Shares that are covered, and weak, before, with each image, and after; for JSON."""
+        shares = [
+            {"covered_percent": step.percent(step.covered),
+             "weak_percent": step.percent(weak(step).kind >= 0)}
+            for step in self.steps
+        ]  # fmt: skip
+        eyes = self.poses.world_from_camera[:, :3, 3].tolist()
+        images = [
+            {"name": name, "position": eye} | share
+            for name, eye, share in zip(self.names, eyes, shares[1:], strict=True)
+        ]
+        return {"before": shares[0], "images": images, "after": shares[-1]}
+
+
+def strict(problem: Problem) -> Problem:
+    """The problem with views and angle below which an element is weak."""
+    angle = problem.min_angle or math.radians(LEAST_ANGLE_DEG)
+    return replace(problem, views=np.maximum(problem.views, LEAST_VIEWS), min_angle=angle)
+
+
+def coarse_density(found: Audit) -> float:
+    """Best density below which an element is coarse, px per unit of length."""
+    return quantile(found.best_density, found.problem.weights, found.views > 0) / COARSE
+
+
+def weak(found: Audit) -> Weak:
+    """Weak elements of an audit and their zones."""
+    wanted, is_task, on = strict(found.problem), found.problem.weights > 0, found.elements
+    kind = np.full(len(found.views), -1)
+    kind[is_task & (found.best_density < coarse_density(found))] = 2
+    kind[is_task & (found.widest_angle < wanted.min_angle)] = 1
+    kind[is_task & (found.views < wanted.views)] = 0
+    rows = np.flatnonzero(kind >= 0)
+    # Cells of two faces have a corner in common up to rounding.
+    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
+    corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
+    key = (corner[on.faces[rows]] * len(KINDS) + kind[rows, None]).ravel()
+    around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
+    turn = np.stack((around[:-1], around[1:]), axis=1)[np.diff(key[around]) == 0] // 3
+    zone = components_of(len(rows), turn)
+    area = np.bincount(zone, found.problem.weights[rows]).astype(np.float64)
+    order = np.argsort(-area, kind="stable")
+    zones = np.full(len(kind), -1, np.int64)
+    zones[rows] = np.argsort(order)[zone]
+    return Weak(kind, zones, area[order])
+
+
+def overlap(found: Audit) -> dict[str, Any]:
+    """Overlap graph of the images, ready for JSON; empty for none, and more than `MOST_IMAGES`.
+
+    `components` are linked images, `weakest` the links of the strongest tree that holds each
+    together, the weakest first, and `too_few` the images with fewer than `LEAST_LINKS` links.
+    """
+    n, bits, names = len(found.poses), found.problem.bits, found.names
+    if not 0 < n <= MOST_IMAGES:
+        return {}
+    whole = found.problem.integer_weights
+    values = np.append(whole, np.zeros(-len(whole) % 64, np.int64))[None]
+    rows = [bits.sums(values, bits.row(row)[None])[:, 0] for row in range(n)]  # compiled
+    shared = np.array(rows) * (float(found.problem.weights.sum()) / max(1, int(whole.sum())))
+    least = np.minimum.outer(shared.diagonal(), shared.diagonal())
+    share = np.divide(shared, least, out=np.zeros_like(shared), where=least > 0)
+    np.fill_diagonal(share, 0.0)
+    part, parent = _strongest_tree(share)
+
+    def entry(one: int, other: int) -> dict[str, Any]:
+        pair = {"shared_m2": float(shared[one, other]), "percent": 100 * float(share[one, other])}
+        return {"images": [names[one], names[other]]} | pair
+
+    tree = sorted(np.flatnonzero(parent >= 0).tolist(), key=lambda row: share[row, parent[row]])
+    one, other = np.nonzero(np.triu(share) > 0)
+    order = np.argsort(-share[one, other], kind="stable")[:MOST_PAIRS]
+    links = (share >= LEAST_OVERLAP).sum(axis=1)
+    return {
+        "least_percent": 100 * LEAST_OVERLAP,
+        "components": [
+            [names[row] for row in np.flatnonzero(part == each)] for each in range(part.max() + 1)
+        ],
+        "weakest": [entry(row, parent[row]) for row in tree[:MOST_ZONES]],
+        "too_few": [
+            {"name": names[row], "links": int(links[row])} | entry(row, int(share[row].argmax()))
+            for row in np.flatnonzero(links < LEAST_LINKS).tolist()
+        ],
+        "pairs": [entry(one[row], other[row]) for row in order],
+    }
+
+
+def _strongest_tree(share: FloatArray) -> tuple[IntArray, IntArray]:
+    """Component of each image, (P,), and the image that it is linked to in the strongest tree.
+
+    Links are shares, (P, P), of `LEAST_OVERLAP` or more; the first image of a component has -1.
+
+    R. C. Prim. Shortest connection networks and some generalizations. 1957.
+    """
+    n = len(share)
+    part, parent, best = np.zeros(n, np.int64), np.full(n, -1), np.full(n, -1.0)
+    is_left, count = np.ones(n, bool), -1
+    for _ in range(n):
+        row = int(np.where(is_left, best, -2.0).argmax())
+        if best[row] < LEAST_OVERLAP:
+            count, parent[row] = count + 1, -1
+        part[row], is_left[row] = count, False
+        is_better = is_left & (share[row] > best)
+        best[is_better], parent[is_better] = share[row, is_better], row
+    return part, parent
+
+
+def summary_of(found: Audit) -> dict[str, Any]:
+    """GSD, area by number of views, weak zones and overlap, ready for JSON.
+
+    Lengths are in the unit of the mesh, and so is the GSD, of a pixel.
+    """
+    weights, is_seen = found.problem.weights, found.views > 0
+    percent = 100 / max(float(weights.sum()), np.finfo(float).tiny)
+    zones, wanted, entries = weak(found), strict(found.problem), []
+
+    def gsd(mask: BoolArray, share: float = 0.5) -> float | None:
+        density = quantile(found.best_density, weights, mask & is_seen, share)
+        return 1 / density if density > 0 else None
+
+    for row, m2 in enumerate(zones.area[:MOST_ZONES].tolist()):
+        own = zones.zone == row
+        entries.append(
+            {"kind": KINDS[int(zones.kind[own][0])], "m2": m2, "percent": percent * m2,
+             "centroid": (weights[own] @ found.elements.centroids[own] / m2).tolist(),
+             "mean_views": float(weights[own] @ found.views[own] / m2), "gsd_per_px": gsd(own),
+             "angle_deg": math.degrees(quantile(found.widest_angle, weights, own))}
+        )  # fmt: skip
+    of_kind = np.bincount(zones.kind[zones.kind >= 0], weights[zones.kind >= 0], len(KINDS))
+    return {
+        "gsd_per_px": {
+            "least": gsd(is_seen, 1.0), "median": gsd(is_seen), "percentile_95": gsd(is_seen, 0.05)
+        },
+        "by_views": [
+            {"views": views, "m2": m2, "percent": percent * m2}
+            for views, m2 in enumerate(np.bincount(found.views, weights).tolist())
+        ],
+        "weak": {
+            "views": int(wanted.views.max(initial=LEAST_VIEWS)),
+            "angle_deg": math.degrees(wanted.min_angle),
+            "coarse_gsd_per_px": 1 / coarse_density(found) if is_seen.any() else None,
+            "percent": found.percent(zones.kind >= 0),
+            "by_kind": dict(zip(KINDS, (percent * of_kind).tolist(), strict=True)),
+            "zones": entries,
+            "other_zones": max(0, len(zones.area) - MOST_ZONES),
+        },
+        "overlap": overlap(found),
+    }  # fmt: skip
+
+
+def suggest(
+    found: Audit,
+    count: int,
+    *,
+    method: str | Engine = "certified",
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Suggested:
+    """Images to take next, at most `count`, fewer where no more adds anything.
+
+    Parameters
+    ----------
+    found : Audit
+        What the existing images cover; the new ones have the camera of most of these.
+    count : int
+        0 or more.
+    method : {"certified", "exact", "sampled"}, or Engine
+        That of the audit.
+    progress : callable
+        Called with the candidates done and the total.
+
+    Raises
+    ------
+    ConfigError
+        For a negative count, and an audit whose images see nothing.
+    """
+    if not found.views.any():
+        words = f"and none of {len(found.poses)} images does; check the poses and their unit"
+        raise ConfigError(f"suggested images go on from images that see the surface, {words}")
+    zones, problem, n = weak(found), strict(found.problem), len(found.poses)
+    task = replace(found.task, min_angle_deg=0.0)
+    sharp = max(task.min_pixel_density, coarse_density(found))
+    limits, face = problem.bits.pairs()
+    kept = zones.kind[face] != KINDS.index("coarse")
+    counted = np.repeat(np.arange(n), np.diff(limits))[kept], face[kept]
+    camera = int(np.bincount(found.poses.camera).argmax())
+    candidates = _around(found, zones).of_camera(camera)
+    with open_observer(found.mesh, found.camera, method) as observer:
+        measured = partial(build_matrix, observer, cells=found.cells)
+        sharply = replace(task, min_pixel_density=sharp)
+        matrix = measured(candidates.placed, sharply, progress=progress)
+        joined = replace(
+            problem,
+            bits=CoveredBits.from_pairs(*counted, n, problem.n_faces).joined(_bits(matrix)),
+            starts=np.append(0, np.arange(n, n + len(candidates) + 1)),
+            costs=np.append(0.0, np.ones(len(candidates))),
+            goal=BestCoverage(budget=float(count)),
+            eyes=np.concatenate((found.poses.world_from_camera, candidates.poses))[:, :3, 3].copy(),
+        )
+        chosen = select_greedy(joined).chosen
+        new = candidates.take(chosen[chosen > 0] - 1).placed
+        bits = _bits(measured(new, task))
+    names = tuple(f"suggested_{row + 1}" for row in range(len(new)))
+    steps = [found.with_poses(new[:row], bits.take(np.arange(row))) for row in range(len(new) + 1)]
+    return Suggested(new, names, steps)
+
+
+def _bits(matrix: VisibilityMatrix) -> CoveredBits:
+    return matrix.bits(max(matrix.task.min_coverage, np.finfo(np.float64).tiny))
+
+
+def upwards(poses: Poses) -> FloatArray:
+    """The axis of the world, or its opposite, that is up in most images, or behind them; (3,).
+
+    Their horizontal axes are across it.
+    """
+    axes = np.concatenate((np.eye(3)[::-1], -np.eye(3)))
+    across, down, ahead = (poses.world_from_camera[:, :3, axis] @ axes.T for axis in range(3))
+    worth = (np.maximum(-down, -ahead) - np.abs(across)).sum(axis=0)
+    worth[0] += Z_IS_UP * max(1, len(poses))
+    return np.array(axes[worth.argmax()])
+
+
+def _around(found: Audit, zones: Weak) -> Candidates:
+    """Candidates around weak zones: places spread over their area, each from some directions."""
+    on, weights, poses = found.elements, found.problem.weights, found.poses.world_from_camera
+    order = np.lexsort((zones.zone, zones.kind))[np.sum(zones.kind < 0) :]
+    below = np.cumsum(weights[order])
+    steps = (np.arange(PLACES if len(order) else 0) + 0.5) / PLACES
+    at = order[np.searchsorted(below, steps * below[-1:].sum())]
+    reach = np.linalg.norm(poses[found.best_camera, :3, 3] - on.centroids, axis=1)
+    away = quantile(reach, weights, found.views > 0)
+    rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
+    targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
+    eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
+    made = Candidates.of(look_at(eyes, targets, upwards(found.poses)), "weak")
+    return filter_candidates(made, found.mesh, CLEARANCE * away)[0]

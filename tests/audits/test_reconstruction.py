@@ -1,0 +1,67 @@
+"""Weak zones, overlap and suggested images of an audit: each against its definition."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+
+import rastercov as rc
+from rastercov.mesh import shapes
+from rastercov.placement.audit import audit
+from rastercov.placement.reconstruction import KINDS, LEAST_OVERLAP, suggest, summary_of, weak
+
+MESH = shapes.torus(24, 12)
+CAMERA = rc.Camera(width=320, height=240, fx=260, fy=260)
+
+
+def from_above(count, seed=1, spread=0.4):
+    rng = np.random.default_rng(seed)
+    eyes = rng.normal(size=(count, 3)) * (spread, spread, 0.1) + (0, 0, 3.5)
+    return rc.look_at(eyes, rng.normal(0, 0.1, (count, 3)))
+
+
+@pytest.mark.slow
+@examples(4, at_night=12)
+@given(seed=st.integers(0, 999), by=st.sampled_from(["area", "face"]), views=st.integers(1, 3))
+def test_the_promise_of_suggested_images_is_the_audit_of_all_images(seed, by, views):
+    task, poses = rc.Task(views=views, min_angle_deg=8 * (views - 1)), from_above(5, seed)
+    found = audit(MESH, CAMERA, poses, task, by=by)
+    made = suggest(found, 3)
+    said, joined = made.summary(), np.concatenate([poses, made.poses.world_from_camera])
+    for row in range(len(made.poses) + 1):
+        after = audit(MESH, CAMERA, joined[: 5 + row], task, by=by)
+        share = ([said["before"], *said["images"]])[row]
+        assert share["covered_percent"] == after.summary()["covered_percent"]
+        assert share["weak_percent"] == summary_of(after)["weak"]["percent"]
+    assert said["after"]["weak_percent"] < said["before"]["weak_percent"]
+
+
+@pytest.mark.slow
+@examples(4, at_night=12)
+@given(seed=st.integers(0, 999), count=st.integers(1, 9))
+def test_weak_zones_and_overlap_are_their_definitions(seed, count):
+    found = audit(MESH, CAMERA, from_above(count, seed, 3.0), by="face")
+    covers = np.array(
+        [np.isin(np.arange(576), found.problem.faces_of(row)) for row in range(count)]
+    )
+    said, zones = summary_of(found), weak(found)
+    graph, shared = said["overlap"], (covers * MESH.areas) @ covers.T
+    for pair in graph["pairs"]:
+        one, other = map(int, pair["images"])
+        assert pair["shared_m2"] == pytest.approx(shared[one, other], rel=1e-6)
+    least = np.minimum.outer(np.diag(shared), np.diag(shared))
+    linked = (shared >= LEAST_OVERLAP * least) & (shared > 0) | np.eye(count, dtype=bool)
+    reach = np.linalg.matrix_power(linked.astype(int), count) > 0
+    assert {frozenset(map(int, part)) for part in graph["components"]} == {
+        frozenset(np.flatnonzero(row).tolist()) for row in reach
+    }
+    few, narrow = found.views < 2, found.widest_angle < np.radians(5)
+    np.testing.assert_array_equal(zones.kind == KINDS.index("few_views"), few)
+    np.testing.assert_array_equal(zones.kind == KINDS.index("small_angle"), ~few & narrow)
+    assert said["weak"]["percent"] == pytest.approx(100 * zones.area.sum() / MESH.areas.sum())
+    corners = [set(MESH.faces[zones.zone == row].ravel()) for row in range(len(zones.area))]
+    kinds = [zones.kind[zones.zone == row] for row in range(len(zones.area))]
+    for row, kind in enumerate(kinds):  # zones of one kind have no corner in common
+        assert (kind == kind[0]).all()
+        assert not any(corners[row] & corners[n] for n in range(row) if kinds[n][0] == kind[0])
