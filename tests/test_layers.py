@@ -88,19 +88,19 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 # needs more says what it retires.
 BUDGET = {
     "base": 900,
-    "camera": 4_590,
-    "cli": 1_370,
+    "camera": 4_680,
+    "cli": 1_520,
     "cluster": 670,
     "coverage": 2_740,
     "exact": 720,
     "kernels": 10_180,
     "mesh": 3_380,
-    "placement": 6_480,
+    "placement": 6_980,
     "raster": 2_350,
-    "report": 2_990,
+    "report": 3_430,
     "viewer": 1_630,
 }
-MOST_FILES = 260
+MOST_FILES = 267
 
 
 def code_lines(path):
