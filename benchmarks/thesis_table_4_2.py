@@ -8,7 +8,7 @@ for it. Zhang's model builds its ray tracer each time.
 Errors are what the thesis could not measure: the visible fraction of each face that has an image,
 against exact rational arithmetic on all faces, and (3.6) with that fraction in it, R_min = 100 px
 and the resolution capped at 1. "literal" is Algorithm 1 as printed, on meshes of up to 2,000 faces;
-"centroid sort" its charitable reading, see docs/equations.md.
+"centroid sort" its charitable reading, see docs/appendix/equations.md.
 
 The thesis states neither camera nor poses. Here: the camera of its figure A.3, 0.35 m from the
 middle of the mesh, which is scaled to a sphere of 0.16 m, so that all of it is in view and in

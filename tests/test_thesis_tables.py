@@ -15,7 +15,7 @@ from rastercov.placement.candidates.segments import segment
 
 ROOT = Path(__file__).parents[1]
 BENCHMARKS = ROOT / "benchmarks"
-THESIS = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
+THESIS = (ROOT / "docs" / "appendix" / "thesis.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

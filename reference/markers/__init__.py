@@ -3,5 +3,5 @@
     plates -> mesh -> engine  -> predicted
            -> picture -> OpenCV -> found
 
-docs/markers.md has the results.
+docs/appendix/markers.md has the results.
 """

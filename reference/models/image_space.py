@@ -4,7 +4,7 @@
 
 with C_FOV (3.7), C_R = min(1, projected area / R_min) (3.8), C_F (3.12), and C_V the visible part
 of the face's image (3.13), (3.14), computed with a proof or to rounding. `coverage.coverage` has
-the criteria that we added, docs/equations.md the departures from the source.
+the criteria that we added, docs/appendix/equations.md the departures from the source.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. MASc thesis,
 University of Windsor, 2020, section 3.3.
