@@ -3,6 +3,7 @@
 #              more examples
 # make quick   the same without the slow ones
 # make lint    formatting, style, types
+# make docs    the documentation as a site, docs/_build/html, without a network
 # make bench   exactness and speed, side by side with a ray tracer
 #
 # All of it lives in .venv; Mesa's OpenGL comes from the system, through apt when it is missing. So
@@ -31,7 +32,7 @@ TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS
 
 # Two pips must not work on one environment.
 .NOTPARALLEL:
-.PHONY: demo test quick lint bench opengl osmesa chromium clean
+.PHONY: demo test quick lint docs bench opengl osmesa chromium clean
 
 # The demo counts on the CPU where there is no GPU, so missing OpenGL does not stop it.
 demo: $(VENV)/installed
@@ -49,6 +50,12 @@ lint: $(VENV)/installed-dev
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
+
+# A warning, a link that leads nowhere or a misspelt word ends it.
+docs: $(VENV)/installed-docs
+	$(BIN)/codespell README.md docs examples rastercov reference benchmarks
+	$(BIN)/python -m sphinx -q -W --keep-going -j auto -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
 
 # Open3D's wheel leaves libusb to the system.
 bench: $(VENV)/installed-bench opengl
@@ -73,6 +80,10 @@ $(VENV)/installed: $(BIN)/python pyproject.toml
 
 $(VENV)/installed-dev: $(BIN)/python pyproject.toml
 	@$(STEP) "installing rastercov and what its tests need in $(VENV), about 2 minutes" $(PIP) install -e '.[dev]'
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: $(BIN)/python pyproject.toml
+	@$(STEP) "installing rastercov and what its documentation needs in $(VENV), about a minute" $(PIP) install -e '.[docs]'
 	@touch $@ $(VENV)/installed
 
 $(VENV)/installed-bench: $(BIN)/python pyproject.toml
@@ -101,4 +112,4 @@ chromium:
 	echo "note: no Chromium: apt has none, or may not install it"
 
 clean:
-	rm -rf $(VENV) report render build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) report render build dist docs/_build docs/reference *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

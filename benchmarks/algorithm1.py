@@ -2,7 +2,8 @@
 
 Pairs of face and pose are pooled over poses around the mesh, 1280 x 960 px. Errors are of the
 occlusion (3.13) of front faces of at least 0.1 px^2, with faces seen from behind hiding others as
-any face does; "centroid sort" is the charitable reading. `docs/appendix/equations.md` has the figures.
+any face does; "centroid sort" is the charitable reading. `docs/appendix/equations.md` has the
+figures.
 """
 
 import numpy as np

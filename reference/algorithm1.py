@@ -3,8 +3,8 @@ r"""Algorithm 1 of the thesis, for the record. It is WRONG: use it for compariso
 The visible part of a face does follow from polygon Booleans in the image, as (3.13) has it, but not
 from these: the algorithm takes the centroid's depth for an order of occlusion, writes over its own
 results, tests back faces against the optical axis, and projects what lies behind the camera.
-`docs/appendix/equations.md` lists eight defects, each with an example, the exact answer, and what comes out
-here. `rastercov.reference.polygons` has the right answer.
+`docs/appendix/equations.md` lists eight defects, each with an example, the exact answer, and what
+comes out here. `rastercov.reference.polygons` has the right answer.
 
 As printed, with T_1 ... T_M for the sorted faces that overlap T_j, itself among them:
 

@@ -4,8 +4,8 @@
 
 One file per row of Tables 2.1 and 3.1 of E. S. Eissa. Image Space Coverage Model. 2020, each headed
 by its equations, its paper and its caveats. A new model is a new file of this package with a
-function `coverage` decorated by `base.coverage_model`, and its name in `NAMES`. docs/appendix/models.md
-compares the criteria of the models.
+function `coverage` decorated by `base.coverage_model`, and its name in `NAMES`.
+docs/appendix/models.md compares the criteria of the models.
 """
 
 from importlib import import_module

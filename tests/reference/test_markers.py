@@ -403,7 +403,7 @@ def test_the_resolution_table_ends_where_the_printed_one_does(resolution_found):
     found = resolution_found
     assert found.as_printed == 15
     assert [row.marker for row in found.rows if row.detected] == list(range(10))
-    # At 14 m there are 1046 px, 33 would be needed a side and 32.3 are there: docs/appendix/markers.md.
+    # At 14 m there are 1046 px; 33 would be needed a side, 32.3 are there: appendix/markers.md.
     wrong = [row.marker for row in found.rows if row.predicted != row.detected]
     assert wrong == [10]
     assert all(row.predicted_by_detector == row.detected for row in found.rows)

@@ -74,7 +74,7 @@ class Regions(FacePolygons):
     """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
 
     The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
-    face. `bound` holds for the area of a face by one pose: |area - exact area| <= bound.
+    face. `bound` holds for the area of a face by one pose: `|area - exact area| <= bound`.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ WHOLE_PAIR_REL = 1e-9
 class Covered(FacePolygons):
     """Area of each face that at least 1 ... k cameras cover, and a partition of it.
 
-    `bound` holds for every row of `area`: |area - exact area| <= bound.
+    `bound` holds for every row of `area`: `|area - exact area| <= bound`.
 
     Attributes
     ----------

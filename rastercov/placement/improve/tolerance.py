@@ -58,7 +58,7 @@ class InstallationError:
         check_limits(self)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
-        """Displacements in metres and rotation vectors in radians, (*shape, 3) each."""
+        """Displacements in metres and rotation vectors in radians, `(*shape, 3)` each."""
         sizes = (self.position_mm / 1000, np.radians(self.angle_deg))
         vectors = []
         for size in sizes:
