@@ -1,11 +1,14 @@
 """Sphinx: `make docs` builds the site in `docs/_build/html`, without a network."""
 
+import re
 import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from docutils import nodes
+from numpy.typing import ArrayLike
+from sphinx.util.typing import stringify_annotation
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -35,6 +38,11 @@ nitpick_ignore_regex = [
 myst_heading_anchors = 4
 suppress_warnings = ["myst.header"]  # a changelog has the same headings below each version
 
+ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
+NDARRAY = re.compile(
+    r"~?numpy\.ndarray\[tuple\[[^]]*\], ~?numpy\.dtype\[~?(?:numpy\.)?(\w+)(?:\[[^]]*\])?\]\]"
+)
+
 default_role = "py:obj"  # `name` in a docstring is code, and a link where there is such a name
 autosummary_generate = False
 autodoc_typehints = "signature"
@@ -44,6 +52,8 @@ autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 80
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
+
+smartquotes = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rastercov"
@@ -56,7 +66,8 @@ html_theme_options: dict[str, Any] = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
-    "footer_start": ["theme-switcher"],
+    "header_links_before_dropdown": 7,
+    "footer_start": [],
     "footer_end": [],
     "show_prev_next": True,
 }
@@ -101,6 +112,15 @@ def _exists(own: str, name: str) -> bool:
     return False
 
 
+def shorten(app: Any, kind: str, name: str, value: Any, options: Any, *parts: Any) -> Any:
+    """Signature and result type with the names of numpy's types in place of their members."""
+    return tuple(
+        NDARRAY.sub(r"NDArray[\1]", part.replace(ARRAY_LIKE, "ArrayLike")) if part else part
+        for part in parts
+    )
+
+
 def setup(app: Any) -> None:
     """Connect what this project adds to Sphinx."""
+    app.connect("autodoc-process-signature", shorten)
     app.connect("missing-reference", link)

@@ -87,7 +87,7 @@ def _section(title: str, module: str, names: list[str], words: str = "") -> list
     rows = [f"   ~{module}.{name}" for name in names]
     pages = [f"   {name} <api/{module}.{name}>" for name in names]
     head = [title, "-" * len(title), "", *([words, ""] if words else [])]
-    hidden = [".. toctree::", "   :hidden:", "", *pages, ""]
+    hidden = [".. toctree::", "   :hidden:", f"   :caption: {title}", "", *pages, ""]
     return [*head, ".. autosummary::", "   :nosignatures:", "", *rows, "", *hidden]
 
 
@@ -97,7 +97,9 @@ def _page(module: str, name: str, value: Any) -> tuple[str, str]:
     options = []
     if inspect.isclass(value):
         kind = "autoexception" if issubclass(value, Exception) else "autoclass"
-        options = [] if issubclass(value, Exception) else ["   :members:", "   :inherited-members: int"]
+        options = (
+            [] if issubclass(value, Exception) else ["   :members:", "   :inherited-members: int"]
+        )
     elif not callable(value):
         kind = "autodata"
     title = full.removeprefix("rastercov.")
@@ -173,10 +175,6 @@ def _plan() -> str:
     found = schema()
     kinds = found["$defs"]
     lines = [
-        *("# Plan reference", "", "Every table and key of a [plan file](../plan.md), made from the"),
-        *("model that reads it. Lengths are metres, angles degrees; files are relative to the", ""),
-    ]
-    lines = [
         "# Plan reference",
         "",
         "Every table and key of a [plan file](../plan.md), made from the model that reads it. "
@@ -221,7 +219,7 @@ def _heads(key: str, entry: Mapping[str, Any], kinds: Mapping[str, Any]) -> Iter
         by_name.setdefault(reference.rpartition("/")[2], []).append(choice)
     for name, choices in by_name.items():
         which = source["discriminator"]["propertyName"]
-        yield f"{bracket} {which} = {' | '.join(map(json.dumps, choices))}", name
+        yield f"{bracket} {which} = {' or '.join(map(json.dumps, choices))}", name
 
 
 def _plan_table(title: str, kind: Mapping[str, Any], _seen: Any = None) -> list[str]:
@@ -249,7 +247,9 @@ def _type(entry: Mapping[str, Any]) -> str:
         name = entry["$ref"].rpartition("/")[2]
         return f"[{_words_of(name)}](#{_anchor(_words_of(name))})"
     if "anyOf" in entry or "oneOf" in entry:
-        options = [each for each in entry.get("anyOf", entry.get("oneOf")) if each != {"type": "null"}]
+        options = [
+            each for each in entry.get("anyOf", entry.get("oneOf")) if each != {"type": "null"}
+        ]
         return " or ".join(dict.fromkeys(map(_type, options)))
     if "enum" in entry:
         return ", ".join(f"`{json.dumps(value)}`" for value in entry["enum"])
@@ -263,7 +263,12 @@ def _type(entry: Mapping[str, Any]) -> str:
     if kind == "object":
         inner = entry.get("additionalProperties")
         return f"table of {_type(inner)}" if isinstance(inner, dict) else "table"
-    words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}
+    words = {
+        "number": "number",
+        "integer": "whole number",
+        "string": "text",
+        "boolean": "true, false",
+    }
     signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
     limits = [f"{sign} {entry[key]:g}" for key, sign in signs.items() if key in entry]
     return _cell(" ".join([words.get(kind, kind), ", ".join(limits)]).strip())
