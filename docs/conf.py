@@ -57,6 +57,7 @@ smartquotes = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rastercov"
+html_sidebars = {page: [] for page in ("index", "start", "concepts", "faq")}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False

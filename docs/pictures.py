@@ -63,7 +63,7 @@ def scattered(count: int) -> rc.Mesh:
 
 
 def floor_pieces(mesh: rc.Mesh, task: rc.Task) -> tuple[list[np.ndarray], float]:
-    """What the camera covers of the floor, as polygons of the plan, and its share."""
+    """Parts that the camera covers of the floor, as polygons of the plan, and its share."""
     found = rc.regions(mesh, CAMERA, POSE, task)
     points = found.points()[:, :2]
     return np.split(points, found.starts[1:-1]), 100 * rc.unite(found).share()
@@ -114,7 +114,7 @@ def save(figure: plt.Figure, name: str) -> None:
 
 
 def visible_and_covered() -> None:
-    """What the camera sees of the floor, and what it covers."""
+    """Parts of the floor that the camera sees, and those that it covers."""
     mesh = grid(1, 1)
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
     floor = [np.array([(0, 0), (SIZE[0], 0), SIZE, (0, SIZE[1])])]

@@ -149,7 +149,7 @@ def markers(
     seed: Annotated[int, typer.Option(min=0, help="Of the random scenes.")] = 2020,
     obstacle: Annotated[
         float,
-        typer.Option(min=0.01, max=2.0, help="Size of what is in the way: 0.3 is a plate, metres."),
+        typer.Option(min=0.01, max=2.0, help="Size of what hides: 0.3 is a plate, metres."),
     ] = 0.30,
     failures: Annotated[int, typer.Option(min=0, help="Failures to show.")] = 24,
     device: Annotated[
