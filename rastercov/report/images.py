@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,6 +56,8 @@ DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
 TIE_REL = 1e-5
 """Depth by which a surface must be in front of a target to hide it, relative."""
+_PARTS: WeakKeyDictionary[Mesh, tuple[bytes, Mesh]] = WeakKeyDictionary()
+"""Of each mesh, the part that was drawn last: its next picture mostly has the same."""
 
 
 def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
@@ -396,7 +399,11 @@ def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> V
         nothing = np.full((camera.height, camera.width), -1, np.int32)
         return VisibilityBuffer(nothing, np.full(nothing.shape, np.inf, np.float32))
     is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
-    part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
+    part, key = mesh, rows.tobytes()
+    if is_part:
+        if _PARTS.get(mesh, (b"",))[0] != key:
+            _PARTS[mesh] = key, Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
+        part = _PARTS[mesh][1]
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
     if not is_part:

@@ -219,9 +219,11 @@ def look(
         buffer = part_drawn(mesh, camera, pose, rows)
     is_closed = ~mesh.task_mask | skin
     task = rows[~(is_closed | away)[rows]]
-    behind = buffer.face if len(task) == len(rows) else part_drawn(mesh, camera, pose, task).face
+    behind, is_seen = buffer.face, np.append(is_closed, False)[buffer.face].any()
+    if is_seen:
+        behind = part_drawn(mesh, camera, pose, task).face
     opened, n_behind = rows[:0], int((behind >= 0).sum())
-    for _ in range(LAYERS):
+    for _ in range(LAYERS * is_seen):
         hides = np.append(is_closed, False)[buffer.face] & (behind >= 0)
         if hides.sum() <= OPENED * n_behind:
             break
