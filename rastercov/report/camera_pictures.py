@@ -150,7 +150,7 @@ def camera_pixels(image: CameraImage) -> Pixels:
     hatch = np.array([each.hatch for each in reasons], np.uint8)[image.reasons]
     pixels = paint(
         scene, neutral(scene.mesh, scene.setting),
-        lambda face: hatched(table[face], hatch[face], scene.stripe // 2 + 1),
+        lambda face: hatched(table[face], hatch[face], scene.hatch),
     )  # fmt: skip
     pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour
     return pixels

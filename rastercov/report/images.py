@@ -20,6 +20,7 @@ from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
+from rastercov.mesh.topology import components_of
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.theme import (
@@ -46,6 +47,8 @@ CREASE_DEG = 30.0
 """Angle between normals above which an edge is a crease."""
 STEP_REL = 1e-3
 """Least step in depth that is drawn, relative to the depth."""
+SHORTEST = 1 / 40
+"""Least length of a line, with all that it meets, relative to the picture."""
 WIDE = 960
 """Pixels above which lines are two pixels wide."""
 LINE = 0.45
@@ -265,11 +268,23 @@ def draw_lines(
             least = STEP_REL / np.minimum(*depth.ravel()[places[1:3]])
             is_line |= jump > 3 * np.maximum(before, after) + least
         drawn += [at[is_line], at[is_line] + step * (width > WIDE)]
-    rows = np.concatenate(drawn)
-    rows = rows[flat[rows] >= 0]
+    rows = np.unique(np.concatenate(drawn))
+    rows = _long(rows[flat[rows] >= 0], width)
     colour = colours[rows].astype(np.float32)
     is_dark = colour.mean(axis=1, keepdims=True) < 56
     colours[rows] = np.where(is_dark, colour + 40, LINE * colour).astype(np.uint8)
+
+
+def _long(rows: IntArray, width: int) -> IntArray:
+    """Pixels of lines without those of short ones, which are noise of scans; of some, sorted."""
+    pairs = []
+    for step in (1, width - 1, width, width + 1):
+        next_one = np.minimum(np.searchsorted(rows, rows + step), len(rows) - 1)
+        found = np.flatnonzero(rows[next_one] == rows + step)
+        pairs.append(np.stack((found, next_one[found]), axis=1))
+    line = components_of(len(rows), np.concatenate(pairs))
+    long: IntArray = rows[np.bincount(line)[line] >= SHORTEST * width * (1 + (width > WIDE))]
+    return long
 
 
 def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
@@ -335,11 +350,13 @@ def cut(text: str, font: Font, width: float) -> str:
     return text + "..."
 
 
-def place_labels(anchors: ArrayLike, sizes: ArrayLike, picture: tuple[int, int]) -> FloatArray:
+def place_labels(
+    anchors: ArrayLike, sizes: ArrayLike, picture: tuple[int, int], beside: ArrayLike = False
+) -> FloatArray:
     """Centres of labels that overlap no other and are within the picture, (N, 2).
 
-    Each label is at its point or on the first free place on rings around it; where all are taken,
-    at its point.
+    Each label is at its point, unless it is to be `beside` it, (N,), or on the first free place on
+    rings around it; where all are taken, at its point.
 
     Parameters
     ----------
@@ -351,11 +368,11 @@ def place_labels(anchors: ArrayLike, sizes: ArrayLike, picture: tuple[int, int])
     points, room = np.asarray(anchors, np.float64), np.asarray(sizes, np.float64)
     angles = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
     ring = np.stack((np.cos(angles), -np.sin(angles)), axis=1)
-    placed = np.zeros_like(points)
+    placed, is_beside = np.zeros_like(points), np.broadcast_to(np.asarray(beside), len(points))
     for row, (point, size) in enumerate(zip(points, room, strict=True)):
         step = 0.5 * (size + size.min())
         tried = [point + k * step * ring for k in range(1, RINGS + 1)]
-        places = np.concatenate((point[None], *tried))
+        places = np.concatenate(tried if is_beside[row] else [point[None], *tried])
         inside = (places >= size / 2).all(axis=1) & (places <= picture - size / 2).all(axis=1)
         apart = np.abs(places[:, None] - placed[None, :row])
         is_free = (apart >= (room[:row] + size) / 2).any(axis=2).all(axis=1)
@@ -371,15 +388,19 @@ def write_labels(
     colours: Sequence[Colour],
     font: Font,
     fine: int,
+    areas: ArrayLike = np.inf,
 ) -> None:
-    """Write each name on a plate with a border of its colour, and a line to its point."""
+    """Write each name on a plate with a border of its colour, and a line to its point.
+
+    Plates are beside what they name where it has less than twice their area, of `areas` (N,) px.
+    """
     if not names:
         return
     draw = ImageDraw.Draw(image)
     boxes = np.array([draw.textbbox((0, 0), name, font, anchor="mm") for name in names])
     sizes = boxes[:, 2:] - boxes[:, :2] + np.array([9, 7]) * fine
     points = np.asarray(anchors, np.float64)
-    places = place_labels(points, sizes, image.size)
+    places = place_labels(points, sizes, image.size, np.asarray(areas) < 2 * sizes.prod(axis=1))
     for point, place, size, colour in zip(points, places, sizes, colours, strict=True):
         if (np.abs(point - place) > size / 2).any():
             ends = [tuple(point.tolist()), tuple(place.tolist())]

@@ -17,7 +17,7 @@ from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.zones import zones_at
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.reasons import REASONS, Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
@@ -391,7 +391,8 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
     network.add(rc.regions(mesh, camera, pose))
     summary = network.dead_zones(camera, pose)
     assert summary["dead_zones"][0]["reason"] == "back_facing"
-    picture = zones_picture(network.zones(), summary, pose[:, :3, 3])
+    reasons = np.full(mesh.n_faces, Reason.BACK_FACING, np.uint8)
+    picture = zones_picture(network.zones(), summary, reasons, pose)
     assert share_of_hue(picture, REASONS["back_facing"].colour) > 0.05
     assert share_of_hue(picture, theme.COVERED) > 0.01
 
@@ -416,6 +417,6 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     monkeypatch.setattr(overview, "framed", lambda pixels, title, keys: titles.append(title))
     summary = network.dead_zones(CAMERA, poses)
     zones = network.zones()
-    zones_picture(zones, summary, poses[:, :3, 3])
+    zones_picture(zones, summary, np.full(24, Reason.BACK_FACING, np.uint8), poses)
     (core,) = np.unique(zones.zone[zones.face < 12])
     assert titles[0].endswith(f"; hidden from both sides: {core + 1}")
