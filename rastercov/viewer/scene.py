@@ -147,7 +147,8 @@ class Scene:
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
-        return described_mesh(self.mesh) | {
+        poses = np.array([each.pose for each in self.start.stations])
+        return described_mesh(self.mesh, poses) | {
             "title": self.title,
             "version": rastercov.__version__,
             "is_room": self.is_room,

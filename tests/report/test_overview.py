@@ -14,6 +14,7 @@ from target_scenes import beside, sheet_at, some_as_targets
 
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.zones import zones_at
 from rastercov.coverage.network import Network
@@ -140,6 +141,23 @@ def test_outliers_do_not_shrink_the_task():
         places = places[rows < mesh.n_faces - 20]
         assert (np.ptp(places, axis=0) / (scene.camera.width, scene.camera.height)).max() > 0.8
     assert not is_inside(mesh, [(3.0, 0, 0)])
+
+
+@pytest.mark.parametrize("up", [*np.eye(3), *-np.eye(3)])
+def test_pictures_have_up_what_the_cameras_have_up(up):
+    """Cameras on a ring that look down a little; on their sides they still look down."""
+    axes = np.stack((np.roll(up, 1), np.cross(up, np.roll(up, 1)), up))
+    ring = np.linspace(0, 2 * np.pi, 9)[:-1]
+    eyes = np.stack((3 * np.cos(ring), 3 * np.sin(ring), 0 * ring + 2), axis=1) @ axes
+    poses = rc.look_at(eyes, (0, 0, 0), up)
+    tip, base = to_camera([up, -up], look(MESH, (1, -1.5, 1), eyes=poses).pose)
+    assert tip[1] < base[1] - 0.5
+    assert tip[0] == pytest.approx(base[0], abs=1e-9)
+    on_sides = poses.copy()
+    on_sides[:, :3, :2] = poses[:, :3, [1, 0]] * (1, -1)
+    assert (upwards(on_sides) == up).all()
+    assert (upwards(poses @ np.diag([-1, -1, 1, 1])) == -up).all()
+    assert upwards(np.concatenate((poses, poses @ np.diag([1, -1, -1, 1])))).tolist() == [0, 0, 1]
 
 
 @pytest.mark.parametrize("shape", [shapes.box, shapes.room])
@@ -395,6 +413,23 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
     picture = zones_picture(network.zones(), summary, reasons, pose)
     assert share_of_hue(picture, REASONS["back_facing"].colour) > 0.05
     assert share_of_hue(picture, theme.COVERED) > 0.01
+
+
+def test_the_label_of_a_small_thing_is_beside_it():
+    points, sizes = np.full((2, 2), 50.0), np.full((2, 2), 8.0)
+    placed = place_labels(points, sizes, (100, 100), [False, True])
+    assert (placed[0] == 50).all()
+    assert np.abs(placed[1] - 50).max() >= 8
+    assert place_labels(points[:1], sizes[:1], (100, 100)).tolist() == [[50, 50]]
+
+
+def test_short_lines_are_noise():
+    mesh = joined(square(1, 2), square(0.007, 1.9))  # a fleck before a square
+    scene = look(mesh, (0, 0, -1), scale=1.0)
+    pixels = paint(scene, np.full((4, 3), 200, np.uint8))
+    fleck = pixels[np.append([False, False, True, True], False)[scene.face]]
+    assert len(fleck) > 4
+    assert len(np.unique(pixels[scene.face >= 0])) == 2 > len(np.unique(fleck))
 
 
 def test_a_number_is_in_the_middle_of_its_zone():
