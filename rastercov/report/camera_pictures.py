@@ -22,7 +22,7 @@ from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report.images import Key, facing, framed, greys, hatched, stripes
 from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
-from rastercov.report.theme import COVERED, UNCOVERED, Pixels
+from rastercov.report.theme import COVERED, REASON_COLOURS, REASON_HATCHES, UNCOVERED, Pixels
 
 FloatArray = NDArray[np.float64]
 
@@ -138,9 +138,8 @@ def camera_image(
 
 def camera_pixels(image: CameraImage) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it does not cover in colour and hatch."""
-    scene, reasons = image.scene, REASONS.values()
-    table = np.array([each.colour for each in reasons], np.uint8)[image.reasons]
-    hatch = np.array([each.hatch for each in reasons], np.uint8)[image.reasons]
+    scene = image.scene
+    table, hatch = REASON_COLOURS[image.reasons], REASON_HATCHES[image.reasons]
     pixels = paint(
         scene, neutral(scene.mesh, scene.setting),
         lambda face: hatched(table[face], hatch[face], scene.hatch),

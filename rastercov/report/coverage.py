@@ -279,13 +279,12 @@ def _draw_poses(
 
 
 def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
-    """Words on the share of the task that a pose covers, and on whole faces."""
-    mesh, values = found.mesh, found.kept[pose]
-    task = mesh.task_mask
-    whole = task & (values >= found.task.min_coverage) & (values > 0)
-    total = max(mesh.areas[task].sum(), 1e-300)
+    """Words on the share of the task that a pose covers: of the area, or of whole faces."""
+    task, values = found.mesh.task_mask, found.kept[pose]
     if parts is not None:
-        return f"{100 * parts.area.sum() / total:.1f} % of the area"
+        share = parts.area.sum() / max(found.mesh.areas[task].sum(), 1e-300)
+        return f"{100 * share:.1f} % of the area"
+    whole = task & (values >= found.task.min_coverage) & (values > 0)
     return f"{100 * whole.sum() / max(1, task.sum()):.1f} % of the faces"
 
 

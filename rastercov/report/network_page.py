@@ -154,7 +154,7 @@ class NetworkPage:
                 self.mesh, self.network.reason, self.covered, len(self.poses), poses
             )
         elif self.zones:
-            images["zones"] = zones_picture(self.zones, self.figures, reasons, poses)
+            images["zones"] = zones_picture(self.zones, self.figures, poses, reasons=reasons)
         progress(2, 2)
         return images
 
@@ -279,12 +279,10 @@ class NetworkPage:
     def _cards(self) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
         assert self.zones is not None
-        found = []
+        poses, reasons, found = self.poses.world_from_camera, self.values["reason"], []
         for row, zone in enumerate(numbered(self.figures)[:MOST_CLOSE_UPS]):
             reason = zone_reason(zone)
-            drawn = zone_close_up(
-                self.zones, self.figures, row, self.values["reason"], self.poses.world_from_camera
-            )
+            drawn = zone_close_up(self.zones, self.figures, row, poses, reasons=reasons)
             share = percent(round(zone["percent"] / 100, 9))
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]

@@ -85,7 +85,6 @@ LABEL = 1200
 WHOLE_REL = 1e-6
 """Area up to which a face may be covered and counts as wholly dead here, relative."""
 COVERED, ASKED = int(Reason.COVERED), -2
-KEY_ORDER = [COVERED, *(row for row in range(len(NAMES)) if row != COVERED)]
 LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
 
@@ -268,8 +267,9 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 def zones_picture(
     zones: DeadZones,
     summary: Mapping[str, Any],
-    reasons: NDArray[np.uint8],
     eyes: ArrayLike = (),
+    *,
+    reasons: NDArray[np.uint8],
 ) -> Image.Image:
     """The dead zones by exact pieces, from the two directions that show most of them.
 
@@ -279,10 +279,10 @@ def zones_picture(
         Zones, the largest first.
     summary : mapping
         `rastercov.coverage.area.zones.summary_of` of them.
-    reasons : (F,) uint8
-        Rows of `REASONS`, for the zones without a number.
     eyes : array_like
         Cameras, as for `look`.
+    reasons : (F,) uint8
+        Rows of `REASONS`, for the zones without a number.
     """
     mesh, listed = zones.mesh, numbered(summary)
     faces = np.zeros(mesh.n_faces, np.bool_)
@@ -297,9 +297,10 @@ def zones_picture(
     title += f"; {which if len(listed) < zones.count() else 'numbered from the largest'}"
     seen = {row for _, rows, _ in drawn for row in rows}
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
-        few = len(unseen) <= FEW_UNSEEN
-        some = f"hidden from both sides: {', '.join(unseen)}"
-        title += f"; {some if few else f'{len(unseen)} hidden from both sides'}"
+        said = f"hidden from both sides: {', '.join(unseen)}"
+        title += (
+            f"; {said if len(unseen) <= FEW_UNSEEN else f'{len(unseen)} hidden from both sides'}"
+        )
     keys = [*_reason_keys([each for _, _, own in drawn for each in own]), *scene_keys(scenes)]
     return framed(beside([image for image, _, _ in drawn]), title, keys)
 
@@ -308,8 +309,9 @@ def zone_close_up(
     zones: DeadZones,
     summary: Mapping[str, Any],
     row: int,
-    reasons: NDArray[np.uint8],
     eyes: ArrayLike = (),
+    *,
+    reasons: NDArray[np.uint8],
 ) -> Image.Image | None:
     """A zone of the list from near, with what is around it; None where no side shows it.
 
@@ -339,7 +341,7 @@ def zone_close_up(
 
 def _reason_keys(rows: Sequence[int]) -> list[Key]:
     """Legend of reasons, by their rows in `REASONS`: what is covered, first."""
-    return [Key.of_reason(NAMES[row]) for row in sorted({COVERED, *rows}, key=KEY_ORDER.index)]
+    return [Key.of_reason(NAMES[row]) for row in dict.fromkeys([COVERED, *sorted(rows)])]
 
 
 def _with_zones(
@@ -352,8 +354,6 @@ def _with_zones(
     """One view of the zones, with the numbers of some that are seen; these, and reasons in it."""
     n, mesh = len(listed), zones.mesh
     own_reasons = np.array([*(NAMES.index(zone["reason"]) for zone in listed), COVERED], np.uint8)
-    table = np.array([each.colour for each in REASONS.values()], np.uint8)
-    hatch = np.array([each.hatch for each in REASONS.values()], np.uint8)
     layers: list[IntArray] = []  # row of the zone at each pixel, n without a number, -1 for none
     drawn: set[int] = set()
     # Only faces in several zones, or dead in part, have to be asked point by point.
@@ -370,9 +370,9 @@ def _with_zones(
         asked = found == ASKED
         layers.append(np.where(asked, scene.at_points(face, zone_of, np.int64(-1), asked), found))
         rows = np.where(layers[-1] == n, reasons[face], own_reasons[layers[-1]])
-        counts = np.bincount(rows[face >= 0], minlength=len(table))
+        counts = np.bincount(rows[face >= 0], minlength=len(NAMES))
         drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
-        return hatched(table[rows], hatch[rows], scene.hatch)
+        return hatched(theme.REASON_COLOURS[rows], theme.REASON_HATCHES[rows], scene.hatch)
 
     pixels = paint(scene, neutral(mesh), own)
     shown = layers[0]

@@ -42,7 +42,7 @@ from rastercov.report import theme
 from rastercov.report.images import png
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
-from rastercov.report.panorama import is_inside
+from rastercov.report.panorama import is_inside, scene_box
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -248,6 +248,7 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
         "n_faces": mesh.n_faces,
         "n_vertices": mesh.n_vertices,
         "bounds": np.asarray(mesh.bounds).tolist(),
+        "frame": scene_box(mesh).tolist(),
         "up": upwards(poses).tolist(),
         "groups": [
             {

@@ -198,8 +198,8 @@ def look(
     where most of them are inside the mesh, it is an interior and is cut open. `around`, (2, 3), is
     a box that fits in in place of the task.
     """
-    framed = task_points(mesh) if around is None else box_corners(np.asarray(around, np.float64))
-    points = np.concatenate((framed, np.asarray(more, np.float64).reshape(-1, 3)))
+    own = task_points(mesh) if around is None else box_corners(np.asarray(around, np.float64))
+    points = np.concatenate((own, np.asarray(more, np.float64).reshape(-1, 3)))
     low, high = points.min(axis=0), points.max(axis=0)
     middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
     axes = upright(eyes)
@@ -236,10 +236,11 @@ def look(
             break
         opened, rows = np.append(opened, rows[is_opened]), rows[~is_opened]
         buffer = part_drawn(mesh, camera, pose, rows)
-    left = mesh.vertices[np.unique(mesh.faces[rows[mesh.task_mask[rows]]])]
-    left = left[((low <= left) & (left <= high)).all(axis=1)]
-    if len(opened) and len(left) and around is None:  # what is left fills the picture
-        camera = _fitted(np.concatenate((left, points[len(framed) :])), pose, scale)
+    if len(opened) and around is None:  # what is left fills the picture
+        left = mesh.vertices[np.unique(mesh.faces[rows[mesh.task_mask[rows]]])]
+        is_left = ((low <= left) & (left <= high)).all(axis=1)
+        points = np.concatenate((left[is_left], points[len(own) * is_left.any() :]))
+        camera = _fitted(points, pose, scale)
         buffer = part_drawn(mesh, camera, pose, rows)
     scene = seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
     names = [mesh.groups[row].name for row in np.unique(mesh.face_group[opened])]
@@ -292,6 +293,12 @@ def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
     points: FloatArray = _kept(_without_outliers, mesh)[0]
     return points
+
+
+def scene_box(mesh: Mesh) -> FloatArray:
+    """(2, 3) bounds of the opaque faces, or of all if none is, without outliers."""
+    opaque = _kept(_without_outliers, mesh)[1]
+    return np.stack((opaque.min(axis=0), opaque.max(axis=0)))
 
 
 def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -518,8 +525,7 @@ def smooth(image: Image.Image) -> Image.Image:
 def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
     """True if most of some cameras, (P, 3), are in the bounds of the opaque faces."""
     points = places_of(eyes)
-    opaque = _kept(_without_outliers, mesh)[1]
-    low, high = opaque.min(axis=0), opaque.max(axis=0)
+    low, high = scene_box(mesh)
     inside = ((points > low) & (points < high)).all(axis=1)
     return 2 * int(inside.sum()) > len(points)
 

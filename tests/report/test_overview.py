@@ -410,7 +410,7 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
     summary = network.dead_zones(camera, pose)
     assert summary["dead_zones"][0]["reason"] == "back_facing"
     reasons = np.full(mesh.n_faces, Reason.BACK_FACING, np.uint8)
-    picture = zones_picture(network.zones(), summary, reasons, pose)
+    picture = zones_picture(network.zones(), summary, pose, reasons=reasons)
     assert share_of_hue(picture, REASONS["back_facing"].colour) > 0.05
     assert share_of_hue(picture, theme.COVERED) > 0.01
 
@@ -452,6 +452,6 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     monkeypatch.setattr(overview, "framed", lambda pixels, title, keys: titles.append(title))
     summary = network.dead_zones(CAMERA, poses)
     zones = network.zones()
-    zones_picture(zones, summary, np.full(24, Reason.BACK_FACING, np.uint8), poses)
+    zones_picture(zones, summary, poses, reasons=np.zeros(24, np.uint8))
     (core,) = np.unique(zones.zone[zones.face < 12])
     assert titles[0].endswith(f"; hidden from both sides: {core + 1}")
