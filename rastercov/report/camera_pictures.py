@@ -27,7 +27,7 @@ from rastercov.report.theme import COVERED, REASON_COLOURS, REASON_HATCHES, UNCO
 FloatArray = NDArray[np.float64]
 
 WHOLE_REL = 1e-6
-"""Area up to which a face may be uncovered and counts as wholly covered here, relative."""
+"""Area, relative, that a face may lack and count as whole here: as covered, or as dead."""
 
 
 def coverage_picture(
@@ -57,9 +57,8 @@ def coverage_picture(
 
 def coverage_keys(scene: Scene, regions: Regions | None = None, named: str = "") -> list[Key]:
     """Legend of `coverage_picture`, or of `coverage_pixels` with regions."""
-    keys = [Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")]
-    if named:
-        keys = [Key.of(named, greys(1.0))]
+    scale = Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")
+    keys = [Key.of(named, greys(1.0)) if named else scale]
     if regions is not None:
         keys = [Key.of_reason("covered"), Key.of("not covered", UNCOVERED)]
     return [*keys, *scene_keys([scene])]

@@ -28,6 +28,7 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.report import theme
+from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
     Key,
     facing,
@@ -82,8 +83,6 @@ FEW_UNSEEN = 6
 """Zones that a title names as hidden."""
 LABEL = 1200
 """Width of the picture that the font of a label suits: a page may have it in small."""
-WHOLE_REL = 1e-6
-"""Area up to which a face may be covered and counts as wholly dead here, relative."""
 COVERED, ASKED = int(Reason.COVERED), -2
 LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
