@@ -30,14 +30,15 @@ Z_IS_UP, LEAST_UP = 0.1, 0.5
 def upwards(poses: ArrayLike | Poses) -> FloatArray:
     """The axis of the world, or its opposite, that is up by most poses, (P, 4, 4); (3,).
 
-    Up by poses is the mean direction of the upper edge of their images, or the one behind them, as
-    of images from above. z where they do not say: without poses, and where they turn in any way.
+    Up by poses is the mean direction of the upper edge of their images, or where that does not
+    oppose it the one behind them, as of images from above. z where they do not say: without poses,
+    and where they turn in any way.
     """
     given = poses.world_from_camera if isinstance(poses, Poses) else poses
     matrices = np.asarray(given, np.float64).reshape(-1, 4, 4)
     axes = np.concatenate((np.eye(3)[::-1], -np.eye(3)))
-    worth: FloatArray = (-matrices[:, :3, 1:3].sum(axis=0) / max(1, len(matrices))).T @ axes.T
-    of_axes = worth.max(axis=0)
+    upper, behind = (-matrices[:, :3, 1:3].sum(axis=0) / max(1, len(matrices))).T @ axes.T
+    of_axes: FloatArray = np.where(upper < -Z_IS_UP, upper, np.maximum(upper, behind))
     of_axes[0] = max(of_axes[0] + Z_IS_UP, LEAST_UP)
     return np.array(axes[of_axes.argmax()])
 

@@ -223,7 +223,8 @@ def _suggested_picture(given: Suggested) -> Image.Image:
     alone = replace(after.problem, bits=bits, eyes=eyes, costs=np.ones(len(new)))
     best = element_figures(alone, after.elements, given.poses, cameras_of(after.camera))
     names = [str(row + 1) for row in range(len(new))]
-    return Overview(after.elements, after.camera, given.poses, names, best["best_camera"]).picture()
+    shown = best["best_camera"], None, after.poses
+    return Overview(after.elements, after.camera, given.poses, names, *shown).picture()
 
 
 def _values(found: Audit, unit: str) -> dict[str, Any]:

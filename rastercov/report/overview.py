@@ -81,8 +81,6 @@ MOST_ZONES = 30
 """Zones with a number."""
 FEW_UNSEEN = 6
 """Zones that a title names as hidden."""
-LABEL = 1200
-"""Width of the picture that the font of a label suits: a page may have it in small."""
 COVERED, ASKED = int(Reason.COVERED), -2
 LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
@@ -93,7 +91,8 @@ class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
     With `regions` of the poses it is coloured point by point, by the nearest camera that covers it;
-    else face by face, by `best_pose`, (F,), -1 for none.
+    else face by face, by `best_pose`, (F,), -1 for none. `among` are all poses of which they are
+    some, and which say what is up.
     """
 
     mesh: Mesh
@@ -102,6 +101,7 @@ class Overview:
     names: Sequence[str]
     best_pose: IntArray
     regions: Regions | None = None
+    among: Poses | None = None
 
     @property
     def eyes(self) -> FloatArray:
@@ -145,7 +145,8 @@ class Overview:
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from its other side with all cameras."""
-        mesh, pyramids, poses = self.mesh, self.pyramids(), self.placed.world_from_camera
+        mesh, pyramids = self.mesh, self.pyramids()
+        poses = (self.among or self.placed).world_from_camera
         side = best_directions(mesh, mesh.task_mask, 1, poses)[0]
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
         scenes = [look(mesh, side, eyes=poses), look(mesh, side * (-1, -1, 1), ends, eyes=poses)]
@@ -383,7 +384,7 @@ def _with_zones(
     rows = [row for row in named if counts[row]]
     places = np.array([middle_of(shown == row) for row in rows]).reshape(-1, 2)
     own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]
-    names, font = [str(row + 1) for row in rows], font_for(round(FINE * LABEL))
+    names, font = [str(row + 1) for row in rows], font_for(round(FINE * 1200))
     write_labels(image, places, names, own_colours, font, FINE, counts[rows])
     return smooth(image), rows, sorted(drawn)
 

@@ -236,7 +236,7 @@ def look(
             break
         opened, rows = np.append(opened, rows[is_opened]), rows[~is_opened]
         buffer = part_drawn(mesh, camera, pose, rows)
-    if len(opened) and around is None:  # what is left fills the picture
+    if len(opened) and around is None:  # the rest fills the picture
         left = mesh.vertices[np.unique(mesh.faces[rows[mesh.task_mask[rows]]])]
         is_left = ((low <= left) & (left <= high)).all(axis=1)
         points = np.concatenate((left[is_left], points[len(own) * is_left.any() :]))

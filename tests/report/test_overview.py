@@ -156,6 +156,7 @@ def test_pictures_have_up_what_the_cameras_have_up(up):
     on_sides = poses.copy()
     on_sides[:, :3, :2] = poses[:, :3, [1, 0]] * (1, -1)
     assert (upwards(on_sides) == up).all()
+    assert (upwards(rc.look_at(-3 * up + eyes, (0, 0, 0), up)) == up).all()  # from below
     assert (upwards(poses @ np.diag([-1, -1, 1, 1])) == -up).all()
     assert upwards(np.concatenate((poses, poses @ np.diag([1, -1, -1, 1])))).tolist() == [0, 0, 1]
 
