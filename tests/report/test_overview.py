@@ -413,8 +413,7 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
 
 def test_the_label_of_a_small_thing_is_beside_it():
     at, other = place_labels([(50, 50)] * 2, [(8, 8)] * 2, (100, 100), [False, True])
-    assert (at == 50).all()
-    assert np.abs(other - 50).max() >= 8
+    assert np.abs(other - 50).max() >= 8 > np.abs(at - 50).max() == 0
 
 
 def test_short_lines_are_noise():
