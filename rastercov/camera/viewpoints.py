@@ -11,7 +11,7 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
-from rastercov.camera.pose import error_of, real_numbers
+from rastercov.camera.pose import Poses, error_of, real_numbers
 from rastercov.camera.projection import rays_of, to_image
 from rastercov.mesh import Mesh
 
@@ -22,6 +22,25 @@ LARGEST_ANGLE = math.radians(89.0)
 BORDER_SAMPLES, ZOOMS = 257, 4
 """Samples of a border of the image, and how often it is sampled: the last time 2e-9 of the side
 apart, and the error of a least value falls with its square."""
+
+Z_IS_UP, LEAST_UP = 0.1, 0.5
+"""Worth of z as the direction upwards beside the mean of cosines, and the least mean of others."""
+
+
+def upwards(poses: ArrayLike | Poses) -> FloatArray:
+    """The axis of the world, or its opposite, that is up by most poses, (P, 4, 4); (3,).
+
+    Up by poses is the mean direction of the upper edge of their images, or where that does not
+    oppose it the one behind them, as of images from above. z where they do not say: without poses,
+    and where they turn in any way.
+    """
+    given = poses.world_from_camera if isinstance(poses, Poses) else poses
+    matrices = np.asarray(given, np.float64).reshape(-1, 4, 4)
+    axes = np.concatenate((np.eye(3)[::-1], -np.eye(3)))
+    upper, behind = (-matrices[:, :3, 1:3].sum(axis=0) / max(1, len(matrices))).T @ axes.T
+    of_axes: FloatArray = np.where(upper < -Z_IS_UP, upper, np.maximum(upper, behind))
+    of_axes[0] = max(of_axes[0] + Z_IS_UP, LEAST_UP)
+    return np.array(axes[of_axes.argmax()])
 
 
 def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:

@@ -230,7 +230,7 @@ def render(
         title = f"pose {pose}: {n_seen} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'have')} a pixel"
         drawn = seen(mesh, eye, matrices[pose], buffer)
-        picture = coverage_picture(drawn, is_seen, title, named=("seen from the front",))
+        picture = coverage_picture(drawn, is_seen, title, named="seen from the front")
         save_picture(picture, folder.file("picture.png"))
         save_picture(face_index_picture(buffer), folder.file("faces.png"))
         save_picture(depth_picture(buffer), folder.file("depth.png"))

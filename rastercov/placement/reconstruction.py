@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.mesh.topology import components_of, first_equal_row
@@ -52,8 +52,6 @@ PLACES, DIRECTIONS = 48, 9
 """Places in weak zones around which there are candidates, and directions from each."""
 MOST_OBLIQUE = 0.5
 """Least cosine of the angle of a direction to the normal."""
-Z_IS_UP = 0.1
-"""Worth of z as the direction upwards, beside the mean of cosines."""
 CLEARANCE = 0.25
 """Least distance of a candidate to the surface, in distances of the existing images."""
 
@@ -299,18 +297,6 @@ def _bits(matrix: VisibilityMatrix) -> CoveredBits:
     return matrix.bits(max(matrix.task.min_coverage, np.finfo(np.float64).tiny))
 
 
-def upwards(poses: Poses) -> FloatArray:
-    """The axis of the world, or its opposite, that is up in most images, or behind them; (3,).
-
-    Their horizontal axes are across it.
-    """
-    axes = np.concatenate((np.eye(3)[::-1], -np.eye(3)))
-    across, down, ahead = (poses.world_from_camera[:, :3, axis] @ axes.T for axis in range(3))
-    worth = (np.maximum(-down, -ahead) - np.abs(across)).sum(axis=0)
-    worth[0] += Z_IS_UP * max(1, len(poses))
-    return np.array(axes[worth.argmax()])
-
-
 def _around(found: Audit, zones: Weak) -> Candidates:
     """Candidates around weak zones: places spread over their area, each from some directions."""
     on, weights, poses = found.elements, found.problem.weights, found.poses.world_from_camera
@@ -323,5 +309,5 @@ def _around(found: Audit, zones: Weak) -> Candidates:
     rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
-    made = Candidates.of(look_at(eyes, targets, upwards(found.poses)), "weak")
+    made = Candidates.of(look_at(eyes, targets, upwards(poses)), "weak")
     return filter_candidates(made, found.mesh, CLEARANCE * away)[0]

@@ -26,7 +26,6 @@ from rastercov.base.format import area, number, percent, plural
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
-from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views, cameras_of, names_of
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.network import share_of_faces
@@ -34,14 +33,14 @@ from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.mesh import Mesh
 from rastercov.placement.audit import Audit, element_figures
-from rastercov.placement.reconstruction import KINDS, Suggested, summary_of, upwards, weak
+from rastercov.placement.reconstruction import KINDS, Suggested, summary_of, weak
 from rastercov.report.coverage_files import views_of, write_coloured_mesh, write_rig, write_table
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, framed
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture, rounded
 from rastercov.report.overview import Overview
 from rastercov.report.pages import Picture, figures_of, rendered, view_page
-from rastercov.report.panorama import beside, look, neutral, paint, scene_keys, smooth
+from rastercov.report.panorama import beside, look, neutral, paint, scene_keys, smooth, upright
 from rastercov.report.printing import browser, write_page
 from rastercov.report.theme import WEAK, Colour
 
@@ -109,18 +108,17 @@ def write(
         summary = found.summary() | {"unit": unit} | summary_of(found)
         summary |= {"notes": list(notes), "run": header}
         surface, zones = found.elements, weak(found)
-        upright, turned = _upright(surface, found.poses, upwards(found.poses))
-        eyes = turned.world_from_camera[:, :3, 3]
+        eyes = found.poses.world_from_camera
         values, cameras = _values(found, unit), _cameras(found, summary)
         values["weak"] = zones.kind
         pictures = {
-            f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, upright, each, eyes))
+            f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, surface, each, eyes))
             for name, each in values.items()
         }
         for row, zone in enumerate(summary["weak"]["zones"][:MOST_PICTURES]):
             kind = KINDS.index(zone["kind"])
             words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}, {percent(zone['percent'] / 100)}"
-            drawn = _zone_picture(upright, eyes, zones.zone == row, WEAK[kind], words)
+            drawn = _zone_picture(surface, eyes, zones.zone == row, WEAK[kind], words)
             pictures[f"audit_zone_{row + 1}"] = Picture.of(words, drawn)
         more: dict[str, bytes] = {}
         if suggest is not None:
@@ -195,18 +193,6 @@ def _cameras(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
     return columns
 
 
-def _upright(mesh: Mesh, poses: Poses, up: NDArray[np.float64]) -> tuple[Mesh, Poses]:
-    """A mesh and poses, turned so that z is up, as pictures show them."""
-    if up[2] == 1:
-        return mesh, poses
-    # Half a turn about the middle of both directions; about x where they are opposite.
-    axis = np.array([1.0, 0.0, 0.0]) if up[2] == -1 else np.add(up, (0, 0, 1)) / np.sqrt(2)
-    turn = np.diag([-1.0, -1.0, -1.0, 1.0])
-    turn[:3, :3] += 2 * np.outer(axis, axis)
-    turned = Poses.of(turn @ poses.world_from_camera, camera=poses.camera)
-    return mesh.moved(axis=axis, angle_deg=180), turned
-
-
 def _zone_picture(
     surface: Mesh, eyes: NDArray[np.float64], own: NDArray[np.bool_], colour: Colour, words: str
 ) -> Image.Image:
@@ -216,12 +202,13 @@ def _zone_picture(
     middle = np.average(surface.centroids[own], axis=0, weights=surface.areas[own])
     away = np.linalg.norm(surface.centroids - middle, axis=1)
     near = away <= max(CLOSE_UP * away[own].max(), 0.1 * float(np.ptp(surface.bounds)))
-    towards = surface.areas[own] @ surface.normals[own]
-    towards = towards if towards.any() else middle - surface.bounds.mean(axis=0)
+    normal = surface.areas[own] @ surface.normals[own]
+    normal = normal if normal.any() else middle - surface.bounds.mean(axis=0)
+    towards = upright(eyes) @ normal
     again = towards
     if near.mean() > MOST_NEAR:
         near[:], again = True, towards / np.linalg.norm(towards) + ASLANT
-    close = look(Mesh(surface.vertices, surface.faces[near]), again)
+    close = look(Mesh(surface.vertices, surface.faces[near]), again, eyes=eyes)
     scenes = [look(surface, towards, eyes=eyes), close]
     painted = paint(scenes[0], colours), paint(close, colours[near])
     images = [smooth(Image.fromarray(pixels)) for pixels in painted]
@@ -236,8 +223,8 @@ def _suggested_picture(given: Suggested) -> Image.Image:
     alone = replace(after.problem, bits=bits, eyes=eyes, costs=np.ones(len(new)))
     best = element_figures(alone, after.elements, given.poses, cameras_of(after.camera))
     names = [str(row + 1) for row in range(len(new))]
-    surface, poses = _upright(after.elements, given.poses, upwards(after.poses))
-    return Overview(surface, after.camera, poses, names, best["best_camera"]).picture()
+    shown = best["best_camera"], None, after.poses
+    return Overview(after.elements, after.camera, given.poses, names, *shown).picture()
 
 
 def _values(found: Audit, unit: str) -> dict[str, Any]:

@@ -7,7 +7,6 @@ whole.
 E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,21 +22,16 @@ from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report.images import Key, facing, framed, greys, hatched, stripes
 from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
-from rastercov.report.theme import Pixels
+from rastercov.report.theme import COVERED, REASON_COLOURS, REASON_HATCHES, UNCOVERED, Pixels
 
 FloatArray = NDArray[np.float64]
 
 WHOLE_REL = 1e-6
-"""Area up to which a face may be uncovered and counts as wholly covered here, relative."""
+"""Area, relative, that a face may lack and count as whole here: as covered, or as dead."""
 
 
 def coverage_picture(
-    scene: Scene,
-    values: ArrayLike,
-    title: str = "",
-    pixels: Pixels | None = None,
-    *,
-    named: Sequence[str] = (),
+    scene: Scene, values: ArrayLike, title: str = "", named: str = ""
 ) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
@@ -49,10 +43,8 @@ def coverage_picture(
         Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
     title : str
         One line above.
-    pixels : (H, W, 3) uint8, optional
-        Those of `coverage_pixels`, which are found unless given.
-    named : sequence of str
-        Words on level 1, and on level 0 if there is any, where nothing is between them.
+    named : str
+        Words on level 1, where there is no other.
 
     Returns
     -------
@@ -60,15 +52,15 @@ def coverage_picture(
         RGB; the image is at its own size below the title, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
-    found = coverage_pixels(scene, values) if pixels is None else pixels
-    return framed(found, title, coverage_keys(scene, named))
+    return framed(coverage_pixels(scene, values), title, coverage_keys(scene, named=named))
 
 
-def coverage_keys(scene: Scene, named: Sequence[str] = ()) -> list[Key]:
-    """Legend of `coverage_picture`."""
-    keys = [Key.of(words, greys(level)) for words, level in zip(named, (1.0, 0.0), strict=False)]
-    if not named:
-        keys = [Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")]
+def coverage_keys(scene: Scene, regions: Regions | None = None, named: str = "") -> list[Key]:
+    """Legend of `coverage_picture`, or of `coverage_pixels` with regions."""
+    scale = Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")
+    keys = [Key.of(named, greys(1.0)) if named else scale]
+    if regions is not None:
+        keys = [Key.of_reason("covered"), Key.of("not covered", UNCOVERED)]
     return [*keys, *scene_keys([scene])]
 
 
@@ -79,8 +71,7 @@ def coverage_pixels(scene: Scene, values: ArrayLike, regions: Regions | None = N
     the form readable: of two faces the one whose coverage is 0.15 higher is brighter in any
     shading. Lines between faces fade out where faces are small.
 
-    With the regions of the pose, the grey of a pixel is that of its own point, which is covered or
-    not.
+    With the regions of the pose, a pixel has the colour of its own point, which is covered or not.
     """
     mesh = scene.mesh
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
@@ -88,7 +79,8 @@ def coverage_pixels(scene: Scene, values: ArrayLike, regions: Regions | None = N
     colours[mesh.task_mask] = greys(levels[mesh.task_mask])
     if regions is None:
         return paint(scene, colours)
-    return paint(scene, colours, lambda face: greys(covered_pixels(regions, scene, face)))
+    table = np.array([UNCOVERED, COVERED], np.uint8)
+    return paint(scene, colours, lambda face: table[covered_pixels(regions, scene, face) * 1])
 
 
 def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> NDArray[np.bool_]:
@@ -145,12 +137,11 @@ def camera_image(
 
 def camera_pixels(image: CameraImage) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it does not cover in colour and hatch."""
-    scene, reasons = image.scene, REASONS.values()
-    table = np.array([each.colour for each in reasons], np.uint8)[image.reasons]
-    hatch = np.array([each.hatch for each in reasons], np.uint8)[image.reasons]
+    scene = image.scene
+    table, hatch = REASON_COLOURS[image.reasons], REASON_HATCHES[image.reasons]
     pixels = paint(
         scene, neutral(scene.mesh, scene.setting),
-        lambda face: hatched(table[face], hatch[face], scene.stripe // 2 + 1),
+        lambda face: hatched(table[face], hatch[face], scene.hatch),
     )  # fmt: skip
     pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour
     return pixels

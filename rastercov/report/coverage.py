@@ -45,7 +45,7 @@ from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report.camera_pictures import coverage_keys, coverage_picture, coverage_pixels
+from rastercov.report.camera_pictures import coverage_keys, coverage_pixels
 from rastercov.report.coverage_files import (
     CoverageTable,
     write_areas,
@@ -56,7 +56,7 @@ from rastercov.report.coverage_files import (
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
 from rastercov.report.network_page import NetworkPage, pictures_of
-from rastercov.report.panorama import seen
+from rastercov.report.panorama import FINE, seen
 from rastercov.report.printing import browser, write_page
 
 LOG = logging.getLogger("rastercov")
@@ -238,7 +238,6 @@ def _draw_poses(
     They are among some poses, by area with the regions of these. An interrupt leaves out the rest.
     """
     mesh, cameras = found.mesh, cameras_of(found.camera)
-    named = () if parts is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
     sheet = None
     keys: dict[str, Key] = {}
@@ -247,7 +246,7 @@ def _draw_poses(
     try:
         for index, rows in some.by_camera():
             eye = cameras[index]
-            size = TILE / eye.width
+            size = FINE * TILE / eye.width
             if full != "none":  # the sheet has these in small
                 size = PICTURE_SIDE / max(eye.width, eye.height)
             of_camera = f", {names_of(found.camera)[index]}" if len(cameras) > 1 else ""
@@ -260,14 +259,12 @@ def _draw_poses(
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, own)}"
                     scene = seen(mesh, camera, poses.given[pose], buffer)
                     pixels = coverage_pixels(scene, found.kept[pose], own)
-                    keys |= {key.name: key for key in coverage_keys(scene, named)}
+                    keys |= {key.name: key for key in coverage_keys(scene, own)}
                     tiles[pose] = Image.fromarray(pixels), title
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
                     if full in ("poses", "all"):
-                        picture = coverage_picture(
-                            scene, found.kept[pose], title, pixels, named=named
-                        )
+                        picture = framed(pixels, title, coverage_keys(scene, own))
                         save_picture(picture, folder.file("pose" + name))
                     if full in ("faces", "all"):
                         save_picture(face_index_picture(buffer), folder.file("faces" + name))
@@ -282,17 +279,13 @@ def _draw_poses(
 
 
 def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
-    """Words on the share of the task that a pose covers, and on whole faces."""
-    mesh, values = found.mesh, found.kept[pose]
-    task = mesh.task_mask
-    whole = task & (values >= found.task.min_coverage) & (values > 0)
-    total = max(mesh.areas[task].sum(), 1e-300)
+    """Words on the share of the task that a pose covers: of the area, or of whole faces."""
+    task, values = found.mesh.task_mask, found.kept[pose]
     if parts is not None:
-        return f"{100 * parts.area.sum() / total:.1f} % of the area, {whole.sum()} whole faces"
-    return (
-        f"{100 * whole.sum() / max(1, task.sum()):.1f} % of {task.sum()} faces, "
-        f"{100 * mesh.areas[whole].sum() / total:.1f} % of area"
-    )
+        share = parts.area.sum() / max(found.mesh.areas[task].sum(), 1e-300)
+        return f"{100 * share:.1f} % of the area"
+    whole = task & (values >= found.task.min_coverage) & (values > 0)
+    return f"{100 * whole.sum() / max(1, task.sum()):.1f} % of the faces"
 
 
 def _draw_network(

@@ -123,10 +123,9 @@ class Mode(NamedTuple):
 def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     """Rows of `REASONS`, (F,)."""
     levels = np.where(mesh.task_mask, rows, np.uint8(OCCLUDER_OF_REASONS))
-    colours: list[Colour] = [each.colour for each in REASONS.values()]
-    words = [each.label for each in REASONS.values()]
-    found = _classes(mesh, levels, [*colours, theme.OCCLUDER_PALE], [*words, OCCLUDER_LABEL])
-    hatches = [*(each.hatch for each in REASONS.values()), 0]
+    colours = [*theme.REASON_COLOURS.tolist(), theme.OCCLUDER_PALE]
+    words = [*(each.label for each in REASONS.values()), OCCLUDER_LABEL]
+    found, hatches = _classes(mesh, levels, colours, words), [*theme.REASON_HATCHES.tolist(), 0]
     legend = [entry | {"hatch": hatches[entry["level"]]} for entry in found.legend]
     return replace(found, legend=legend)
 

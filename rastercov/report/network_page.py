@@ -141,19 +141,20 @@ class NetworkPage:
             shown = Overview(self.mesh, self.camera, self.poses, self.names, best, self.parts)
             return shown.picture()
         mode = "views" if self.areas is None else "area"
-        return mode_picture(mode, self.mesh, self.values[mode], self.eyes)
+        return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
 
     def drawn(self, progress: Progress = lambda done, total: None) -> dict[str, Image.Image]:
         """Overview, and what is not covered: dead zones, or by face the reason of each."""
         progress(0, 2)
+        poses, reasons = self.poses.world_from_camera, self.values["reason"]
         images = {"overview": self.overview()}
         progress(1, 2)
         if self.zones is None and (self.mesh.task_mask & ~self.covered).any():
             images["left"] = left_picture(
-                self.mesh, self.network.reason, self.covered, len(self.poses), self.eyes
+                self.mesh, self.network.reason, self.covered, len(self.poses), poses
             )
         elif self.zones:
-            images["zones"] = zones_picture(self.zones, self.figures, self.eyes)
+            images["zones"] = zones_picture(self.zones, self.figures, poses, reasons=reasons)
         progress(2, 2)
         return images
 
@@ -278,10 +279,10 @@ class NetworkPage:
     def _cards(self) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
         assert self.zones is not None
-        found = []
+        poses, reasons, found = self.poses.world_from_camera, self.values["reason"], []
         for row, zone in enumerate(numbered(self.figures)[:MOST_CLOSE_UPS]):
             reason = zone_reason(zone)
-            drawn = zone_close_up(self.zones, self.figures, row, self.eyes)
+            drawn = zone_close_up(self.zones, self.figures, row, poses, reasons=reasons)
             share = percent(round(zone["percent"] / 100, 9))
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]

@@ -25,9 +25,10 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.regions import Regions, covering_poses
 from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_reason, zones_at
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.report import theme
+from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
     Key,
     facing,
@@ -39,6 +40,7 @@ from rastercov.report.images import (
 )
 from rastercov.report.panorama import (
     DIRECTIONS,
+    FEW_REL,
     FINE,
     PIECES,
     FaceImage,
@@ -55,6 +57,7 @@ from rastercov.report.panorama import (
     scene_keys,
     smooth,
     task_points,
+    upright,
 )
 from rastercov.report.theme import Colour, Pixels
 
@@ -76,6 +79,9 @@ TILTS = 0.6 * np.array([(0.5, -0.7, 0.5), (-0.5, 0.7, 0.5), (0.7, 0.5, 0.5), (0.
 """Of directions of such a picture against the normal of the zone, so that it shows depth."""
 MOST_ZONES = 30
 """Zones with a number."""
+FEW_UNSEEN = 6
+"""Zones that a title names as hidden."""
+COVERED, ASKED = int(Reason.COVERED), -2
 LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
 
@@ -85,7 +91,8 @@ class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
     With `regions` of the poses it is coloured point by point, by the nearest camera that covers it;
-    else face by face, by `best_pose`, (F,), -1 for none.
+    else face by face, by `best_pose`, (F,), -1 for none. `among` are all poses of which they are
+    some, and which say what is up.
     """
 
     mesh: Mesh
@@ -94,6 +101,7 @@ class Overview:
     names: Sequence[str]
     best_pose: IntArray
     regions: Regions | None = None
+    among: Poses | None = None
 
     @property
     def eyes(self) -> FloatArray:
@@ -138,12 +146,10 @@ class Overview:
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from its other side with all cameras."""
         mesh, pyramids = self.mesh, self.pyramids()
-        side = best_directions(mesh, mesh.task_mask, 1, self.eyes)[0]
+        poses = (self.among or self.placed).world_from_camera
+        side = best_directions(mesh, mesh.task_mask, 1, poses)[0]
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
-        scenes = [
-            look(mesh, side, eyes=self.eyes),
-            look(mesh, side * (-1, -1, 1), ends, eyes=self.eyes),
-        ]
+        scenes = [look(mesh, side, eyes=poses), look(mesh, side * (-1, -1, 1), ends, eyes=poses)]
         images = [self._drawn(scene, pyramids) for scene in scenes]
         keys = [
             Key.of(f"camera {name}" if row == 0 else str(name), colour)
@@ -259,7 +265,11 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 
 def zones_picture(
-    zones: DeadZones, summary: Mapping[str, Any], eyes: ArrayLike = ()
+    zones: DeadZones,
+    summary: Mapping[str, Any],
+    eyes: ArrayLike = (),
+    *,
+    reasons: NDArray[np.uint8],
 ) -> Image.Image:
     """The dead zones by exact pieces, from the two directions that show most of them.
 
@@ -269,30 +279,39 @@ def zones_picture(
         Zones, the largest first.
     summary : mapping
         `rastercov.coverage.area.zones.summary_of` of them.
-    eyes : (P, 3) array_like
+    eyes : array_like
         Cameras, as for `look`.
+    reasons : (F,) uint8
+        Rows of `REASONS`, for the zones without a number.
     """
     mesh, listed = zones.mesh, numbered(summary)
-    reasons = [zone["reason"] for zone in listed]
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone < max(1, len(listed))]] = True
     faces &= ~outer_skin(mesh, eyes)
     scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, faces, eyes=eyes)]
-    seen: set[int] = set()
-    pictures = [_with_zones(zones, scene, reasons, seen) for scene in scenes]
-    keys = [Key.of_reason(reason) for reason in dict.fromkeys(["covered", *reasons])]
-    if len(zones) > len(listed):
-        keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
+    drawn = [_with_zones(zones, scene, listed, reasons, range(len(listed))) for scene in scenes]
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
-    title = f"{plural(zones.count(), 'dead zone')}, {share} of the area; numbered from the largest"
+    title = f"{plural(zones.count(), 'dead zone')}, {share} of the area"
+    which = f"the {len(listed)} largest are numbered"
+    title += f"; {which if len(listed) < zones.count() else 'numbered from the largest'}"
+    seen = {row for _, rows, _ in drawn for row in rows}
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
-        title += f"; hidden from both sides: {', '.join(unseen)}"
-    return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
+        said = f"hidden from both sides: {', '.join(unseen)}"
+        title += (
+            f"; {said if len(unseen) <= FEW_UNSEEN else f'{len(unseen)} hidden from both sides'}"
+        )
+    keys = [*_reason_keys([each for _, _, own in drawn for each in own]), *scene_keys(scenes)]
+    return framed(beside([image for image, _, _ in drawn]), title, keys)
 
 
 def zone_close_up(
-    zones: DeadZones, summary: Mapping[str, Any], row: int, eyes: ArrayLike = ()
+    zones: DeadZones,
+    summary: Mapping[str, Any],
+    row: int,
+    eyes: ArrayLike = (),
+    *,
+    reasons: NDArray[np.uint8],
 ) -> Image.Image | None:
     """A zone of the list from near, with what is around it; None where no side shows it.
 
@@ -305,7 +324,7 @@ def zone_close_up(
     least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
     reach = (high - low) / 2 + least
     around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
-    normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
+    normal = upright(eyes) @ (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
     front = normal / max(float(np.linalg.norm(normal)), 1e-300)
     sides = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
     shown = []
@@ -316,37 +335,58 @@ def zone_close_up(
     if not any(shown):
         return None
     scene = look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
-    return _with_zones(zones, scene, [each["reason"] for each in listed], set())
+    image, _, own = _with_zones(zones, scene, listed, reasons, [row])
+    return framed(np.asarray(image), "", [*_reason_keys(own), *scene_keys([scene])])
+
+
+def _reason_keys(rows: Sequence[int]) -> list[Key]:
+    """Legend of reasons, by their rows in `REASONS`: what is covered, first."""
+    return [Key.of_reason(NAMES[row]) for row in dict.fromkeys([COVERED, *sorted(rows)])]
 
 
 def _with_zones(
-    zones: DeadZones, scene: Scene, reasons: Sequence[str], seen: set[int]
-) -> Image.Image:
-    """One view of the zones, with the numbers of those that are seen, which are added."""
-    colours: list[Colour] = [REASONS[reason].colour for reason in reasons]
-    n, table = len(colours), np.array([*colours, theme.UNCOVERED, theme.COVERED], np.uint8)
-    hatch = np.array([*(REASONS[reason].hatch for reason in reasons), 0, 0], np.uint8)
+    zones: DeadZones,
+    scene: Scene,
+    listed: Sequence[Mapping[str, Any]],
+    reasons: NDArray[np.uint8],
+    named: Sequence[int],
+) -> tuple[Image.Image, list[int], list[int]]:
+    """One view of the zones, with the numbers of some that are seen; these, and reasons in it."""
+    n, mesh = len(listed), zones.mesh
+    own_reasons = np.array([*(NAMES.index(zone["reason"]) for zone in listed), COVERED], np.uint8)
     layers: list[IntArray] = []  # row of the zone at each pixel, n without a number, -1 for none
+    drawn: set[int] = set()
+    # Only faces in several zones, or dead in part, have to be asked point by point.
+    known = np.full(mesh.n_faces + 1, -1)
+    known[zones.face] = np.minimum(zones.zone, n)
+    part = zones.piece_area < (1 - WHOLE_REL) * mesh.areas[zones.face]
+    known[zones.face[part]] = ASKED
 
     def zone_of(face: NDArray[np.int32], points: FloatArray) -> IntArray:
         return zones_at(zones, face, points, n)
 
     def own(face: FaceImage) -> Pixels:
-        layers.append(scene.at_points(face, zone_of, np.int64(-1)))
-        return hatched(table[layers[-1]], hatch[layers[-1]], scene.stripe // 2)
+        found = known[face]
+        asked = found == ASKED
+        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int64(-1), asked), found))
+        rows = np.where(layers[-1] == n, reasons[face], own_reasons[layers[-1]])
+        counts = np.bincount(rows[face >= 0], minlength=len(NAMES))
+        drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
+        return hatched(theme.REASON_COLOURS[rows], theme.REASON_HATCHES[rows], scene.hatch)
 
-    pixels = paint(scene, neutral(zones.mesh), own)
+    pixels = paint(scene, neutral(mesh), own)
     shown = layers[0]
     for of_layer in layers[1:]:
         shown = np.where(of_layer >= 0, of_layer, shown)
     pixels[outlines(np.where(shown < n, shown, -1))] = theme.INK
     image = Image.fromarray(pixels)
-    rows = np.flatnonzero(np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]).tolist()
-    seen.update(rows)
+    counts = np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]
+    rows = [row for row in named if counts[row]]
     places = np.array([middle_of(shown == row) for row in rows]).reshape(-1, 2)
-    names, own_colours = [str(row + 1) for row in rows], [colours[row] for row in rows]
-    write_labels(image, places, names, own_colours, font_for(round(FINE * 850)), FINE)
-    return smooth(image)
+    own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]
+    names, font = [str(row + 1) for row in rows], font_for(round(FINE * 1200))
+    write_labels(image, places, names, own_colours, font, FINE, counts[rows])
+    return smooth(image), rows, sorted(drawn)
 
 
 def middle_of(mask: NDArray[np.bool_]) -> FloatArray:

@@ -31,6 +31,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
@@ -41,7 +42,7 @@ from rastercov.report import theme
 from rastercov.report.images import png
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
-from rastercov.report.panorama import is_inside
+from rastercov.report.panorama import is_inside, scene_box
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def view_page(
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
     cameras, eyes = names_of(camera), poses.world_from_camera[:, :3, 3]
-    scene = described_mesh(mesh) | {
+    scene = described_mesh(mesh, poses.world_from_camera) | {
         "title": title, "version": rastercov.__version__, "is_room": is_inside(mesh, eyes),
         "modes": [described_mode(name, MODES[name]) for name in values],
         "constraints": {}, "can_edit": False, "result": None, "notes": [],
@@ -239,15 +240,16 @@ def figures_of(
     }  # fmt: skip
 
 
-def described_mesh(mesh: Mesh) -> dict[str, Any]:
-    """A mesh as a page needs it, ready for JSON."""
+def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
+    """A mesh as a page needs it, ready for JSON; what is up by poses (P, 4, 4)."""
     firsts = dict(zip(*np.unique(mesh.face_group, return_index=True), strict=True))
     counts = np.bincount(mesh.face_group, minlength=len(mesh.groups)).tolist()
     return {
         "n_faces": mesh.n_faces,
         "n_vertices": mesh.n_vertices,
         "bounds": np.asarray(mesh.bounds).tolist(),
-        "up": [0.0, 0.0, 1.0],
+        "frame": scene_box(mesh).tolist(),
+        "up": upwards(poses).tolist(),
         "groups": [
             {
                 "name": group.name, "role": group.role, "is_two_sided": group.is_two_sided,

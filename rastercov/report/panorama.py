@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import box_corners, rays_of, to_camera, to_image
-from rastercov.camera.viewpoints import look_at
+from rastercov.camera.viewpoints import look_at, upwards
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.raster.contract import VisibilityBuffer
@@ -124,6 +124,11 @@ class Scene:
         return max(3, int(max(self.face.shape)) // 240)
 
     @property
+    def hatch(self) -> int:
+        """Width of a line of a hatch, pixels: it shows where a page has the picture in small."""
+        return max(2, int(max(self.face.shape)) // 288)
+
+    @property
     def faces(self) -> FaceImage:
         """Face of each pixel of a surface, of each of a target, and behind occluders."""
         images = self.face, self.beneath, self.targets
@@ -187,26 +192,21 @@ def look(
 ) -> Scene:
     """View a mesh from a direction, so that its task and more points (N, 3) just fit in.
 
-    The direction leads from the centre of the scene to the viewer and has any length; `scale` is
-    the number of pixels drawn along one of the `WIDTH` x `HEIGHT`. `eyes`, (P, 3), are the cameras
-    of the network: where most of them are inside the mesh, it is an interior and is cut open.
-    `around`, (2, 3), is a box that fits in in place of the task.
+    The direction leads from the centre of the scene to the viewer, in the axes of `upright`, and
+    has any length; `scale` is the number of pixels drawn along one of the `WIDTH` x `HEIGHT`.
+    `eyes`, (P, 3), are the cameras of the network, or (P, 4, 4), their poses, which say what is up:
+    where most of them are inside the mesh, it is an interior and is cut open. `around`, (2, 3), is
+    a box that fits in in place of the task.
     """
-    framed = task_points(mesh) if around is None else box_corners(np.asarray(around, np.float64))
-    points = np.concatenate((framed, np.asarray(more, np.float64).reshape(-1, 3)))
+    own = task_points(mesh) if around is None else box_corners(np.asarray(around, np.float64))
+    points = np.concatenate((own, np.asarray(more, np.float64).reshape(-1, 3)))
     low, high = points.min(axis=0), points.max(axis=0)
     middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
-    towards = np.asarray(direction, np.float64)
+    axes = upright(eyes)
+    towards = np.asarray(direction, np.float64) @ axes
     eye = middle + DISTANCE * radius * towards / np.linalg.norm(towards)
-    pose = look_at(eye, middle)[0]
-    of_points = to_camera(points, pose)
-    slopes = of_points[:, :2] / of_points[:, 2:]
-    least, most = slopes.min(axis=0), slopes.max(axis=0)
-    width, height = round(WIDTH * scale), round(HEIGHT * scale)
-    size = np.array([width, height])
-    focal = float(((1 - 2 * MARGIN) * size / np.maximum(most - least, 1e-9)).min())
-    cx, cy = size / 2 - focal * (least + most) / 2
-    camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
+    pose = look_at(eye, middle, axes[2])[0]
+    camera = _fitted(points, pose, scale)
     rows = np.flatnonzero(~mesh.target_mask)
     buffer = part_drawn(mesh, camera, pose, rows)
     away, skin = turned_away(mesh, eye, eyes), _kept(outer_skin, mesh, eyes)
@@ -219,7 +219,8 @@ def look(
         buffer = part_drawn(mesh, camera, pose, rows)
     is_closed = ~mesh.task_mask | skin
     task = rows[~(is_closed | away)[rows]]
-    behind = buffer.face if len(task) == len(rows) else part_drawn(mesh, camera, pose, task).face
+    hides = np.append(is_closed, False)[buffer.face]
+    behind = part_drawn(mesh, camera, pose, task).face if hides.any() else buffer.face
     opened, n_behind = rows[:0], int((behind >= 0).sum())
     for _ in range(LAYERS):
         hides = np.append(is_closed, False)[buffer.face] & (behind >= 0)
@@ -235,9 +236,41 @@ def look(
             break
         opened, rows = np.append(opened, rows[is_opened]), rows[~is_opened]
         buffer = part_drawn(mesh, camera, pose, rows)
+    if len(opened) and around is None:  # the rest fills the picture
+        left = mesh.vertices[np.unique(mesh.faces[rows[mesh.task_mask[rows]]])]
+        is_left = ((low <= left) & (left <= high)).all(axis=1)
+        points = np.concatenate((left[is_left], points[len(own) * is_left.any() :]))
+        camera = _fitted(points, pose, scale)
+        buffer = part_drawn(mesh, camera, pose, rows)
     scene = seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
     names = [mesh.groups[row].name for row in np.unique(mesh.face_group[opened])]
     return replace(scene, opened=names)
+
+
+def _fitted(points: FloatArray, pose: FloatArray, scale: float) -> Camera:
+    """The camera at a pose in whose image points (N, 3) just fit."""
+    of_points = to_camera(points, pose)
+    slopes = of_points[:, :2] / of_points[:, 2:]
+    least, most = slopes.min(axis=0), slopes.max(axis=0)
+    width, height = round(WIDTH * scale), round(HEIGHT * scale)
+    size = np.array([width, height])
+    focal = float(((1 - 2 * MARGIN) * size / np.maximum(most - least, 1e-9)).min())
+    cx, cy = size / 2 - focal * (least + most) / 2
+    return Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
+
+
+def upright(eyes: ArrayLike) -> FloatArray:
+    """Axes x, y, z of pictures in the world, as rows: z is up by the poses of `look`, if any."""
+    poses = np.asarray(eyes, np.float64)
+    up = upwards(poses if poses.ndim == 3 else ())
+    x = np.roll(up, 1)
+    return np.stack((x, np.cross(up, x), up))
+
+
+def places_of(eyes: ArrayLike) -> FloatArray:
+    """(P, 3) places of cameras, which are given by them or by their poses (P, 4, 4)."""
+    given = np.asarray(eyes, np.float64)
+    return given[:, :3, 3] if given.ndim == 3 else given.reshape(-1, 3)
 
 
 def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
@@ -260,6 +293,12 @@ def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
     points: FloatArray = _kept(_without_outliers, mesh)[0]
     return points
+
+
+def scene_box(mesh: Mesh) -> FloatArray:
+    """(2, 3) bounds of the opaque faces, or of all if none is, without outliers."""
+    opaque = _kept(_without_outliers, mesh)[1]
+    return np.stack((opaque.min(axis=0), opaque.max(axis=0)))
 
 
 def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -398,7 +437,7 @@ def two_sides(
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
 
     def own(face: FaceImage) -> Pixels:
-        return hatched(colours[face], hatch[face], scenes[0].stripe // 2)
+        return hatched(colours[face], hatch[face], scenes[0].hatch)
 
     painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
     images = [smooth(Image.fromarray(pixels)) for pixels in painted]
@@ -485,9 +524,8 @@ def smooth(image: Image.Image) -> Image.Image:
 
 def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
     """True if most of some cameras, (P, 3), are in the bounds of the opaque faces."""
-    points = np.asarray(eyes, np.float64).reshape(-1, 3)
-    opaque = _kept(_without_outliers, mesh)[1]
-    low, high = opaque.min(axis=0), opaque.max(axis=0)
+    points = places_of(eyes)
+    low, high = scene_box(mesh)
     inside = ((points > low) & (points < high)).all(axis=1)
     return 2 * int(inside.sum()) > len(points)
 
@@ -502,7 +540,7 @@ def turned_away(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArra
     pose[:3, 3] = np.asarray(viewer, np.float64)
     away = ~facing(mesh, pose)[0]
     two_sided = np.flatnonzero(mesh.two_sided_mask)
-    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    points = places_of(eyes)
     if len(two_sided) and len(points):
         normals, middles = mesh.normals[two_sided], mesh.centroids[two_sided]
         own = np.einsum("fi,fi->f", normals, pose[:3, 3] - middles)
@@ -518,7 +556,7 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
 
     Around means in at least four of the directions +x, -x, +y, -y, +z, -z.
     """
-    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    points = places_of(eyes)
     if not is_inside(mesh, points):
         return False
     some = points[np.unique(np.linspace(0, len(points) - 1, MOST_EYES).astype(int))]
@@ -538,7 +576,7 @@ def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
     None unless the cameras are indoors: then the outside of walls and roof are among them, which
     hide all that is inside.
     """
-    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    points = places_of(eyes)
     is_behind = np.full(mesh.n_faces, is_enclosed(mesh, points))
     if is_behind.any():
         is_behind &= ~mesh.target_mask & ~mesh.degenerate_mask & ~mesh.two_sided_mask

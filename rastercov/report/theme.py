@@ -42,6 +42,9 @@ DARK = Theme(
 
 # Pictures of the part.
 PAPER, INK = (255, 255, 255), (24, 28, 34)
+REASON_COLOURS = np.array([each.colour for each in REASONS.values()], np.uint8)
+REASON_HATCHES = np.array([each.hatch for each in REASONS.values()], np.uint8)
+"""(R, 3) and (R,), by the rows of `REASONS`."""
 COVERED, UNCOVERED = REASONS["covered"].colour, (52, 56, 62)
 OCCLUDER_PALE = (238, 228, 208)
 

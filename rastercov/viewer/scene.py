@@ -147,7 +147,7 @@ class Scene:
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
-        return described_mesh(self.mesh) | {
+        return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
             "title": self.title,
             "version": rastercov.__version__,
             "is_room": self.is_room,

@@ -179,7 +179,7 @@ def test_a_sheet_is_drawn_at_its_size(tmp_path, monkeypatch):
     large = Camera(width=2560, height=1600, fx=2560, fy=2560)
     for camera in (large, CAMERAS["brown"]):  # as its lens shows it
         run(MESH, camera, around(2), TASK, tmp_path, Options(pictures=2, by="face"))
-        assert cameras.pop() == camera.resized(320 / camera.width)
+        assert cameras.pop() == camera.resized(2 * 320 / camera.width)
         with Image.open(tmp_path / "contact_sheet.png") as sheet:
             assert sheet.width == 2 * 320 + 3 * 8
 

@@ -14,6 +14,7 @@ from target_scenes import beside, sheet_at, some_as_targets
 
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.zones import zones_at
 from rastercov.coverage.network import Network
@@ -140,6 +141,20 @@ def test_outliers_do_not_shrink_the_task():
         places = places[rows < mesh.n_faces - 20]
         assert (np.ptp(places, axis=0) / (scene.camera.width, scene.camera.height)).max() > 0.8
     assert not is_inside(mesh, [(3.0, 0, 0)])
+
+
+@pytest.mark.parametrize("up", [*np.eye(3), *-np.eye(3)])
+def test_pictures_have_up_what_the_cameras_have_up(up):
+    """Cameras on a ring that look down a little; on their sides they still look down."""
+    axes = np.stack((np.roll(up, 1), np.cross(up, np.roll(up, 1)), up))
+    eyes = np.array([(3, 0, 2), (-3, 0, 2), (0, 3, 2), (0, -3, 2)]) @ axes
+    poses = rc.look_at(eyes, (0, 0, 0), up)
+    along = look(MESH, (1, -1.5, 1), eyes=poses).pose[:3].T @ up
+    np.testing.assert_allclose(along[:3], [0, -0.874, -0.485], atol=1e-3)
+    assert (upwards(poses[:, :, [1, 0, 2, 3]] * (1, -1, 1, 1)) == up).all()
+    assert (upwards(rc.look_at(-3 * up + eyes, (0, 0, 0), up)) == up).all()  # from below
+    assert (upwards(poses @ np.diag([-1, -1, 1, 1])) == -up).all()
+    assert upwards(np.concatenate((poses, poses @ np.diag([1, -1, -1, 1])))).tolist() == [0, 0, 1]
 
 
 @pytest.mark.parametrize("shape", [shapes.box, shapes.room])
@@ -391,9 +406,22 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
     network.add(rc.regions(mesh, camera, pose))
     summary = network.dead_zones(camera, pose)
     assert summary["dead_zones"][0]["reason"] == "back_facing"
-    picture = zones_picture(network.zones(), summary, pose[:, :3, 3])
+    picture = zones_picture(network.zones(), summary, pose, reasons=np.ones(1280, np.uint8))
     assert share_of_hue(picture, REASONS["back_facing"].colour) > 0.05
     assert share_of_hue(picture, theme.COVERED) > 0.01
+
+
+def test_the_label_of_a_small_thing_is_beside_it():
+    at, other = place_labels([(50, 50)] * 2, [(8, 8)] * 2, (100, 100), [False, True])
+    assert np.abs(other - 50).max() >= 8 > np.abs(at - 50).max() == 0
+
+
+def test_short_lines_are_noise():
+    mesh = joined(square(1, 2), square(0.007, 1.9))  # a fleck before a square
+    scene = look(mesh, (0, 0, -1), scale=1.0)
+    pixels = paint(scene, np.full((4, 3), 200, np.uint8))
+    fleck = pixels[scene.face >= 2]
+    assert len(np.unique(pixels[scene.face >= 0])) == 2 > len(np.unique(fleck))
 
 
 def test_a_number_is_in_the_middle_of_its_zone():
@@ -416,6 +444,6 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     monkeypatch.setattr(overview, "framed", lambda pixels, title, keys: titles.append(title))
     summary = network.dead_zones(CAMERA, poses)
     zones = network.zones()
-    zones_picture(zones, summary, poses[:, :3, 3])
+    zones_picture(zones, summary, poses, reasons=np.zeros(24, np.uint8))
     (core,) = np.unique(zones.zone[zones.face < 12])
     assert titles[0].endswith(f"; hidden from both sides: {core + 1}")

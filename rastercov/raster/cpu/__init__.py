@@ -31,6 +31,7 @@ from collections.abc import Iterator
 from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,7 +62,7 @@ from rastercov.raster.contract import (
     VisibilityBuffer,
     check_counts,
 )
-from rastercov.raster.cpu.clusters import group_faces
+from rastercov.raster.cpu.clusters import Clusters, group_faces
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
@@ -86,6 +87,9 @@ MAX_PART = 1 << 30
 
 LARGE_POSE = 1 << 18
 """Faces, plus an eighth of the samples, from which on a pose is shared by threads."""
+
+_CLUSTERS: WeakKeyDictionary[Mesh, Clusters] = WeakKeyDictionary()
+"""Of each mesh that is in use: most of the time of a small picture, of which a page wants many."""
 
 
 class CPURasterizer(Rasterizer):
@@ -264,9 +268,11 @@ class _Scene:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
-        vertices = np.ascontiguousarray(mesh.vertices - self.centre)
-        faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
-        self.clusters = group_faces(vertices, faces, mesh.can_cull_back_faces)
+        if mesh not in _CLUSTERS:
+            vertices = np.ascontiguousarray(mesh.vertices - self.centre)
+            faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
+            _CLUSTERS[mesh] = group_faces(vertices, faces, mesh.can_cull_back_faces)
+        self.clusters = _CLUSTERS[mesh]
 
 
 def _total(parts: Any, kind: type) -> Any:

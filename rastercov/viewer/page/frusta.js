@@ -42,7 +42,7 @@ export class Frusta {
     this.isShown = true;
     this.hasFocusPlanes = true;
     this.names = new Map();
-    this.depth = 0.13 * sphereAround(session.scene.bounds).radius;
+    this.depth = 0.13 * sphereAround(session.scene.frame).radius;
     view.onSketch((sketch, look) => this.#draw(sketch, look));
     view.onDrawn((look) => this.#place(look));
     session.on("state chosen", () => this.#label());
@@ -56,7 +56,7 @@ export class Frusta {
 
   /** Depth of the frusta as a part of the scene's radius. */
   setDepth(part) {
-    this.depth = part * sphereAround(this.session.scene.bounds).radius;
+    this.depth = part * sphereAround(this.session.scene.frame).radius;
     this.view.request();
   }
 
@@ -133,7 +133,7 @@ export class Frusta {
     const isPlanar = camera.border.every((ray) => Math.abs(ray[2] - 1) < 1e-6);
     if (!camera.depth_of_field || !isPlanar) return;
     const pose = this.session.poseOf(station);
-    const reach = 3 * sphereAround(this.session.scene.bounds).radius;
+    const reach = 3 * sphereAround(this.session.scene.frame).radius;
     for (const depth of camera.depth_of_field) {
       if (depth === null || depth <= 0 || depth > reach) continue;
       const corners = camera.border.map((ray) => fromCamera(pose, scale(ray, depth)));

@@ -30,7 +30,7 @@ export class SceneView {
   constructor(session, canvas) {
     this.session = session;
     this.canvas = canvas;
-    this.camera = new ViewCamera(session.scene.bounds, session.scene.up);
+    this.camera = new ViewCamera(session.scene);
     this.options = {
       isFlat: false,
       hasEdges: session.scene.n_faces <= 200_000,

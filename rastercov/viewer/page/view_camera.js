@@ -37,9 +37,10 @@ const FITTED = 0.86;
 const STEEPEST = radians(89.5);
 
 export class ViewCamera {
-  /** @param {number[][]} bounds box of the scene; @param {number[]} up */
-  constructor(bounds, up) {
+  /** @param {object} scene its `bounds`, the box without outliers, `frame`, and `up` */
+  constructor({ bounds, frame, up }) {
     this.bounds = bounds;
+    this.frame = frame;
     this.up = unit(up);
     this.field = DEFAULT_FIELD;
     this.isParallel = false;
@@ -53,11 +54,11 @@ export class ViewCamera {
     if (this.target) this.release();
     this.heading ??= radians(130);
     this.elevation ??= radians(-28);
-    this.target = sphereAround(this.bounds).centre;
+    this.target = sphereAround(this.frame).centre;
     this.range = 1;
     const slopeY = FITTED * Math.tan(this.field / 2);
     const pose = this.pose();
-    const needed = [...boxCorners(this.bounds), ...points].map((corner) => {
+    const needed = [...boxCorners(this.frame), ...points].map((corner) => {
       const [x, y, z] = inCamera(pose, corner);
       const size = Math.max(Math.abs(x) / (slopeY * aspect), Math.abs(y) / slopeY);
       return this.isParallel ? size : size - (z - this.range);
@@ -79,8 +80,8 @@ export class ViewCamera {
     const { heading, elevation } = anglesOf(pose, this.up);
     this.pinned = null;
     const reach = Math.max(
-      0.05 * sphereAround(this.bounds).radius,
-      dot(subtract(sphereAround(this.bounds).centre, centreOf(pose)), forwardOf(pose)),
+      0.05 * sphereAround(this.frame).radius,
+      dot(subtract(sphereAround(this.frame).centre, centreOf(pose)), forwardOf(pose)),
     );
     this.heading = radians(heading);
     this.elevation = clamp(radians(elevation), -STEEPEST, STEEPEST);
