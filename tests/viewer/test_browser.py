@@ -1,7 +1,7 @@
 """The page in a real Chromium: what it shows is what rastercov computes, and nothing is lost."""
 
+import itertools
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -375,7 +375,7 @@ def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
     tab.keys("4")  # unfolds them
     heads = tab.page.get_by_role("tab").all()
     boxes = [each.bounding_box() for each in heads]
-    apart = [b["x"] - a["x"] - a["width"] for a, b in pairwise(boxes)]
+    apart = [b["x"] - a["x"] - a["width"] for a, b in itertools.pairwise(boxes)]
     assert min(apart) >= 3
 
 
@@ -409,6 +409,29 @@ def test_a_static_page_shows_and_changes_colours_without_a_program(context, prog
     tab.page.locator(".why .figures").wait_for()
     assert [url for url in tab.requests if not url.startswith(("file:", "data:", "blob:"))] == []
     assert tab.faults == []
+
+
+def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, tmp_path):
+    export_page(program.session, tmp_path / "view.html", modes=("reason",))
+    outer = tmp_path / "outer.html"
+    outer.write_text('<iframe src="view.html" style="display: none; border: 0"></iframe>')
+    page = context.new_page()
+    page.goto(outer.as_uri())
+    frame = page.frames[1]
+    frame.wait_for_function("window.rastercov?.session.figures !== undefined", polling=100)
+    corners = [[x, y, z] for x, y, z in itertools.product(*np.transpose(ROOM.bounds).tolist())]
+    places = "all => [...all.map(each => rastercov.screenOf(each).slice(0, 2)),"
+    places += " [rastercov.view.canvas.clientWidth, rastercov.view.canvas.clientHeight]]"
+    for width, height in ((900, 500), (1000, 900), (800, 300)):
+        page.evaluate(
+            "size => Object.assign(document.querySelector('iframe').style, size)",
+            {"display": "block", "width": f"{width}px", "height": f"{height}px"},
+        )
+        page.wait_for_timeout(300)
+        *found, size = np.array(frame.evaluate(places, corners))
+        assert size[0] > 0.9 * width  # both sides are folded
+        assert ((np.min(found, axis=0) >= 0) & (np.max(found, axis=0) <= size)).all()
+        assert (np.ptp(found, axis=0) > 0.5 * size).any()
 
 
 INJECTED = """() => {

@@ -85,10 +85,10 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
     "Floor plan",
     false,
     (isOn) => {
+      view.moving();
       view.camera.setPlan(isOn);
-      if (isOn) view.camera.fit(cameraCentres(session.state), view.aspect());
+      if (isOn) fitAll(session, view);
       cut.setPlan(isOn);
-      view.request();
     },
     { title: "from above, cut at a height (P)" },
   );
@@ -161,8 +161,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.camera.fit(cameraCentres(session.state), view.aspect());
-  view.request();
+  view.frame(() => view.camera.fit(cameraCentres(session.state), view.aspect()));
 }
 
 /** Controls of the section: axis, place, side. */

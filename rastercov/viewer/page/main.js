@@ -38,10 +38,10 @@ async function open() {
   const help = helpOverlay();
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
-  view.lookThrough = (station) => {
-    view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas));
-    view.request();
-  };
+  view.lookThrough = (station) =>
+    view.frame(() =>
+      view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas)),
+    );
 
   const bar = toolBar(session, { view, tools, frusta, gizmo });
   const card = startCard(session, view, jobs);

@@ -25,6 +25,7 @@ export class SceneView {
   #drawnListeners = [];
   #isAsked = false;
   #flight = null;
+  #framing = () => {};
   #waiting = [];
 
   constructor(session, canvas) {
@@ -51,7 +52,7 @@ export class SceneView {
       this.#createPasses();
       this.request();
     });
-    new ResizeObserver(() => this.request()).observe(canvas);
+    new ResizeObserver(() => this.#reframe()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.request());
   }
 
@@ -154,9 +155,22 @@ export class SceneView {
     return this.#isAsked ? new Promise((resolve) => this.#waiting.push(resolve)) : Promise.resolve();
   }
 
+  /** Takes a view that suits the size of the picture, and again at other sizes until the view is moved. */
+  frame(take) {
+    this.#framing = take;
+    this.#reframe();
+  }
+
+  /** A picture without a size, as in a frame that is hidden, is framed when it gets one. */
+  #reframe() {
+    if (this.canvas.clientWidth && this.canvas.clientHeight) this.#framing();
+    this.request();
+  }
+
   /** Says that the view moves: many faces are drawn coarser until it rests. */
   moving() {
     this.#flight = null;
+    this.#framing = () => {};
     this.isMoving = true;
     clearTimeout(this.stillTimer);
     this.stillTimer = setTimeout(() => {
@@ -270,6 +284,7 @@ export class SceneView {
 
   /** Flies to a place of the view camera; at once where the user wants less motion. */
   flyTo(place) {
+    this.#framing = () => {};
     this.camera.release();
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.camera.setBetween(this.camera.place(), place, 1);
