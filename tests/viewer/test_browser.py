@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from browser import Program, Tab
+from PIL import Image
 from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -432,6 +433,57 @@ def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, 
         assert size[0] > 0.9 * width  # both sides are folded
         assert ((np.min(found, axis=0) >= 0) & (np.max(found, axis=0) <= size)).all()
         assert (np.ptp(found, axis=0) > 0.5 * size).any()
+
+
+def chosen_drawing(tab, path):
+    tab.page.get_by_label("Drawing", exact=True).set_input_files(path)
+
+
+def test_a_drawing_lies_under_the_floor_plan_to_scale_by_two_points(tab, tmp_path):
+    Image.new("RGB", (800, 600), "white").save(tmp_path / "plan.png")
+    tab.button("Floor plan")
+    chosen_drawing(tab, tmp_path / "plan.png")
+    drawing = tab.page.locator("img.drawing:visible")
+
+    def on_drawing(across, down):
+        box = drawing.bounding_box()
+        return box["x"] + across * box["width"], box["y"] + down * box["height"]
+
+    low, high = ROOM.bounds
+    ends = np.array(((low[0], high[1], 0.0), (high[0], high[1], 0.0)))  # its wall in the north
+    tab.page.get_by_text("Drawing", exact=True).click()
+    tab.button("Place by two points")
+    near = [np.add(tab.place(end), (2, -2)) for end in ends]  # corners take what is near
+    for place in (on_drawing(0.1, 0.2), on_drawing(0.6, 0.2), *near):
+        tab.page.mouse.click(*place)
+    tab.idle()
+    scale = np.ptp(ends[:, 0]) / 400
+    box, origin = drawing.bounding_box(), np.array(tab.place(ends[0]))
+    pixel = np.subtract(tab.place(ends[1]), origin)[0] / np.ptp(ends[:, 0])  # of a metre
+    np.testing.assert_allclose(
+        [box["width"], box["height"]], scale * pixel * np.array((800, 600)), 1e-5
+    )
+    np.testing.assert_allclose(on_drawing(0.1, 0.2), origin, atol=0.01)
+    tab.page.reload()
+    tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+    tab.button("Floor plan")
+    np.testing.assert_allclose(drawing.bounding_box()["width"], box["width"], rtol=1e-6)
+
+
+def test_a_hostile_drawing_is_inert_or_refused(tab, tmp_path):
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" onload="parent.ran = 1">'
+    svg += '<script>parent.ran = 1</script><image href="http://example.org/a.png"/></svg>'
+    head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"  # of 2.5e9 pixels
+    files = {"a.svg": svg.encode(), "b.png": head + 2 * b"\0\0\xc3\x50", "c.pdf": b"%PDF-1.7"}
+    tab.button("Floor plan")
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+        chosen_drawing(tab, tmp_path / name)
+    tab.page.get_by_text("b.png has 50000 × 50000 pixels").wait_for()
+    tab.page.get_by_text("c.pdf is no PNG, JPEG or SVG").wait_for()
+    assert tab.page.locator("img.drawing:visible").get_attribute("src").startswith("data:image/svg")
+    assert tab.js("window.ran") is None
+    assert [each for each in tab.requests if "example.org" in each] == []
 
 
 INJECTED = """() => {

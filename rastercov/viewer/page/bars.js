@@ -79,7 +79,7 @@ function saveMenu(session) {
 }
 
 /** Tools over the picture. */
-export function toolBar(session, { view, tools, frusta, gizmo }) {
+export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
   const fit = button("Fit", () => fitAll(session, view), { title: "show the whole scene (F)" });
   const plan = toggle(
     "Floor plan",
@@ -89,6 +89,7 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
       view.camera.setPlan(isOn);
       if (isOn) fitAll(session, view);
       cut.setPlan(isOn);
+      drawing?.setPlan(isOn);
     },
     { title: "from above, cut at a height (P)" },
   );
@@ -141,16 +142,19 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
     ),
   );
   document.addEventListener("pointerdown", (event) => shows.contains(event.target) || (shows.open = false));
-  return element(
+  const bar = element(
     "div.tools",
     { role: "toolbar", "aria-label": "View" },
     fit,
     plan,
+    drawing?.menu,
     cut.root,
     measure,
     session.canEdit ? aim : null,
     shows,
   );
+  bar.leavePlan = () => plan.isOn() && plan.set(false, true);
+  return bar;
 }
 
 function optionToggle(session, view, text, name, title) {
@@ -161,7 +165,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.frame(() => view.camera.fit(cameraCentres(session.state), view.aspect()));
+  view.frame(() => view.camera.fit(cameraCentres(session.state), view.aspect(), view.coveredAbove()));
 }
 
 /** Controls of the section: axis, place, side. */

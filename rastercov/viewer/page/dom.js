@@ -71,11 +71,13 @@ export function remembered(name, otherwise) {
   }
 }
 
+/** Keeps a value for the next page; false where the browser forbids it, or has no room. */
 export function remember(name, value) {
   try {
     localStorage.setItem(KEPT_KEY + name, JSON.stringify(value));
+    return true;
   } catch {
-    // full, or forbidden by the browser: the next page begins anew
+    return false;
   }
 }
 

@@ -75,7 +75,7 @@ export class Frusta {
 
   #draw(sketch, look) {
     if (!this.isShown) return;
-    const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
+    const isDark = Math.max(...this.view.background()) < 0.5;
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";

@@ -6,6 +6,7 @@ import { cameraPanel, imagePanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
 import { element, section, side } from "rastercov/dom.js";
+import { Drawing } from "rastercov/drawing.js";
 import { Frusta, fieldOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
@@ -38,17 +39,20 @@ async function open() {
   const help = helpOverlay();
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
-  view.lookThrough = (station) =>
+  const drawing = session.canEdit ? new Drawing(view, session, tools, overlay) : null;
+  const bar = toolBar(session, { view, tools, frusta, gizmo, drawing });
+  view.lookThrough = (station) => {
+    bar.leavePlan();
     view.frame(() =>
       view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas)),
     );
-
-  const bar = toolBar(session, { view, tools, frusta, gizmo });
+  };
   const card = startCard(session, view, jobs);
   const lines = messages(session);
   let isImageShown = () => false;
   const large = largeImage(session);
   const image = imagePanel(session, view, frusta, () => isImageShown(), large);
+  view.over = element("div.over", {}, bar, drawing?.hint, jobs.root, card);
   const panels = tabs(
     [
       ["Object", objectPanel(session, view, shown)],
@@ -70,7 +74,15 @@ async function open() {
       "main",
       {},
       left,
-      element("div.stage", {}, canvas, overlay, bar, legend(session, view), card, jobs.root, lines),
+      element(
+        "div.stage",
+        {},
+        canvas,
+        overlay,
+        legend(session, view),
+        view.over,
+        lines,
+      ),
       side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),
     ),
     help,

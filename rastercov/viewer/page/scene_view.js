@@ -229,6 +229,13 @@ export class SceneView {
     return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
   }
 
+  /** Part of the height of the picture that the tools at its top cover. */
+  coveredAbove() {
+    const { bottom = 0 } = this.over?.getBoundingClientRect() ?? {};
+    const { top, height } = this.canvas.getBoundingClientRect();
+    return Math.min(0.4, Math.max(0, bottom - top) / Math.max(1, height));
+  }
+
   draw() {
     if (this.isLost || this.gl.isContextLost()) return;
     const look = this.look();

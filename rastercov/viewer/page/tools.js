@@ -14,16 +14,26 @@ export class Tools {
   constructor(view, session, navigation, frusta, overlay) {
     Object.assign(this, { view, session, frusta });
     this.tool = "pick";
+    this.clicks = {
+      pick: (x, y) => this.#pick(x, y),
+      aim: (x, y) => this.#aim(x, y),
+      measure: (x, y) => this.#measure(x, y),
+    };
     this.points = []; // of the measure
     this.zone = null; // faces of the chosen dead zone
     this.figure = element("div.measure", { hidden: true, "aria-live": "polite" });
     overlay.append(this.figure);
-    navigation.onClick((x, y) => this.#click(x, y));
+    navigation.onClick((x, y) => this.clicks[this.tool](x, y));
     view.onSketch((sketch, look) => this.#draw(sketch, look));
     view.onDrawn((look) => this.#label(look));
   }
 
-  /** "pick", "aim" or "measure". */
+  /** Adds a tool by what a click does while it is chosen. */
+  add(tool, onClick) {
+    this.clicks[tool] = onClick;
+  }
+
+  /** Chooses "pick", "aim", "measure", or a tool that was added. */
   set(tool) {
     this.tool = tool;
     if (tool !== "measure") this.points = [];
@@ -32,9 +42,7 @@ export class Tools {
     this.view.request();
   }
 
-  #click(x, y) {
-    if (this.tool === "aim") return this.#aim(x, y);
-    if (this.tool === "measure") return this.#measure(x, y);
+  #pick(x, y) {
     const station = this.frusta.at(x, y);
     if (station !== null) {
       this.session.choose(station);

@@ -14,6 +14,7 @@ import {
   clamp,
   column,
   cross,
+  distance,
   dot,
   forwardOf,
   horizon,
@@ -34,6 +35,9 @@ import {
 const DEFAULT_FIELD = radians(45);
 /** Part of the picture that a scene fills at first. */
 const FITTED = 0.86;
+const FITS = 12;
+/** Times the range at which the scene fills the picture, at most, for cameras around it. */
+const FARTHEST = 2;
 const STEEPEST = radians(89.5);
 
 export class ViewCamera {
@@ -48,21 +52,46 @@ export class ViewCamera {
     this.fit();
   }
 
-  /** Shows the scene and further points from the present direction; `aspect` is width / height. */
-  fit(points = [], aspect = 1) {
+  /**
+   * Shows the scene from the present direction, and further points, unless it would be small then.
+   *
+   * @param {number[][]} points world
+   * @param {number} aspect width / height
+   * @param {number} top part of the height, from above, that something covers
+   */
+  fit(points = [], aspect = 1, top = 0) {
     if (this.target) this.release();
     this.heading ??= radians(130);
     this.elevation ??= radians(-28);
-    this.target = sphereAround(this.bounds).centre;
-    this.range = 1;
-    const slopeY = FITTED * Math.tan(this.field / 2);
-    const pose = this.pose();
-    const needed = [...boxCorners(this.bounds), ...points].map((corner) => {
-      const [x, y, z] = inCamera(pose, corner);
-      const size = Math.max(Math.abs(x) / (slopeY * aspect), Math.abs(y) / slopeY);
-      return this.isParallel ? size : size - (z - this.range);
-    });
-    this.range = Math.max(...needed, 1e-6);
+    const corners = boxCorners(this.bounds);
+    this.#fill(corners, aspect, top);
+    const { target, range } = this;
+    if (points.length) this.#fill([...corners, ...points], aspect, top);
+    if (this.range > FARTHEST * range) Object.assign(this, { target, range: FARTHEST * range });
+  }
+
+  /** Fills the picture with points, in its middle. */
+  #fill(points, aspect, top) {
+    const { centre, radius } = sphereAround(this.bounds);
+    const slope = Math.tan(this.field / 2);
+    Object.assign(this, { target: centre, range: Math.max(1e-6, ...points.map((each) => distance(each, centre))) });
+    this.range *= 3 / slope;
+    for (let round = 0; round < FITS; round++) {
+      const pose = this.pose();
+      const places = points.map((point) => {
+        const [x, y, z] = inCamera(pose, point);
+        const depth = this.isParallel ? this.range : Math.max(z, 1e-3 * radius);
+        return [x / depth, y / depth];
+      });
+      const [[left, right], [above, below]] = [0, 1].map((axis) => {
+        const all = places.map((place) => place[axis]);
+        return [Math.min(...all), Math.max(...all)];
+      });
+      const wanted = [(left + right) / 2, (above + below) / 2 - top * slope];
+      const by = [0, 1].map((axis) => scale(column(pose, axis), wanted[axis] * this.range));
+      this.target = by.reduce(add, this.target);
+      this.range *= Math.max((right - left) / aspect, (below - above) / (1 - top)) / (2 * FITTED * slope);
+    }
   }
 
   /** Picture of a pinhole; `field` is its vertical field of view, radians. */
