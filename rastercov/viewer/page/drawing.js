@@ -62,9 +62,10 @@ export class Drawing {
       hidden: true,
       "aria-label": "Drawing",
     });
-    file.addEventListener("change", async () => {
-      if (file.files.length) await this.choose(file.files[0]);
-      file.value = "";
+    file.addEventListener("change", () => {
+      const [chosen] = file.files;
+      file.value = ""; // so that the same file may be chosen again
+      if (chosen) this.choose(chosen);
     });
     this.place = button("Place by two points", () => this.#ask([], true), {
       title: "to scale: two points of the drawing, then their distance or their places in the model",
@@ -297,7 +298,7 @@ function judged(name, bytes) {
 /** Type, width and height of a PNG, a JPEG, or an SVG, which has no pixels; null for another file. */
 function headOf(bytes) {
   const data = new DataView(bytes.buffer);
-  if (data.byteLength > 24 && data.getUint32(0) === 0x89504e47)
+  if (data.byteLength >= 24 && data.getUint32(0) === 0x89504e47)
     return ["image/png", data.getUint32(16), data.getUint32(20)];
   if (data.byteLength > 4 && data.getUint16(0) === 0xffd8) {
     for (let at = 2; at + 9 < data.byteLength; at += 2 + data.getUint16(at + 2)) {
