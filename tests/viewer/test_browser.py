@@ -19,7 +19,7 @@ from rastercov.viewer.saving import export_page
 
 pytestmark = pytest.mark.slow
 POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
-PANELS = ("Object", "Cameras", "Camera", "Image", "Network")
+PANELS = ("Object", "Cameras", "One camera", "Network")
 
 
 def pinhole_picture(tab, pose):
@@ -269,7 +269,7 @@ def test_a_measure_is_the_distance_of_two_points_that_are_clicked(tab):
 
 
 def test_looking_through_a_camera_shows_what_it_covers(tab):
-    tab.open("Camera")
+    tab.open("One camera")
     tab.button("Look through")
     size = np.array([tab.js(f"rastercov.view.canvas.client{side}") for side in ("Width", "Height")])
     points = np.vstack(((0, 0, 2), tab.state()["cameras"]["wide"]["border"]))
@@ -362,7 +362,7 @@ def test_an_empty_rig_is_clay_with_a_card_of_ways_to_cameras(empty):
 
 
 def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
-    tab.open("Image")
+    tab.open("One camera")
     tab.button("Enlarge")
     tab.page.wait_for_function("document.querySelector('dialog.large img').naturalWidth == 640")
     tab.keys("Escape")
@@ -372,8 +372,8 @@ def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
     tab.page.reload()
     tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
     assert tab.js("rastercov.view.canvas.clientWidth") > width + 400
-    assert tab.page.get_by_role("tab", name="Image", exact=True).is_hidden()
-    tab.keys("4")  # unfolds them
+    assert tab.page.get_by_role("tab", name="One camera", exact=True).is_hidden()
+    tab.keys("3")  # unfolds them
     heads = tab.page.get_by_role("tab").all()
     boxes = [each.bounding_box() for each in heads]
     apart = [b["x"] - a["x"] - a["width"] for a, b in itertools.pairwise(boxes)]

@@ -3,7 +3,6 @@
 import { button, choice, element, metres, toggle } from "rastercov/dom.js";
 import { offerFile } from "rastercov/status.js";
 import { sectionOf } from "rastercov/tools.js";
-import { cameraCentres } from "rastercov/frusta.js";
 
 export function topBar(session, { summary, help }) {
   const undo = button("↶ Undo", () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
@@ -122,6 +121,9 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
             title: "axes of the camera, not of the world (X)",
           })
         : null,
+      toggle("Depth of field", false, (isOn) => frusta.setFocus(isOn), {
+        title: "planes between which the chosen camera is in focus",
+      }),
       optionToggle(session, view, "Transparent occluders", "isTransparent", "bodies that only hide (T)"),
       optionToggle(
         session,
@@ -146,12 +148,12 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
     "div.tools",
     { role: "toolbar", "aria-label": "View" },
     fit,
+    shows,
     plan,
     drawing?.menu,
     cut.root,
     measure,
     session.canEdit ? aim : null,
-    shows,
   );
   bar.leavePlan = () => plan.isOn() && plan.set(false, true);
   return bar;
@@ -165,7 +167,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.frame(() => view.camera.fit(cameraCentres(session.state), view.aspect(), view.coveredAbove()));
+  view.frame(() => view.camera.fit(session.centres(), view.aspect(), view.coveredAbove()));
 }
 
 /** Controls of the section: axis, place, side. */

@@ -19,7 +19,7 @@ export function legend(session, view) {
   session.on("frame view", () => {
     const { figures } = session;
     const pieces = shownPieces(session, view);
-    unit.textContent = pieces ? "Exact pieces: point by point." : "";
+    unit.textContent = pieces ? "Drawn and measured point by point." : "";
     fill(
       entries,
       legendOfPieces(session, figures, pieces).map((each) => legendEntry(each)),
@@ -125,8 +125,9 @@ export function summary(session) {
     change.title = "points since this page was opened";
     const exact = now.exact_area_percent;
     rest.textContent =
-      `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
-      (exact === null || exact === undefined ? "" : `, exact area ${exact.toFixed(2)} %`);
+      "of the area in whole faces" +
+      (exact === null || exact === undefined ? "" : `, ${exact.toFixed(2)} % point by point`);
+    root.title = `${percent(covered.percent)} of ${count(now.task_faces)} faces`;
   });
   return root;
 }

@@ -2,7 +2,7 @@
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
 import { fitAll, toolBar, topBar } from "rastercov/bars.js";
-import { cameraPanel, imagePanel, largeImage } from "rastercov/camera_panel.js";
+import { cameraPanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
 import { element, section, side } from "rastercov/dom.js";
@@ -33,6 +33,7 @@ async function open() {
   const view = new SceneView(session, canvas);
   const frusta = new Frusta(view, session, overlay);
   const navigation = new Navigation(view);
+  navigation.onHover((x, y) => frusta.hover(x, y));
   const gizmo = new Gizmo(view, session, navigation);
   const tools = new Tools(view, session, navigation, frusta, overlay);
   const jobs = new Jobs(session);
@@ -51,21 +52,19 @@ async function open() {
   const lines = messages(session);
   let isImageShown = () => false;
   const large = largeImage(session);
-  const image = imagePanel(session, view, frusta, () => isImageShown(), large);
   view.over = element("div.over", {}, bar, drawing?.hint, jobs.root, card);
   const panels = tabs(
     [
       ["Object", objectPanel(session, view, shown)],
       ["Cameras", camerasPanel(session, { view, tools, jobs })],
-      ["Camera", cameraPanel(session, view)],
-      ["Image", image],
+      ["One camera", cameraPanel(session, view, () => isImageShown(), large)],
       ["Network", networkPanel(session)],
     ],
     1,
   );
   const left = side("left", "Panels", panels.root);
   panels.onShow(left.unfold);
-  isImageShown = () => panels.isShown("Image");
+  isImageShown = () => panels.isShown("One camera");
 
   document.body.replaceChildren(
     topBar(session, { summary: summary(session), help }),

@@ -10,6 +10,7 @@
  */
 
 import { Gone, bytesOf } from "rastercov/api.js";
+import { centreOf } from "rastercov/maths.js";
 
 const PING_EVERY = 2000;
 const KEPT_KEY = "rastercov-kept";
@@ -81,6 +82,11 @@ export class Session {
   /** Pose of a station as it is shown: that of a drag goes before the server's. */
   poseOf(station) {
     return this.localPoses.get(station.id) ?? station.pose;
+  }
+
+  /** Centres of all cameras as they are shown, world. */
+  centres() {
+    return this.state.stations.map((station) => centreOf(this.poseOf(station)));
   }
 
   choose(id) {
@@ -199,6 +205,7 @@ export class Session {
     const added = state.stations.find((station) => !known.has(station.id));
     const isChosenGone = this.chosen !== null && !this.station();
     this.figures = figures;
+    if (figures.legend.length === 1) figures.legend[0].hatch = 0; // nothing to tell it from
     this.levels = payload;
     this.palette = bytesOf(figures.palette);
     this.#keep();

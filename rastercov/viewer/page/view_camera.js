@@ -37,7 +37,7 @@ const DEFAULT_FIELD = radians(45);
 const FITTED = 0.86;
 const FITS = 12;
 /** Times the range at which the scene fills the picture, at most, for cameras around it. */
-const FARTHEST = 2;
+const FARTHEST = 2.6;
 const STEEPEST = radians(89.5);
 
 export class ViewCamera {
@@ -154,15 +154,15 @@ export class ViewCamera {
   }
 
   /**
-   * Matrices of a picture of width x height pixels.
+   * Matrices of a picture of width x height pixels, in which the scene and further points are not cut.
    *
    * @returns clipFromWorld, pose, near (least depth, metres), pixel(depth): metres a pixel there
    */
-  look(width, height) {
+  look(width, height, points = []) {
     const pose = this.pose();
     const slopeY = Math.tan(this.verticalField() / 2);
     const slopeX = (slopeY * width) / height;
-    const depths = boxCorners(this.bounds).map((corner) => inCamera(pose, corner)[2]);
+    const depths = [...boxCorners(this.bounds), ...points].map((point) => inCamera(pose, point)[2]);
     const size = sphereAround(this.bounds).radius;
     const slack = 0.2 * size;
     const farthest = Math.max(...depths) + slack;

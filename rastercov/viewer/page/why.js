@@ -179,8 +179,8 @@ const zoneRow = (zone, tools) =>
     {},
     element(
       "button.zone",
-      { type: "button", title: "fly there", on: { click: () => tools.showZone(zone) } },
+      { type: "button", title: `fly to the ${zone.words}`, on: { click: () => tools.showZone(zone) } },
       element("strong", {}, percent(zone.percent)),
-      element("span", {}, zone.words),
+      element("span", {}, `${squareMetres(zone.area)} of ${zone.group}: ${zone.words.split(": ").at(-1)}`),
     ),
   );
