@@ -404,7 +404,7 @@ class Work:
             if made is state:
                 return f"{words}: no move covers more"
             session.take(made, words, revision)
-            return words if gain is None else f"{words}: {area(gain)} more"
+            return f"{words}: done" if gain is None else f"{words}: {area(gain)} more"
 
         return take
 

@@ -361,6 +361,19 @@ def test_an_empty_rig_is_clay_with_a_card_of_ways_to_cameras(empty):
     assert card.is_visible()
 
 
+def test_a_camera_that_is_sold_is_found_by_words_and_taken_by_keys(tab):
+    name = "flir-bfs-u3-51s5+fujinon-hf12xa-5m"
+    box = tab.page.get_by_role("combobox", name="Find a camera that is sold")
+    box.fill("FLIR 51s5")
+    box.press_sequentially(" hf12xa")
+    assert tab.page.locator(".found strong").first.inner_text() == name
+    tab.keys("ArrowDown", "ArrowUp", "Enter")
+    assert tab.state()["stations"][0]["camera"] == name
+    assert tab.state()["cameras"][name]["fx"] == pytest.approx(rc.Camera.preset(name).fx)
+    tab.button("Undo")
+    assert tab.state()["stations"][0]["camera"] == "wide"
+
+
 def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
     tab.open("One camera")
     tab.button("Enlarge")

@@ -19,7 +19,7 @@ export function legend(session, view) {
   session.on("frame view", () => {
     const { figures } = session;
     const pieces = shownPieces(session, view);
-    unit.textContent = pieces ? "Drawn and measured point by point." : "";
+    unit.textContent = pieces ? "Exact, point by point." : "";
     fill(
       entries,
       legendOfPieces(session, figures, pieces).map((each) => legendEntry(each)),
