@@ -31,7 +31,7 @@ PICK_IN_ZONE = """async () => {
   const places = zone.faces.map((face) => rastercov.view.corners(face)[0]).map(rastercov.screenOf);
   const picks = places.map(([x, y]) => rastercov.view.pick(x + 2, y));
   rastercov.tools.pickFace(picks.find((found) => found && zone.faces.includes(found.face)));
-  rastercov.tools.zone = zone.faces;
+  rastercov.tools.zone = { faces: zone.faces, revision: rastercov.state().revision };
 }"""
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 

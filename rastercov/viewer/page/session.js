@@ -25,6 +25,7 @@ export class Session {
     this.isConnected = true;
     this.chosen = null; // id of a station
     this.face = null; // index of the picked face
+    this.isWorking = false; // work of this page runs in the program, and will change the rig
     this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
@@ -264,7 +265,7 @@ export class Session {
       if (isBack) this.#setConnected(true);
       if (this.#isSending) return;
       if (isBack) await this.#comeBack(revision);
-      else if (revision !== this.state.revision && this.isIdle) {
+      else if (revision !== this.state.revision && this.isIdle && !this.isWorking) {
         await this.reload("Another tab changed the rig; it is shown here now.");
       }
     } catch (error) {
