@@ -167,7 +167,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.frame(() => view.camera.fit(session.centres(), view.aspect(), view.coveredAbove()));
+  view.frame(() => view.camera.fit(session.centres(), view.aspect(), view.covered()));
 }
 
 /** Controls of the section: axis, place, side. */

@@ -201,7 +201,10 @@ export class Drawing {
     this.points = points;
     this.isToMove = false;
     this.menu.open = false;
-    if (isNew) this.tools.set("drawing");
+    if (isNew) {
+      this.view.moving(); // and so not framed anew between two clicks
+      this.tools.set("drawing");
+    }
     const isAsking = this.tools.tool === "drawing";
     this.hint.hidden = !isAsking;
     this.words.textContent = STEPS[points.length];

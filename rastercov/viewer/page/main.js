@@ -52,7 +52,9 @@ async function open() {
   const lines = messages(session);
   let isImageShown = () => false;
   const large = largeImage(session);
-  view.over = element("div.over", {}, bar, drawing?.hint, jobs.root, card);
+  const over = element("div.over", {}, bar, drawing?.hint, jobs.root, card);
+  const colours = legend(session, view);
+  view.keepFree(over, colours);
   const panels = tabs(
     [
       ["Object", objectPanel(session, view, shown)],
@@ -78,8 +80,8 @@ async function open() {
         {},
         canvas,
         overlay,
-        legend(session, view),
-        view.over,
+        colours,
+        over,
         lines,
       ),
       side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),

@@ -161,6 +161,12 @@ export class SceneView {
     this.#reframe();
   }
 
+  /** Makes room for what is over the picture, of any size that it gets. */
+  keepFree(over, legend) {
+    Object.assign(this, { over, legend });
+    new ResizeObserver(() => this.#reframe()).observe(legend);
+  }
+
   /** A picture without a size, as in a frame that is hidden, is framed when it gets one. */
   #reframe() {
     if (this.canvas.clientWidth && this.canvas.clientHeight) this.#framing();
@@ -229,11 +235,13 @@ export class SceneView {
     return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
   }
 
-  /** Part of the height of the picture that the tools at its top cover. */
-  coveredAbove() {
-    const { bottom = 0 } = this.over?.getBoundingClientRect() ?? {};
-    const { top, height } = this.canvas.getBoundingClientRect();
-    return Math.min(0.4, Math.max(0, bottom - top) / Math.max(1, height));
+  /** Parts of the height of the picture that tools cover above, and a legend of half its width below. */
+  covered() {
+    const { top, bottom, width, height } = this.canvas.getBoundingClientRect();
+    const [over, legend] = [this.over, this.legend].map((each) => each?.getBoundingClientRect());
+    const above = over ? over.bottom - top : 0;
+    const below = legend && legend.width > width / 2 ? bottom - legend.top : 0;
+    return [above, below].map((size) => Math.min(0.4, Math.max(0, size) / Math.max(1, height)));
   }
 
   draw() {

@@ -57,21 +57,21 @@ export class ViewCamera {
    *
    * @param {number[][]} points world
    * @param {number} aspect width / height
-   * @param {number} top part of the height, from above, that something covers
+   * @param {number[]} covered parts of the height, from above and from below, that something covers
    */
-  fit(points = [], aspect = 1, top = 0) {
+  fit(points = [], aspect = 1, covered = [0, 0]) {
     if (this.target) this.release();
     this.heading ??= radians(130);
     this.elevation ??= radians(-28);
     const corners = boxCorners(this.bounds);
-    this.#fill(corners, aspect, top);
+    this.#fill(corners, aspect, covered);
     const { target, range } = this;
-    if (points.length) this.#fill([...corners, ...points], aspect, top);
+    if (points.length) this.#fill([...corners, ...points], aspect, covered);
     if (this.range > FARTHEST * range) Object.assign(this, { target, range: FARTHEST * range });
   }
 
   /** Fills the picture with points, in its middle. */
-  #fill(points, aspect, top) {
+  #fill(points, aspect, [top, bottom]) {
     const { centre, radius } = sphereAround(this.bounds);
     const slope = Math.tan(this.field / 2);
     Object.assign(this, { target: centre, range: Math.max(1e-6, ...points.map((each) => distance(each, centre))) });
@@ -87,10 +87,10 @@ export class ViewCamera {
         const all = places.map((place) => place[axis]);
         return [Math.min(...all), Math.max(...all)];
       });
-      const wanted = [(left + right) / 2, (above + below) / 2 - top * slope];
+      const wanted = [(left + right) / 2, (above + below) / 2 - (top - bottom) * slope];
       const by = [0, 1].map((axis) => scale(column(pose, axis), wanted[axis] * this.range));
       this.target = by.reduce(add, this.target);
-      this.range *= Math.max((right - left) / aspect, (below - above) / (1 - top)) / (2 * FITTED * slope);
+      this.range *= Math.max((right - left) / aspect, (below - above) / (1 - top - bottom)) / (2 * FITTED * slope);
     }
   }
 
