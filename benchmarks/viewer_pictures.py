@@ -2,7 +2,8 @@
 
     python benchmarks/viewer_pictures.py [--out docs]
 
-A part, a room whose plan gets four cameras, and 120 images around a part through a distorting lens.
+A part with three cameras and its largest dead zone, a room with the cameras of its plan and a face
+that they do not cover, and 120 images around a part through a distorting lens.
 Needs Debian's package `chromium` and Playwright, which drives it.
 """
 
@@ -20,7 +21,18 @@ LENS = (
     'width = 1280, height = 960, fx = 1100, fy = 1100, model = "opencv", '
     "distortion = [-0.25, 0.05, 0.0, 0.0]"
 )
-ADD = "Add the best next camera"
+TURN_TO_ZONE = """async () => {
+  const { camera } = rastercov.view;
+  const [zone] = await rastercov.session.server.zones();
+  camera.heading = camera.placeBefore(zone.centre, zone.normal, 1).heading;
+}"""
+PICK_IN_ZONE = """async () => {
+  const [zone] = await rastercov.session.server.zones();
+  const places = zone.faces.map((face) => rastercov.view.corners(face)[0]).map(rastercov.screenOf);
+  const picks = places.map(([x, y]) => rastercov.view.pick(x + 2, y));
+  rastercov.tools.pickFace(picks.find((found) => found && zone.faces.includes(found.face)));
+  rastercov.tools.zone = { faces: zone.faces, revision: rastercov.state().revision };
+}"""
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 
@@ -36,7 +48,7 @@ def main():
         # The page's policy forbids the scripts by which Playwright waits.
         context = opened.new_context(bypass_csp=True, viewport={"width": 1440, "height": 860})
         page = context.new_page()
-        part = ["teapot-12", "--camera", "khepra", "--poses", "sphere:5"]
+        part = ["teapot-12", "--camera", "khepra", "--poses", "sphere:3"]
         picture(page, out / "viewer_part.png", part, of_a_part)
         room = [str(ROOT / "examples" / "plans" / "watch_room.toml")]
         picture(page, out / "viewer_room.png", room, of_a_room)
@@ -64,14 +76,19 @@ def picture(page, path, arguments, prepare):
 
 
 def of_a_part(page):
-    choose(page, "views")
+    page.get_by_text("Dead zones").click()
+    page.locator(".zone").first.wait_for()
+    page.evaluate(TURN_TO_ZONE)
+    page.get_by_role("button", name="Fit").click()
+    page.evaluate("rastercov.whenIdle()")
+    page.evaluate(PICK_IN_ZONE)
+    page.get_by_text("Centre the view on it").wait_for()
 
 
 def of_a_room(page):
-    for number in range(1, 5):
-        page.get_by_role("button", name=ADD).click()
-        page.wait_for_function(f"rastercov.state().stations.length == {number}")
-        page.evaluate("rastercov.whenIdle()")
+    page.get_by_role("button", name="Place", exact=True).click()
+    page.wait_for_function("rastercov.state().stations.length", timeout=300_000)
+    page.evaluate("rastercov.whenIdle()")
     box = page.locator("canvas.scene").bounding_box()
     page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.6 * box["height"])
     page.get_by_text("Centre the view on it").wait_for()

@@ -90,7 +90,7 @@ def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
 @_edit("add")
 def _add(state: RigState, settle: Settle, camera: Name, pose: Matrix) -> Edited:
     wanted = np.reshape(pose, (4, 4))
-    return state.with_new(camera, settle(wanted, wanted)), "add a camera"
+    return state.with_type(camera).with_new(camera, settle(wanted, wanted)), "add a camera"
 
 
 @_edit("duplicate")
@@ -119,9 +119,9 @@ def _switch(state: RigState, settle: Settle, station: int, is_on: bool) -> Edite
 
 @_edit("use")
 def _use(state: RigState, settle: Settle, station: int, camera: Name) -> Edited:
-    """With another camera at a station."""
+    """With another camera at a station, of the rig or of the catalogue."""
     own = state.station(station)
-    return state.using(own.id, camera), f"use {camera} at {own.name}"
+    return state.with_type(camera).using(own.id, camera), f"use {camera} at {own.name}"
 
 
 @_edit("camera")
@@ -136,7 +136,7 @@ def _new_camera(state: RigState, settle: Settle, name: Name, source: Name) -> Ed
     """With a further camera, like another one or one of the catalogue."""
     if name in state.cameras:
         raise ConfigError(f"there is a camera {shown(name)} already; take another name")
-    made = state.cameras[source] if source in state.cameras else Camera.preset(source)
+    made = state.with_type(source).camera(source)
     return state.with_camera(name, made), f"new camera {name}"
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, length, percent, plural
+from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.advice import advice
@@ -355,7 +355,7 @@ def _of_station(
         "pixels if nothing hides it": f"{found['drawn_pixels']:.3g} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g} deg",
         "pixel density": f"{found['pixel_density']:.4g} px/m",
-        "depth": f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
+        "depth": f"{depth.min():.3g} to {depth.max():.3g} m",
         "in the image": percent(found["in_view_fraction"]),
     }
     return {

@@ -6,6 +6,7 @@ edit makes a new state, and `History` is a list of states with a place in it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from threading import RLock
 from types import MappingProxyType
 from typing import Any
@@ -72,12 +73,15 @@ class RigState:
     needed : mapping of str to int, or None
         Cameras that faces of a group need, 1 for groups that are not named; those of the task for
         all of them unless given.
+    catalogue : Path or None
+        Catalogue of the plan, beside that of the package.
     """
 
     stations: tuple[Station, ...]
     cameras: Mapping[str, Camera]
     task: Task = field(default_factory=Task)
     needed: Mapping[str, int] | None = None
+    catalogue: Path | None = None
 
     @classmethod
     def of(
@@ -188,6 +192,13 @@ class RigState:
     def with_camera(self, name: str, camera: Camera) -> "RigState":
         """With a camera of that name, new or changed."""
         return replace(self, cameras=MappingProxyType({**self.cameras, name: camera}))
+
+    def with_type(self, name: str) -> "RigState":
+        """With a camera of the catalogue, unless there is a camera of that name."""
+        if name in self.cameras:
+            return self
+        sold = Camera.from_dict({"preset": name, "catalogue": self.catalogue})
+        return self.with_camera(name, sold)
 
     def with_task(self, task: Task) -> "RigState":
         """With other thresholds; other views are those of all groups."""

@@ -13,13 +13,13 @@ from rastercov.base.format import plural
 from rastercov.base.output import write_bytes, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
-from rastercov.report.modes import MODES as EVERY
 from rastercov.report.pages import embedded, levels_of
 from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
-MODES = tuple(name for name in EVERY if name != "single")
+MODES = tuple(name for name in OF_A_RIG if name != "single")
 """Ways to colour the faces that the file has."""
 
 

@@ -20,7 +20,7 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
 from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import catalogue, has_lens
+from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
@@ -55,6 +55,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
+OF_A_RIG = tuple(name for name in MODES if name != "weak")
+"""Modes that a rig has values of; weak zones are of an audit, whose page has them."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -153,11 +155,11 @@ class Scene:
             "is_room": self.is_room,
             "task_fields": task_fields(),
             "camera_fields": CAMERA_FIELDS,
-            "presets": [name for name, each in catalogue().cameras.items() if has_lens(each)],
+            "catalogue": self._sold() if can_edit else [],
             "modes": [
-                described_mode(name, mode)
+                described_mode(name, MODES[name])
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
-                for name, mode in MODES.items()
+                for name in OF_A_RIG
             ],
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
@@ -165,6 +167,18 @@ class Scene:
             "result": self.result,
             "notes": list(self.notes),
         }
+
+    def _sold(self) -> list[tuple[str, str]]:
+        """Name and words of each camera of the catalogue, and of each with a lens that fits."""
+        shop, found = catalogue(self.start.catalogue), []
+        for name in shop.names():
+            camera, *lens = shop.parts(name)
+            words = [f"{camera.get('maker', '')} {camera.get('product', '')}".strip()]
+            words += [each["product"] for each in lens if "product" in each]
+            words.append(f"{camera['width']} × {camera['height']} px")
+            words += [f"{each['focal_length'] * 1e3:g} mm" for each in lens]
+            found.append((name, ", ".join(filter(None, words))))
+        return found
 
     @cached_property
     def is_room(self) -> bool:
@@ -278,6 +292,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:
         start = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4))), task=plan.build_task())
+    start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
     return Scene(plan.name, mesh, start, plan, pool)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.frames import to_world
@@ -35,7 +36,7 @@ from rastercov.viewer.measurements import (
     why,
 )
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import SEGMENT_OPTIONS, Scene, described_state
+from rastercov.viewer.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, described_state
 
 FloatArray = NDArray[np.float64]
 
@@ -113,7 +114,7 @@ class Session:
         """
         request = request_of(entries)
         with self.lock:
-            mode_of(request.mode)
+            check_choice("mode", request.mode, OF_A_RIG)
             self._edit(request)
             return self.frame(request.mode, request.options, request.station)
 

@@ -150,28 +150,28 @@ def with_next(
 
 
 def placed(
-    own: Measurements, state: RigState, scene: Scene, count: int | None, step: Step
+    own: Measurements, state: RigState, scene: Scene, asked: "Place", step: Step
 ) -> RigState:
     """Cameras in place of all stations.
 
     With a plan that has a selection these are the cameras of `rastercov place`, and thresholds and
-    lenses are the plan's; else `count` times the best next one of the first lens.
+    lenses are the plan's; else as many times the best next one, of one type.
 
     Parameters
     ----------
-    count : int, optional
-        Cameras at most, in place of the number of the plan, where its goal has one.
+    asked : Place
     step : callable
         Context manager by the name of a step, which yields its progress.
     """
-    plan = scene.plan
+    plan, count = scene.plan, asked.cameras
     if plan is not None and scene.placement["is_by_plan"]:
         if count is not None and isinstance(plan.selection, BestSelection):
             other = plan.selection.model_copy(update={"cameras": count})
             plan = plan.model_copy(update={"selection": other})
         found = place(plan, None, step)
         return replace(scene.start, stations=RigState.of(plan.rig, found.cameras.placed).stations)
-    made, camera, count = replace(state, stations=()), next(iter(state.cameras)), count or 1
+    made, camera = replace(state, stations=()), asked.camera or next(iter(state.cameras))
+    count = count or 1
     for number in range(count):
         with step(f"camera {number + 1} of {count}") as progress:
             try:
@@ -259,10 +259,15 @@ class AddNext(Action):
 
 
 class Place(Action):
-    """Cameras in place of all that there are; see `placed`."""
+    """Cameras in place of all that there are; see `placed`.
+
+    `cameras` is their number, in place of that of a plan whose goal has one; `camera` is their
+    type without a plan, the first unless given.
+    """
 
     kind: Literal["place"]
     cameras: Annotated[int, Field(ge=1, le=MOST_STATIONS)] | None = None
+    camera: str | None = None
 
 
 Asked = Refine | AddNext | Place
@@ -385,7 +390,7 @@ class Work:
                 with self._step(words) as progress:
                     made, gain = refined(own, state, asked.station, session.space(), progress)
             elif isinstance(asked, Place):
-                made, gain = placed(own, state, session.scene, asked.cameras, self._step), None
+                made, gain = placed(own, state, session.scene, asked, self._step), None
                 words = f"place {plural(len(made.stations), 'camera')}"
             else:
                 words = "add the best next camera"
@@ -399,7 +404,7 @@ class Work:
             if made is state:
                 return f"{words}: no move covers more"
             session.take(made, words, revision)
-            return words if gain is None else f"{words}: {area(gain)} more"
+            return f"{words}: done" if gain is None else f"{words}: {area(gain)} more"
 
         return take
 

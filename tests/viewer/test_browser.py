@@ -1,11 +1,12 @@
 """The page in a real Chromium: what it shows is what rastercov computes, and nothing is lost."""
 
+import itertools
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from browser import Program, Tab
+from PIL import Image
 from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -18,7 +19,7 @@ from rastercov.viewer.saving import export_page
 
 pytestmark = pytest.mark.slow
 POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
-PANELS = ("Object", "Cameras", "Camera", "Image", "Network")
+PANELS = ("Object", "Cameras", "One camera", "Network")
 
 
 def pinhole_picture(tab, pose):
@@ -268,7 +269,7 @@ def test_a_measure_is_the_distance_of_two_points_that_are_clicked(tab):
 
 
 def test_looking_through_a_camera_shows_what_it_covers(tab):
-    tab.open("Camera")
+    tab.open("One camera")
     tab.button("Look through")
     size = np.array([tab.js(f"rastercov.view.canvas.client{side}") for side in ("Width", "Height")])
     points = np.vstack(((0, 0, 2), tab.state()["cameras"]["wide"]["border"]))
@@ -360,8 +361,21 @@ def test_an_empty_rig_is_clay_with_a_card_of_ways_to_cameras(empty):
     assert card.is_visible()
 
 
+def test_a_camera_that_is_sold_is_found_by_words_and_taken_by_keys(tab):
+    name = "flir-bfs-u3-51s5+fujinon-hf12xa-5m"
+    box = tab.page.get_by_role("combobox", name="Find a camera that is sold")
+    box.fill("FLIR 51s5")
+    box.press_sequentially(" hf12xa")
+    assert tab.page.locator(".found strong").first.inner_text() == name
+    tab.keys("ArrowDown", "ArrowUp", "Enter")
+    assert tab.state()["stations"][0]["camera"] == name
+    assert tab.state()["cameras"][name]["fx"] == pytest.approx(rc.Camera.preset(name).fx)
+    tab.button("Undo")
+    assert tab.state()["stations"][0]["camera"] == "wide"
+
+
 def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
-    tab.open("Image")
+    tab.open("One camera")
     tab.button("Enlarge")
     tab.page.wait_for_function("document.querySelector('dialog.large img').naturalWidth == 640")
     tab.keys("Escape")
@@ -371,11 +385,11 @@ def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
     tab.page.reload()
     tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
     assert tab.js("rastercov.view.canvas.clientWidth") > width + 400
-    assert tab.page.get_by_role("tab", name="Image", exact=True).is_hidden()
-    tab.keys("4")  # unfolds them
+    assert tab.page.get_by_role("tab", name="One camera", exact=True).is_hidden()
+    tab.keys("3")  # unfolds them
     heads = tab.page.get_by_role("tab").all()
     boxes = [each.bounding_box() for each in heads]
-    apart = [b["x"] - a["x"] - a["width"] for a, b in pairwise(boxes)]
+    apart = [b["x"] - a["x"] - a["width"] for a, b in itertools.pairwise(boxes)]
     assert min(apart) >= 3
 
 
@@ -409,6 +423,80 @@ def test_a_static_page_shows_and_changes_colours_without_a_program(context, prog
     tab.page.locator(".why .figures").wait_for()
     assert [url for url in tab.requests if not url.startswith(("file:", "data:", "blob:"))] == []
     assert tab.faults == []
+
+
+def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, tmp_path):
+    export_page(program.session, tmp_path / "view.html", modes=("reason",))
+    outer = tmp_path / "outer.html"
+    outer.write_text('<iframe src="view.html" style="display: none; border: 0"></iframe>')
+    page = context.new_page()
+    page.goto(outer.as_uri())
+    frame = page.frames[1]
+    frame.wait_for_function("window.rastercov?.session.figures !== undefined", polling=100)
+    corners = [[x, y, z] for x, y, z in itertools.product(*np.transpose(ROOM.bounds).tolist())]
+    places = "all => [...all.map(each => rastercov.screenOf(each).slice(0, 2)),"
+    places += " [rastercov.view.canvas.clientWidth, rastercov.view.canvas.clientHeight]]"
+    for width, height in ((900, 500), (1000, 900), (800, 300)):
+        page.evaluate(
+            "size => Object.assign(document.querySelector('iframe').style, size)",
+            {"display": "block", "width": f"{width}px", "height": f"{height}px"},
+        )
+        page.wait_for_timeout(300)
+        *found, size = np.array(frame.evaluate(places, corners))
+        assert size[0] > 0.9 * width  # both sides are folded
+        assert ((np.min(found, axis=0) >= 0) & (np.max(found, axis=0) <= size)).all()
+        assert (np.ptp(found, axis=0) > 0.5 * size).any()
+
+
+def chosen_drawing(tab, path):
+    tab.page.get_by_label("Drawing", exact=True).set_input_files(path)
+
+
+def test_a_drawing_lies_under_the_floor_plan_to_scale_by_two_points(tab, tmp_path):
+    Image.new("RGB", (800, 600), "white").save(tmp_path / "plan.png")
+    tab.button("Floor plan")
+    chosen_drawing(tab, tmp_path / "plan.png")
+    drawing = tab.page.locator("img.drawing:visible")
+
+    def on_drawing(across, down):
+        box = drawing.bounding_box()
+        return box["x"] + across * box["width"], box["y"] + down * box["height"]
+
+    low, high = ROOM.bounds
+    ends = np.array(((low[0], high[1], 0.0), (high[0], high[1], 0.0)))  # its wall in the north
+    tab.page.get_by_text("Drawing", exact=True).click()
+    tab.button("Place by two points")
+    near = [np.add(tab.place(end), (2, -2)) for end in ends]  # corners take what is near
+    for place in (on_drawing(0.1, 0.2), on_drawing(0.6, 0.2), *near):
+        tab.page.mouse.click(*place)
+    tab.idle()
+    scale = np.ptp(ends[:, 0]) / 400
+    box, origin = drawing.bounding_box(), np.array(tab.place(ends[0]))
+    pixel = np.subtract(tab.place(ends[1]), origin)[0] / np.ptp(ends[:, 0])  # of a metre
+    np.testing.assert_allclose(
+        [box["width"], box["height"]], scale * pixel * np.array((800, 600)), 1e-5
+    )
+    np.testing.assert_allclose(on_drawing(0.1, 0.2), origin, atol=0.01)
+    tab.page.reload()
+    tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+    tab.button("Floor plan")
+    np.testing.assert_allclose(drawing.bounding_box()["width"], box["width"], rtol=1e-6)
+
+
+def test_a_hostile_drawing_is_inert_or_refused(tab, tmp_path):
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" onload="parent.ran = 1">'
+    svg += '<script>parent.ran = 1</script><image href="http://example.org/a.png"/></svg>'
+    head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"  # of 2.5e9 pixels
+    files = {"a.svg": svg.encode(), "b.png": head + 2 * b"\0\0\xc3\x50", "c.pdf": b"%PDF-1.7"}
+    tab.button("Floor plan")
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+        chosen_drawing(tab, tmp_path / name)
+    tab.page.get_by_text("b.png has 50000 × 50000 pixels").wait_for()
+    tab.page.get_by_text("c.pdf is no PNG, JPEG or SVG").wait_for()
+    assert tab.page.locator("img.drawing:visible").get_attribute("src").startswith("data:image/svg")
+    assert tab.js("window.ran") is None
+    assert [each for each in tab.requests if "example.org" in each] == []
 
 
 INJECTED = """() => {

@@ -46,6 +46,22 @@ def test_a_saved_rig_is_the_rig(tmp_path):
     session.close()
 
 
+def test_a_camera_of_the_catalogue_of_a_plan_is_used_and_saved(tmp_path):
+    (tmp_path / "own.toml").write_text(
+        '[cameras]\nours = { width = 400, height = 300, pixel_size = 2e-6, mount = "C" }\n'
+    )
+    plan = 'catalogue = "own.toml"\nmeshes = [{ built_in = "box" }]\ncamera = { preset = "khepra" }'
+    (tmp_path / "plan.toml").write_text(plan)
+    with closing(Session(open_plan(tmp_path / "plan.toml"))) as session:
+        names = [name for name, _ in session.described()["catalogue"]]
+        name = next(each for each in names if each.startswith("ours+"))
+        acted(session, do="add", camera=name, pose=np.ravel(around(shapes.box())[0]).tolist())
+        sold = rc.Camera.from_dict({"preset": name, "catalogue": tmp_path / "own.toml"})
+        assert session.state.camera_of(session.state.stations[0]) == sold
+        rig = Saving(session, tmp_path / "out").save({"what": "rig"})["path"]
+    assert read_views(rig).rig.cameras == (sold,)
+
+
 @pytest.mark.slow
 def test_a_saved_rig_or_report_gives_the_same_coverage(tmp_path):
     plan = 'meshes = [{ built_in = "teapot-5" }]\n[camera]\npreset = "khepra"\nnear = 0.001\n'

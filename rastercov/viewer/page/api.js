@@ -111,6 +111,7 @@ export class Recorded {
   constructor(data) {
     this.data = data;
     this.isRecorded = true;
+    this.hasZones = data.zones?.length > 0;
   }
 
   /** The export of this page, or null where a server is behind it. */

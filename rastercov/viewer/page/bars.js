@@ -3,7 +3,6 @@
 import { button, choice, element, metres, toggle } from "rastercov/dom.js";
 import { offerFile } from "rastercov/status.js";
 import { sectionOf } from "rastercov/tools.js";
-import { cameraCentres } from "rastercov/frusta.js";
 
 export function topBar(session, { summary, help }) {
   const undo = button("↶ Undo", () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
@@ -79,16 +78,17 @@ function saveMenu(session) {
 }
 
 /** Tools over the picture. */
-export function toolBar(session, { view, tools, frusta, gizmo }) {
+export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
   const fit = button("Fit", () => fitAll(session, view), { title: "show the whole scene (F)" });
   const plan = toggle(
     "Floor plan",
     false,
     (isOn) => {
+      view.moving();
       view.camera.setPlan(isOn);
-      if (isOn) view.camera.fit(cameraCentres(session.state), view.aspect());
+      if (isOn) fitAll(session, view);
       cut.setPlan(isOn);
-      view.request();
+      drawing?.setPlan(isOn);
     },
     { title: "from above, cut at a height (P)" },
   );
@@ -121,6 +121,9 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
             title: "axes of the camera, not of the world (X)",
           })
         : null,
+      toggle("Depth of field", false, (isOn) => frusta.setFocus(isOn), {
+        title: "planes between which the chosen camera is in focus",
+      }),
       optionToggle(session, view, "Transparent occluders", "isTransparent", "bodies that only hide (T)"),
       optionToggle(
         session,
@@ -141,16 +144,19 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
     ),
   );
   document.addEventListener("pointerdown", (event) => shows.contains(event.target) || (shows.open = false));
-  return element(
+  const bar = element(
     "div.tools",
     { role: "toolbar", "aria-label": "View" },
     fit,
+    shows,
     plan,
+    drawing?.menu,
     cut.root,
     measure,
     session.canEdit ? aim : null,
-    shows,
   );
+  bar.leavePlan = () => plan.isOn() && plan.set(false, true);
+  return bar;
 }
 
 function optionToggle(session, view, text, name, title) {
@@ -161,8 +167,7 @@ function optionToggle(session, view, text, name, title) {
 
 /** Whole scene with its cameras in sight; inside a room of its own size that is the room alone. */
 export function fitAll(session, view) {
-  view.camera.fit(cameraCentres(session.state), view.aspect());
-  view.request();
+  view.frame(() => view.camera.fit(session.centres(), view.aspect(), view.covered()));
 }
 
 /** Controls of the section: axis, place, side. */

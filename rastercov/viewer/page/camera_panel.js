@@ -1,9 +1,8 @@
-/** Panels "Camera" (what one camera covers) and "Image" (what it sees, and what is sharp), and a large image. */
+/** Panel "One camera": what it sees, what it covers, what is sharp; and its image as large as the window. */
 
 import { blurAt } from "rastercov/frusta.js";
 import {
   button,
-  check,
   choice,
   count,
   cssColour,
@@ -25,8 +24,8 @@ const LARGE_SIDE = 2048;
 const IMAGE_AFTER = 250; // ms without a change
 
 /** Menu of the cameras; what it chooses is chosen everywhere. */
-export function stationMenu(session) {
-  const root = element("div.field-head", {}, element("span.field-label", {}, "Camera"));
+function stationMenu(session) {
+  const root = element("div.field-head.station");
   const show = () => {
     const choices = session.state.stations.map((station) => [station.id, station.name]);
     const menu = choices.length
@@ -39,7 +38,8 @@ export function stationMenu(session) {
   return root;
 }
 
-export function cameraPanel(session, view) {
+/** Facts of the chosen camera and the colours of what it covers alone. */
+function coverageSection(session, view) {
   const facts = element("dl.facts");
   const show = () => {
     const station = session.station();
@@ -58,23 +58,17 @@ export function cameraPanel(session, view) {
   };
   session.on("frame chosen", show);
   show();
-  const modes = modeList(session, "camera");
-  return element(
-    "div",
-    {},
-    section("Coverage of one camera", [
-      stationMenu(session),
-      facts,
-      modes,
-      element(
-        "div.buttons",
-        {},
-        button("Look through", () => session.station() && view.lookThrough(session.station()), {
-          title: "see the scene from this camera (L)",
-        }),
-      ),
-    ]),
-  );
+  return section("What it covers", [
+    facts,
+    modeList(session, "camera"),
+    element(
+      "div.buttons",
+      {},
+      button("Look through", () => session.station() && view.lookThrough(session.station()), {
+        title: "see the scene from this camera (L)",
+      }),
+    ),
+  ]);
 }
 
 /** Image of the chosen camera, at most `side` pixels long, with its caption, its legend, and a note; `load` asks for it once a state. */
@@ -145,7 +139,8 @@ export function largeImage(session) {
   return dialog;
 }
 
-export function imagePanel(session, view, frusta, isVisible, large) {
+/** Panel of the chosen camera alone. */
+export function cameraPanel(session, view, isVisible, large) {
   const { picture, caption, keys, note, load } = cameraImage(session, IMAGE_SIDE);
   const enlarge = button("Enlarge", () => session.station() && large.show(), {
     title: "the image as large as the window",
@@ -178,22 +173,17 @@ export function imagePanel(session, view, frusta, isVisible, large) {
   const panel = element(
     "div",
     {},
-    section("Image of the camera", [
-      stationMenu(session),
+    stationMenu(session),
+    section("Its image", [
       isRecorded
         ? element("p.soft", {}, "This file holds no images.")
         : [element("figure", {}, picture, caption), element("div.buttons", {}, enlarge)],
       keys,
       note,
-    ]),
-    section("Sharpness", [
-      check("Planes of the depth of field in the scene", frusta.hasFocusPlanes, (isOn) => {
-        frusta.hasFocusPlanes = isOn;
-        view.request();
-      }),
       blur,
-      element("p.soft", {}, "Click on a face for the blur circle at that point."),
+      isRecorded ? null : element("p.soft", {}, "Click on a face in the scene for the blur circle there."),
     ]),
+    coverageSection(session, view),
   );
   panel.onShown = show;
   return panel;

@@ -1,6 +1,7 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
 import { button, choice, count, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
+import { finder } from "rastercov/finder.js";
 import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";
 import { control, labelOf, numberBox } from "rastercov/fields.js";
@@ -16,7 +17,7 @@ export function camerasPanel(session, { view, tools, jobs }) {
     section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
   );
   if (session.canEdit) {
-    panel.append(variantsSection(session), poseSection(session, { view, tools, jobs }), lensSection(session));
+    panel.append(variantsSection(session), poseSection(session, { view, tools, jobs }), typeSection(session));
   }
   return panel;
 }
@@ -76,17 +77,21 @@ const isAllowed = (station) => !station.place || station.place === "allowed";
 const placeWords = (station) =>
   `${station.name} is at a place that the plan does not allow: ${station.place}`;
 
-/** The lens that a further camera gets. */
-const lensOfNext = (session) => session.station()?.camera ?? Object.keys(session.state.cameras)[0];
+/** Type of a further camera. */
+export const typeOfNext = (session) => {
+  const { cameras } = session.state;
+  const chosen = session.station()?.camera ?? session.typeOfNext;
+  return chosen in cameras ? chosen : Object.keys(cameras)[0];
+};
 
 /** Adds a camera with the pose of the present view. */
 export function addHere(session, view) {
-  session.act({ do: "add", camera: lensOfNext(session), pose: view.camera.pose() });
+  session.act({ do: "add", camera: typeOfNext(session), pose: view.camera.pose() });
 }
 
 /** Adds the candidate that covers most of what is not covered. */
 export function addNext(session, jobs) {
-  return jobs.start({ kind: "add", camera: lensOfNext(session) });
+  return jobs.start({ kind: "add", camera: typeOfNext(session) });
 }
 
 function rigButtons(session, view, jobs) {
@@ -206,55 +211,73 @@ function poseSection(session, { view, tools, jobs }) {
   return root;
 }
 
-function lensSection(session) {
+function typeSection(session) {
   const body = element("div");
-  const root = section("Lens and image", [body]);
   let made = null;
-  const build = (station) => {
-    const camera = session.cameraOf(station);
-    const controls = session.scene.camera_fields
-      .filter((field) => isApplicable(field.name, camera))
-      .map((field) => {
-        const change = (value, isDrag) =>
-          session.act({ do: "camera", camera: station.camera, changes: { [field.name]: value } }, { isDrag });
-        const kind = field.kind ?? (["width", "height"].includes(field.name) ? "int" : "float");
-        return { field, control: control({ ...field, kind }, camera[field.name], change) };
-      });
-    const names = Object.keys(session.state.cameras);
-    const use = choice(
-      "Lens",
-      names.map((name) => [name, name]),
-      station.camera,
-      (name) => {
-        session.act({ do: "use", station: session.chosen, camera: name });
-      },
+  /** Gives a camera of the rig or of the catalogue to the chosen station, or to the next one. */
+  const use = async (camera) => {
+    if (session.station()) session.act({ do: "use", station: session.chosen, camera });
+    else {
+      const isNew = !(camera in session.state.cameras);
+      if (isNew && !(await session.act({ do: "new_camera", name: camera, source: camera }))) return;
+      session.typeOfNext = camera;
+      show();
+    }
+  };
+  const sold = finder("Find a camera that is sold", session.scene.catalogue, use);
+  const root = section("Camera type", [body]);
+  const build = (station, type) => {
+    const camera = session.state.cameras[type];
+    const controls = !station
+      ? []
+      : session.scene.camera_fields
+          .filter((field) => isApplicable(field.name, camera))
+          .map((field) => {
+            const change = (value, isDrag) =>
+              session.act({ do: "camera", camera: type, changes: { [field.name]: value } }, { isDrag });
+            const kind = field.kind ?? (["width", "height"].includes(field.name) ? "int" : "float");
+            return { field, control: control({ ...field, kind }, camera[field.name], change) };
+          });
+    const menu = choice(
+      "Type",
+      Object.keys(session.state.cameras).map((name) => [name, name]),
+      type,
+      use,
     );
-    const shared = session.state.stations.filter((each) => each.camera === station.camera).length;
+    const shared = session.state.stations.filter((each) => each.camera === type).length;
     fill(
       body,
-      element("label.field-head", {}, element("span.field-label", {}, "Lens"), use),
-      shared > 1 ? element("p.soft", {}, `Shared by ${shared} cameras: a change is one of all.`) : null,
-      controls.map((each) => each.control.root),
+      element("label.field-head", {}, element("span.field-label", {}, station ? "Type" : "Of the next camera"), menu),
+      sold,
       focusWords(camera),
-      newLens(session),
+      shared > 1 && station ? element("p.soft", {}, `Shared by ${shared} cameras: a change is one of all.`) : null,
+      controls.map((each) => each.control.root),
+      station ? button("Copy this type", () => copyType(session, type), { title: "and give the copy to the chosen camera alone" }) : null,
     );
-    return { key: keyOf(station), controls };
+    return { key: keyOf(station, type), controls };
   };
-  const keyOf = (station) =>
-    `${station.id} ${station.camera} ${Object.keys(session.state.cameras)} ` +
-    session.state.stations.filter((each) => each.camera === station.camera).length;
+  const keyOf = (station, type) =>
+    `${station?.id} ${type} ${Object.keys(session.state.cameras)} ` +
+    session.state.stations.filter((each) => each.camera === type).length;
   const show = () => {
     const station = session.station();
-    root.hidden = !station;
-    if (!station) return;
-    const camera = session.cameraOf(station);
-    if (made?.key !== keyOf(station)) made = build(station);
+    const type = station?.camera ?? typeOfNext(session);
+    const camera = session.state.cameras[type];
+    if (made?.key !== keyOf(station, type)) made = build(station, type);
     for (const each of made.controls) each.control.set(camera[each.field.name]);
     body.querySelector(".focus-words")?.replaceWith(focusWords(camera));
   };
   session.on("state chosen", show);
   show();
   return root;
+}
+
+/** Makes a copy of a type, and gives it to the chosen camera. */
+async function copyType(session, source) {
+  let name = source;
+  for (let at = 2; name in session.state.cameras; at++) name = `${source} ${at}`;
+  const done = await session.act({ do: "new_camera", name, source });
+  if (done) session.act({ do: "use", station: session.chosen, camera: name });
 }
 
 /** Whether a lens has a value to change: focus by an aperture, or by depths that are known. */
@@ -272,27 +295,4 @@ function focusWords(camera) {
     `${camera.model}, ${camera.width} × ${camera.height} px` +
     (sharp ? `, sharp from ${figure(sharp[0])} m to ${far}` : ", sharp everywhere");
   return element("p.soft.focus-words", {}, words);
-}
-
-/** Row that makes a lens from a preset or a copy of one, and gives it to the chosen camera. */
-function newLens(session) {
-  const names = Object.keys(session.state.cameras);
-  const sources = [
-    ...names.map((name) => [name, `a copy of ${name}`]),
-    ...session.scene.presets.map((name) => [name, `preset ${name}`]),
-  ];
-  let source = sources[0][0];
-  const menu = choice("Start from", sources, source, (value) => (source = value));
-  const make = async () => {
-    let name = source;
-    for (let at = 2; name in session.state.cameras; at++) name = `${source} ${at}`;
-    const done = await session.act({ do: "new_camera", name, source });
-    if (done) session.act({ do: "use", station: session.chosen, camera: name });
-  };
-  return element(
-    "div.buttons",
-    {},
-    menu,
-    button("New lens", make, { title: "and give it to the chosen camera alone" }),
-  );
 }

@@ -71,11 +71,13 @@ export function remembered(name, otherwise) {
   }
 }
 
+/** Keeps a value for the next page; false where the browser forbids it, or has no room. */
 export function remember(name, value) {
   try {
     localStorage.setItem(KEPT_KEY + name, JSON.stringify(value));
+    return true;
   } catch {
-    // full, or forbidden by the browser: the next page begins anew
+    return false;
   }
 }
 
@@ -93,7 +95,7 @@ export function section(title, children, { isOpen = true, name = title } = {}) {
 
 /** Column at the side of the picture with a button that folds it, remembered by its name. */
 export function side(name, label, ...children) {
-  const fold = button("", () => show(!made.classList.contains("folded")), { kind: "fold" });
+  const fold = button("", () => keep(!made.classList.contains("folded")), { kind: "fold" });
   const made = element(`aside.${name}`, { "aria-label": label }, fold, element("div.inner", {}, children));
   const show = (isFolded) => {
     made.classList.toggle("folded", isFolded);
@@ -101,10 +103,13 @@ export function side(name, label, ...children) {
     fold.title = `${isFolded ? "show" : "fold"} this side`;
     fold.setAttribute("aria-label", `${isFolded ? "show" : "fold"} ${label}`);
     fold.setAttribute("aria-expanded", String(!isFolded));
+  };
+  const keep = (isFolded) => {
+    show(isFolded);
     remember(`side ${name}`, isFolded);
   };
-  show(remembered(`side ${name}`, false));
-  made.unfold = () => show(false);
+  show(remembered(`side ${name}`, window !== window.top)); // a frame of another page is mostly picture
+  made.unfold = () => made.classList.contains("folded") && keep(false);
   return made;
 }
 

@@ -21,6 +21,7 @@ export function numberBox(options, onValue) {
     inputmode: "decimal",
     "aria-label": label,
     autocomplete: "off",
+    placeholder: "none",
     value: shown(value),
   });
   const judge = () => {

@@ -29,8 +29,7 @@ export const COLOURS = {
 const HALO = [1, 1, 1, 0.45];
 const DARK_HALO = [0, 0, 0, 0.6];
 const DARK_ON = [0.72, 0.78, 0.86, 1];
-const MOST_NAMES = 80;
-/** Cameras from which on names keep more distance from each other. */
+/** Cameras from which on only the chosen one and that under the pointer have their names. */
 const CROWD = 25;
 const GRIP = 12; // pixels around a camera's centre that choose it
 
@@ -40,7 +39,8 @@ export class Frusta {
     this.session = session;
     this.overlay = overlay;
     this.isShown = true;
-    this.hasFocusPlanes = true;
+    this.hasFocus = false;
+    this.hovered = null;
     this.names = new Map();
     this.depth = 0.13 * sphereAround(session.scene.frame).radius;
     view.onSketch((sketch, look) => this.#draw(sketch, look));
@@ -51,6 +51,20 @@ export class Frusta {
 
   setShown(isShown) {
     this.isShown = isShown;
+    this.view.request();
+  }
+
+  setFocus(hasFocus) {
+    this.hasFocus = hasFocus;
+    this.view.request();
+  }
+
+  /** Name of the camera under the pointer, which a crowd does not show. */
+  hover(x, y) {
+    const found = this.at(x, y);
+    if (found === this.hovered) return;
+    this.hovered = found;
+    this.#label();
     this.view.request();
   }
 
@@ -75,7 +89,7 @@ export class Frusta {
 
   #draw(sketch, look) {
     if (!this.isShown) return;
-    const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
+    const isDark = Math.max(...this.view.background()) < 0.5;
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
@@ -89,7 +103,7 @@ export class Frusta {
       else this.#frustum(sketch, station, colour, isChosen);
     }
     const chosen = this.session.station();
-    if (chosen && this.hasFocusPlanes) this.#focus(sketch, chosen);
+    if (chosen && this.hasFocus) this.#focus(sketch, chosen);
   }
 
   /** Ends of the border rays, world. */
@@ -142,15 +156,22 @@ export class Frusta {
     }
   }
 
+  /** Stations that have names: of a crowd the chosen one and that under the pointer. */
+  #named() {
+    const { state, chosen } = this.session;
+    const isNamed = ({ id }) => state.stations.length <= CROWD || id === chosen || id === this.hovered;
+    return state.stations.filter(isNamed);
+  }
+
   #label() {
-    const { stations } = this.session.state;
+    const stations = this.#named();
     const known = new Set(stations.map((station) => station.id));
     for (const [id, made] of this.names) {
       if (known.has(id)) continue;
       made.remove();
       this.names.delete(id);
     }
-    for (const station of stations.slice(0, MOST_NAMES)) {
+    for (const station of stations) {
       let made = this.names.get(station.id);
       if (!made) {
         made = element("button.name", {
@@ -172,18 +193,15 @@ export class Frusta {
   #place(look) {
     const taken = [];
     const width = this.view.canvas.clientWidth;
-    const stations = this.session.state.stations.slice(0, MOST_NAMES);
-    const [wide, high] = this.session.state.stations.length > CROWD ? [130, 46] : [62, 18];
-    const ordered = [...stations].sort(
-      (a, b) => (b.id === this.session.chosen) - (a.id === this.session.chosen),
-    );
+    const { chosen } = this.session;
+    const ordered = this.#named().sort((a, b) => (b.id === chosen) - (a.id === chosen));
     for (const station of ordered) {
       const made = this.names.get(station.id);
       if (!made) continue;
       const at = this.isShown ? look.toScreen(centreOf(this.session.poseOf(station))) : null;
       const isInside = at && at[0] > 0 && at[1] > 0 && at[0] < width && at[1] < this.view.canvas.clientHeight;
       const isFree =
-        isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > wide || Math.abs(y - at[1]) > high);
+        isInside && taken.every(([x, y]) => Math.abs(x - at[0]) > 62 || Math.abs(y - at[1]) > 18);
       made.hidden = !isFree;
       if (!isFree) continue;
       taken.push(at);
@@ -203,9 +221,6 @@ export function blurAt(camera, pose, point) {
   const z = inCamera(pose, point)[2];
   return z > 0 ? ((f / stop) * fx * Math.abs(z - focus)) / (z * (focus - f)) : null;
 }
-
-/** Centres of all cameras, world. */
-export const cameraCentres = (state) => state.stations.map((station) => centreOf(station.pose));
 
 /** Vertical field of view, radians, of a picture on a canvas that shows all of a camera's image. */
 export function fieldOfStation(camera, canvas) {

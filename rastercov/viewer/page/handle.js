@@ -42,10 +42,7 @@ export function testHandle(session, view, tools, frusta, gizmo) {
     figures: () => session.figures,
     palette: (level) => [...session.palette.subarray(3 * level, 3 * level + 3)],
     shadeLeast: SHADE_LEAST,
-    setView: (pose, field) => {
-      view.camera.pin(pose, radians(field));
-      view.request();
-    },
+    setView: (pose, field) => view.frame(() => view.camera.pin(pose, radians(field))),
     setOption: (name, value) => view.setOption(name, value),
     screenOf: (point) => view.look().toScreen(point),
   };

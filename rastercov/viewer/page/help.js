@@ -44,7 +44,7 @@ const KEYS = [
       ["Ctrl + S", "save the rig"],
       ["Ctrl + D", "duplicate the chosen camera"],
       ["Delete", "delete the chosen camera (over the picture)"],
-      ["1 to 5", "panels"],
+      ["1 to 4", "panels"],
       ["M", "next colours"],
       ["?", "this help"],
     ],
@@ -100,7 +100,8 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
     }
     if (isTyping || target.closest?.("[role=tablist]")) return;
     // Without any focus keys are meant for the picture, too.
-    const isPicture = target === view.canvas || target === document.body;
+    const isTool = event.key !== "Enter" && target.closest?.(".tools"); // a button that was clicked
+    const isPicture = target === view.canvas || target === document.body || isTool;
     const isUsed = isPicture ? pictureKey(event, { session, view, navigation, gizmo, tools, bar }) : false;
     if (isUsed || pageKey(event, { session, tabs, help, tools, navigation, isPicture }))
       event.preventDefault();
@@ -122,7 +123,7 @@ function control(event, session) {
 
 function pageKey(event, { session, tabs, help, tools, navigation }) {
   if (event.key === "?") help.show();
-  else if (/^[1-5]$/.test(event.key)) tabs.show(Number(event.key) - 1);
+  else if (/^[1-4]$/.test(event.key)) tabs.show(Number(event.key) - 1);
   else if (event.key.toLowerCase() === "m") nextMode(session, event.shiftKey ? -1 : 1);
   else if (event.key === "Escape") escape(session, tools, navigation);
   else return false;

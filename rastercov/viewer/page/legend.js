@@ -19,11 +19,11 @@ export function legend(session, view) {
   session.on("frame view", () => {
     const { figures } = session;
     const pieces = shownPieces(session, view);
-    unit.textContent = pieces ? "Exact pieces: point by point." : "";
-    fill(
-      entries,
-      legendOfPieces(session, figures, pieces).map((each) => legendEntry(each)),
-    );
+    unit.textContent = pieces ? "Exact, point by point." : "";
+    const all = legendOfPieces(session, figures, pieces);
+    const isCounted = all.every((each) => /^\d/.test(each.label)); // numbers in their order, others by area
+    if (isCounted) all.sort((a, b) => parseInt(b.label, 10) - parseInt(a.label, 10));
+    fill(entries, all.map(legendEntry));
     showScale(session, figures.scale, ramp, ends);
   });
   const folded = button(
@@ -124,9 +124,11 @@ export function summary(session) {
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "points since this page was opened";
     const exact = now.exact_area_percent;
-    rest.textContent =
-      `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
-      (exact === null || exact === undefined ? "" : `, exact area ${exact.toFixed(2)} %`);
+    const isKnown = exact !== null && exact !== undefined;
+    const isExact = isKnown && Math.abs(exact - covered.area_percent) < 0.005; // of a result by area
+    rest.textContent = isExact ? "of the area" : "of the area in whole faces";
+    if (isKnown && !isExact) rest.textContent += `, ${exact.toFixed(2)} % point by point`;
+    root.title = `${percent(covered.percent)} of ${count(now.task_faces)} faces`;
   });
   return root;
 }

@@ -2,10 +2,11 @@
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
 import { fitAll, toolBar, topBar } from "rastercov/bars.js";
-import { cameraPanel, imagePanel, largeImage } from "rastercov/camera_panel.js";
+import { cameraPanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
 import { element, section, side } from "rastercov/dom.js";
+import { Drawing } from "rastercov/drawing.js";
 import { Frusta, fieldOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
@@ -32,36 +33,40 @@ async function open() {
   const view = new SceneView(session, canvas);
   const frusta = new Frusta(view, session, overlay);
   const navigation = new Navigation(view);
+  navigation.onHover((x, y) => frusta.hover(x, y));
   const gizmo = new Gizmo(view, session, navigation);
   const tools = new Tools(view, session, navigation, frusta, overlay);
   const jobs = new Jobs(session);
   const help = helpOverlay();
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
+  const drawing = session.canEdit ? new Drawing(view, session, tools, overlay) : null;
+  const bar = toolBar(session, { view, tools, frusta, gizmo, drawing });
   view.lookThrough = (station) => {
-    view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas));
-    view.request();
+    bar.leavePlan();
+    view.frame(() =>
+      view.camera.pin(session.poseOf(station), fieldOfStation(session.cameraOf(station), canvas)),
+    );
   };
-
-  const bar = toolBar(session, { view, tools, frusta, gizmo });
   const card = startCard(session, view, jobs);
   const lines = messages(session);
   let isImageShown = () => false;
   const large = largeImage(session);
-  const image = imagePanel(session, view, frusta, () => isImageShown(), large);
+  const over = element("div.over", {}, bar, drawing?.hint, jobs.root, card);
+  const colours = legend(session, view);
+  view.keepFree(over, colours);
   const panels = tabs(
     [
       ["Object", objectPanel(session, view, shown)],
       ["Cameras", camerasPanel(session, { view, tools, jobs })],
-      ["Camera", cameraPanel(session, view)],
-      ["Image", image],
+      ["One camera", cameraPanel(session, view, () => isImageShown(), large)],
       ["Network", networkPanel(session)],
     ],
     1,
   );
   const left = side("left", "Panels", panels.root);
   panels.onShow(left.unfold);
-  isImageShown = () => panels.isShown("Image");
+  isImageShown = () => panels.isShown("One camera");
 
   document.body.replaceChildren(
     topBar(session, { summary: summary(session), help }),
@@ -70,7 +75,15 @@ async function open() {
       "main",
       {},
       left,
-      element("div.stage", {}, canvas, overlay, bar, legend(session, view), card, jobs.root, lines),
+      element(
+        "div.stage",
+        {},
+        canvas,
+        overlay,
+        colours,
+        over,
+        lines,
+      ),
       side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),
     ),
     help,

@@ -64,8 +64,9 @@ export class Navigation {
       this.#gesture = this.#pinch();
       return;
     }
+    const isPick = (canvas.dataset.tool ?? "pick") === "pick"; // a tool's clicks go before handles
     const claimed =
-      event.button === 0 && !event.shiftKey && this.#claims.map((each) => each(x, y, event)).find(Boolean);
+      isPick && event.button === 0 && !event.shiftKey && this.#claims.map((each) => each(x, y, event)).find(Boolean);
     this.#gesture = claimed || this.#turnOrPan(event, x, y);
   }
 

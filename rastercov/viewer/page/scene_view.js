@@ -25,6 +25,7 @@ export class SceneView {
   #drawnListeners = [];
   #isAsked = false;
   #flight = null;
+  #framing = () => {};
   #waiting = [];
 
   constructor(session, canvas) {
@@ -51,7 +52,7 @@ export class SceneView {
       this.#createPasses();
       this.request();
     });
-    new ResizeObserver(() => this.request()).observe(canvas);
+    new ResizeObserver(() => this.#reframe()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.request());
   }
 
@@ -154,9 +155,28 @@ export class SceneView {
     return this.#isAsked ? new Promise((resolve) => this.#waiting.push(resolve)) : Promise.resolve();
   }
 
+  /** Takes a view that suits the size of the picture, and again at other sizes until the view is moved. */
+  frame(take) {
+    this.#framing = take;
+    this.#reframe();
+  }
+
+  /** Makes room for what is over the picture, of any size that it gets. */
+  keepFree(over, legend) {
+    Object.assign(this, { over, legend });
+    new ResizeObserver(() => this.#reframe()).observe(legend);
+  }
+
+  /** A picture without a size, as in a frame that is hidden, is framed when it gets one. */
+  #reframe() {
+    if (this.canvas.clientWidth && this.canvas.clientHeight) this.#framing();
+    this.request();
+  }
+
   /** Says that the view moves: many faces are drawn coarser until it rests. */
   moving() {
     this.#flight = null;
+    this.#framing = () => {};
     this.isMoving = true;
     clearTimeout(this.stillTimer);
     this.stillTimer = setTimeout(() => {
@@ -185,7 +205,7 @@ export class SceneView {
   look() {
     const size = this.#resize();
     const { session, camera } = this;
-    const seen = camera.look(size.width, size.height);
+    const seen = camera.look(size.width, size.height, session.centres());
     const { origin } = session;
     const shift = [1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2], 0, 0, 0, 1];
     const eye = seen.isParallel ? scale(forwardOf(seen.pose), -1) : subtract(centreOf(seen.pose), origin);
@@ -213,6 +233,15 @@ export class SceneView {
 
   aspect() {
     return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
+  }
+
+  /** Parts of the height of the picture that tools cover above, and a legend of half its width below. */
+  covered() {
+    const { top, bottom, width, height } = this.canvas.getBoundingClientRect();
+    const [over, legend] = [this.over, this.legend].map((each) => each?.getBoundingClientRect());
+    const above = over ? over.bottom - top : 0;
+    const below = legend && legend.width > width / 2 ? bottom - legend.top : 0;
+    return [above, below].map((size) => Math.min(0.4, Math.max(0, size) / Math.max(1, height)));
   }
 
   draw() {
@@ -270,6 +299,7 @@ export class SceneView {
 
   /** Flies to a place of the view camera; at once where the user wants less motion. */
   flyTo(place) {
+    this.#framing = () => {};
     this.camera.release();
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.camera.setBetween(this.camera.place(), place, 1);

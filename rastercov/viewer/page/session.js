@@ -10,6 +10,7 @@
  */
 
 import { Gone, bytesOf } from "rastercov/api.js";
+import { centreOf } from "rastercov/maths.js";
 
 const PING_EVERY = 2000;
 const KEPT_KEY = "rastercov-kept";
@@ -24,6 +25,7 @@ export class Session {
     this.isConnected = true;
     this.chosen = null; // id of a station
     this.face = null; // index of the picked face
+    this.isWorking = false; // work of this page runs in the program, and will change the rig
     this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
@@ -81,6 +83,11 @@ export class Session {
   /** Pose of a station as it is shown: that of a drag goes before the server's. */
   poseOf(station) {
     return this.localPoses.get(station.id) ?? station.pose;
+  }
+
+  /** Centres of all cameras as they are shown, world. */
+  centres() {
+    return this.state.stations.map((station) => centreOf(this.poseOf(station)));
   }
 
   choose(id) {
@@ -199,6 +206,7 @@ export class Session {
     const added = state.stations.find((station) => !known.has(station.id));
     const isChosenGone = this.chosen !== null && !this.station();
     this.figures = figures;
+    if (figures.legend.length === 1) figures.legend[0].hatch = 0; // nothing to tell it from
     this.levels = payload;
     this.palette = bytesOf(figures.palette);
     this.#keep();
@@ -257,7 +265,7 @@ export class Session {
       if (isBack) this.#setConnected(true);
       if (this.#isSending) return;
       if (isBack) await this.#comeBack(revision);
-      else if (revision !== this.state.revision && this.isIdle) {
+      else if (revision !== this.state.revision && this.isIdle && !this.isWorking) {
         await this.reload("Another tab changed the rig; it is shown here now.");
       }
     } catch (error) {

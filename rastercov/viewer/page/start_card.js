@@ -2,7 +2,7 @@
 
 import { button, element } from "rastercov/dom.js";
 import { fitAll } from "rastercov/bars.js";
-import { addHere, addNext } from "rastercov/cameras_panel.js";
+import { addHere, addNext, typeOfNext } from "rastercov/cameras_panel.js";
 
 export function startCard(session, view, jobs) {
   const { placement } = session.scene;
@@ -16,7 +16,8 @@ export function startCard(session, view, jobs) {
   const hasNumber = Boolean(placement?.cameras);
   const place = async () => {
     if (hasNumber && !number.reportValidity()) return;
-    await jobs.start({ kind: "place", cameras: hasNumber ? Number(number.value) || null : null });
+    const cameras = hasNumber ? Number(number.value) || null : null;
+    await jobs.start({ kind: "place", cameras, camera: typeOfNext(session) });
     fitAll(session, view); // with the cameras in sight
   };
   const addBest = async () => {

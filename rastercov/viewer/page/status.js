@@ -103,6 +103,7 @@ export class Jobs {
 
   async #run(begin) {
     this.isRunning = true;
+    this.session.isWorking = true;
     this.session.emit("job");
     try {
       await begin();
@@ -111,6 +112,7 @@ export class Jobs {
       this.session.emit("fault", error.message);
     } finally {
       this.isRunning = false;
+      this.session.isWorking = false;
       this.root.hidden = true;
       this.session.emit("job");
     }

@@ -13,16 +13,16 @@ export function tabs(panels, first) {
       {
         type: "button",
         role: "tab",
-        id: `tab-${title}`,
-        "aria-controls": `panel-${title}`,
+        id: `tab-${at}`,
+        "aria-controls": `panel-${at}`,
         title: `press ${at + 1}`,
         on: { click: () => show(at) },
       },
       title,
     ),
   );
-  const bodies = panels.map(([title, body]) =>
-    element("div.panel", { role: "tabpanel", id: `panel-${title}`, "aria-labelledby": `tab-${title}` }, body),
+  const bodies = panels.map(([, body], at) =>
+    element("div.panel", { role: "tabpanel", id: `panel-${at}`, "aria-labelledby": `tab-${at}` }, body),
   );
   let shown = first;
   let onShow = () => {};

@@ -14,16 +14,29 @@ export class Tools {
   constructor(view, session, navigation, frusta, overlay) {
     Object.assign(this, { view, session, frusta });
     this.tool = "pick";
+    this.clicks = {
+      pick: (x, y) => this.#pick(x, y),
+      aim: (x, y) => this.#aim(x, y),
+      measure: (x, y) => this.#measure(x, y),
+    };
     this.points = []; // of the measure
-    this.zone = null; // faces of the chosen dead zone
+    this.zone = null; // the chosen dead zone: its faces, and the revision that it is of
     this.figure = element("div.measure", { hidden: true, "aria-live": "polite" });
     overlay.append(this.figure);
-    navigation.onClick((x, y) => this.#click(x, y));
+    navigation.onClick((x, y) => this.clicks[this.tool](x, y));
+    session.on("state", ({ revision }) => {
+      if (revision !== this.zone?.revision) this.zone = null; // of another rig
+    });
     view.onSketch((sketch, look) => this.#draw(sketch, look));
     view.onDrawn((look) => this.#label(look));
   }
 
-  /** "pick", "aim" or "measure". */
+  /** Adds a tool by what a click does while it is chosen. */
+  add(tool, onClick) {
+    this.clicks[tool] = onClick;
+  }
+
+  /** Chooses "pick", "aim", "measure", or a tool that was added. */
   set(tool) {
     this.tool = tool;
     if (tool !== "measure") this.points = [];
@@ -32,9 +45,7 @@ export class Tools {
     this.view.request();
   }
 
-  #click(x, y) {
-    if (this.tool === "aim") return this.#aim(x, y);
-    if (this.tool === "measure") return this.#measure(x, y);
+  #pick(x, y) {
     const station = this.frusta.at(x, y);
     if (station !== null) {
       this.session.choose(station);
@@ -54,7 +65,7 @@ export class Tools {
 
   /** Shows the faces of a dead zone and flies there. */
   showZone(zone) {
-    this.zone = zone.faces;
+    this.zone = { faces: zone.faces, revision: this.session.state.revision };
     const { camera } = this.view;
     const reach = 3.2 * Math.sqrt(Math.max(zone.area, 1e-12)) + 0.02 * camera.range;
     this.view.flyTo(camera.placeBefore(zone.centre, zone.normal, reach));
@@ -80,7 +91,7 @@ export class Tools {
 
   #draw(sketch, look) {
     const { face } = this.session;
-    if (this.zone) for (const each of this.zone) this.#mark(sketch, each, 0.45, null);
+    for (const each of this.zone?.faces ?? []) this.#mark(sketch, each, 0.45, null);
     if (face !== null) this.#mark(sketch, face, 0.35, look);
     for (const point of this.points) this.#cross(sketch, point, look);
     if (this.points.length === 2) sketch.line(...this.points, MEASURE, 2.5);
@@ -110,7 +121,8 @@ export class Tools {
     const rise = Math.abs(dot(subtract(b, a), up));
     const level = Math.sqrt(Math.max(0, distance(a, b) ** 2 - rise ** 2));
     this.figure.textContent = `${metres(distance(a, b))} (level ${metres(level)}, rise ${metres(rise)})`;
-    this.figure.style.transform = `translate(${Math.round(at[0] + 10)}px, ${Math.round(at[1] - 10)}px)`;
+    const left = Math.min(at[0] + 10, this.view.canvas.clientWidth - this.figure.offsetWidth - 6);
+    this.figure.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 10)}px)`;
   }
 }
 

@@ -14,6 +14,7 @@ import {
   clamp,
   column,
   cross,
+  distance,
   dot,
   forwardOf,
   horizon,
@@ -34,6 +35,9 @@ import {
 const DEFAULT_FIELD = radians(45);
 /** Part of the picture that a scene fills at first. */
 const FITTED = 0.86;
+const FITS = 12;
+/** Times the range at which the scene fills the picture, at most, for cameras around it. */
+const FARTHEST = 2.6;
 const STEEPEST = radians(89.5);
 
 export class ViewCamera {
@@ -49,21 +53,46 @@ export class ViewCamera {
     this.fit();
   }
 
-  /** Shows the scene and further points from the present direction; `aspect` is width / height. */
-  fit(points = [], aspect = 1) {
+  /**
+   * Shows the scene from the present direction, and further points, unless it would be small then.
+   *
+   * @param {number[][]} points world
+   * @param {number} aspect width / height
+   * @param {number[]} covered parts of the height, from above and from below, that something covers
+   */
+  fit(points = [], aspect = 1, covered = [0, 0]) {
     if (this.target) this.release();
     this.heading ??= radians(130);
     this.elevation ??= radians(-28);
-    this.target = sphereAround(this.frame).centre;
-    this.range = 1;
-    const slopeY = FITTED * Math.tan(this.field / 2);
-    const pose = this.pose();
-    const needed = [...boxCorners(this.frame), ...points].map((corner) => {
-      const [x, y, z] = inCamera(pose, corner);
-      const size = Math.max(Math.abs(x) / (slopeY * aspect), Math.abs(y) / slopeY);
-      return this.isParallel ? size : size - (z - this.range);
-    });
-    this.range = Math.max(...needed, 1e-6);
+    const corners = boxCorners(this.frame);
+    this.#fill(corners, aspect, covered);
+    const { target, range } = this;
+    if (points.length) this.#fill([...corners, ...points], aspect, covered);
+    if (this.range > FARTHEST * range) Object.assign(this, { target, range: FARTHEST * range });
+  }
+
+  /** Fills the picture with points, in its middle. */
+  #fill(points, aspect, [top, bottom]) {
+    const { centre, radius } = sphereAround(this.bounds);
+    const slope = Math.tan(this.field / 2);
+    Object.assign(this, { target: centre, range: Math.max(1e-6, ...points.map((each) => distance(each, centre))) });
+    this.range *= 3 / slope;
+    for (let round = 0; round < FITS; round++) {
+      const pose = this.pose();
+      const places = points.map((point) => {
+        const [x, y, z] = inCamera(pose, point);
+        const depth = this.isParallel ? this.range : Math.max(z, 1e-3 * radius);
+        return [x / depth, y / depth];
+      });
+      const [[left, right], [above, below]] = [0, 1].map((axis) => {
+        const all = places.map((place) => place[axis]);
+        return [Math.min(...all), Math.max(...all)];
+      });
+      const wanted = [(left + right) / 2, (above + below) / 2 - (top - bottom) * slope];
+      const by = [0, 1].map((axis) => scale(column(pose, axis), wanted[axis] * this.range));
+      this.target = by.reduce(add, this.target);
+      this.range *= Math.max((right - left) / aspect, (below - above) / (1 - top - bottom)) / (2 * FITTED * slope);
+    }
   }
 
   /** Picture of a pinhole; `field` is its vertical field of view, radians. */
@@ -126,15 +155,15 @@ export class ViewCamera {
   }
 
   /**
-   * Matrices of a picture of width x height pixels.
+   * Matrices of a picture of width x height pixels, in which the scene and further points are not cut.
    *
    * @returns clipFromWorld, pose, near (least depth, metres), pixel(depth): metres a pixel there
    */
-  look(width, height) {
+  look(width, height, points = []) {
     const pose = this.pose();
     const slopeY = Math.tan(this.verticalField() / 2);
     const slopeX = (slopeY * width) / height;
-    const depths = boxCorners(this.bounds).map((corner) => inCamera(pose, corner)[2]);
+    const depths = [...boxCorners(this.bounds), ...points].map((point) => inCamera(pose, point)[2]);
     const size = sphereAround(this.bounds).radius;
     const slack = 0.2 * size;
     const farthest = Math.max(...depths) + slack;

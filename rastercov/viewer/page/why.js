@@ -23,7 +23,9 @@ export function whyPanel(session, view) {
         element(
           "p.soft",
           {},
-          "Click on a face: each camera's reason and figures appear here, and the body that hides it is striped in the picture.",
+          session.server.isRecorded
+            ? "Click on a face: its figures appear here."
+            : "Click on a face: each camera's reason and figures appear here, and the body that hides it is striped in the picture.",
         ),
       );
       return;
@@ -145,6 +147,7 @@ export function zonesPanel(session, tools) {
   const note = element("p.soft");
   const root = section("Dead zones", [note, list], { isOpen: false, name: null }); // it begins work
   root.id = "zones";
+  root.hidden = session.server.hasZones === false;
   let timer = 0;
   let known = -1;
   const show = async () => {
@@ -179,8 +182,8 @@ const zoneRow = (zone, tools) =>
     {},
     element(
       "button.zone",
-      { type: "button", title: "fly there", on: { click: () => tools.showZone(zone) } },
+      { type: "button", title: `fly to the ${zone.words}`, on: { click: () => tools.showZone(zone) } },
       element("strong", {}, percent(zone.percent)),
-      element("span", {}, zone.words),
+      element("span", {}, `${squareMetres(zone.area)} of ${zone.group}: ${zone.words.split(": ").at(-1)}`),
     ),
   );
