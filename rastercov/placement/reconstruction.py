@@ -64,8 +64,8 @@ MOST_OBLIQUE = 0.5
 """Least cosine of the angle of a direction to the normal."""
 Z_IS_UP = 0.1
 """Worth of z as the direction upwards, beside the mean of cosines."""
-LEAST_GAIN = 1e-3
-"""Part of the area, in percent, that the last image to take next adds at least."""
+LEAST_GAIN = 1e-5
+"""Part of the area that the last of the images to take next adds at least."""
 CLEARANCE = 0.25
 """Least distance of a candidate to the surface, in distances of the existing images."""
 
@@ -396,14 +396,13 @@ def suggest(
             goal=BestCoverage(budget=float(count)),
             eyes=np.concatenate((found.poses.world_from_camera, candidates.poses))[:, :3, 3].copy(),
         )
-        chosen = select_greedy(joined).chosen
+        found_best = select_greedy(joined)
+        chosen = found_best.chosen[: 1 + np.sum(found_best.curve < found_best.share - LEAST_GAIN)]
         new = candidates.take(chosen[chosen > 0] - 1).placed
         bits = _bits(measured(new, task))
     names = tuple(f"suggested_{row + 1}" for row in range(len(new)))
     steps = [found.with_poses(new[:row], bits.take(np.arange(row))) for row in range(len(new) + 1)]
-    worth = [step.percent(step.covered) - step.percent(weak(step).kind >= 0) for step in steps]
-    n = int(np.sum(np.maximum.accumulate(worth) < max(worth) - LEAST_GAIN))
-    return Suggested(new[:n], names[:n], steps[: n + 1])
+    return Suggested(new, names, steps)
 
 
 def _bits(matrix: VisibilityMatrix) -> CoveredBits:

@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.base.files import StrPath, one_line, printable
+from rastercov.base.files import PROJECTS, StrPath, one_line, printable
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
@@ -193,6 +193,11 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path.parent, "colmap"
     if format is not None:
         return path, format
+    if suffix in PROJECTS:
+        raise CameraError(
+            f"cameras wanted, got a project of {PROJECTS[suffix]}; export cameras, as COLMAP, "
+            "Bundler or XML, and name that file"
+        )
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
         return path, "gltf" if suffix.startswith(".gl") else "rastercov"
     if stem == "cameras" and suffix in (".bin", ".txt"):
