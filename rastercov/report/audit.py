@@ -293,14 +293,17 @@ class AuditPage(NetworkPage):
             corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
             extent = np.stack((corners.min(axis=0), corners.max(axis=0)))
             scene = close_up(mesh, own, extent, eyes) if zone["percent"] >= LEAST_PERCENT else None
-            if scene is not None:
-                colours = neutral(mesh).copy()
-                colours[own] = WEAK[kind]
-                image = Image.fromarray(paint(scene, colours))
-                place = middle_of(np.append(own, False)[scene.face])[None]
-                write_labels(image, place, [str(row + 1)], [WEAK[kind]], font_for(FINE * 850), FINE)
-                words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}"
-                pictures[f"zone_{row + 1}"] = Picture.of(words, smooth(image))
+            if scene is None:
+                continue
+            colours = np.where(own[:, None], np.array(WEAK[kind], np.uint8), neutral(mesh))
+            image = Image.fromarray(paint(scene, colours))
+            layers = np.append(own, False)[np.stack((scene.face, scene.beneath, scene.targets))]
+            mask = np.logical_or.reduce(layers)
+            if mask.any():
+                label = middle_of(mask)[None], [str(row + 1)], [WEAK[kind]]
+                write_labels(image, *label, font_for(FINE * 850), FINE)
+            words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}"
+            pictures[f"zone_{row + 1}"] = Picture.of(words, smooth(image))
         given = self.found.suggested
         if given is not None and given.names:
             words = "The suggested images, and the weak parts that each of them mends"

@@ -9,8 +9,8 @@ import pytest
 from commands import answer, done, refusal
 from mesh_files import obj
 
-from rastercov.camera.camera import Camera
 from rastercov.base.files import PROJECTS
+from rastercov.camera.camera import Camera
 from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
