@@ -58,7 +58,6 @@ def audit(
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
     from rastercov.exact.certificate import compile_first
-    from rastercov.placement.audit import audit as run
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow
 
@@ -75,14 +74,11 @@ def audit(
     warn([*mesh.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
         asked: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
-        measured = partial(
-            run, mesh, views.rig, views.poses, task, names=views.images or None,
-            frames=views.frames, progress=progress, workers=staff, watch=tally.add,
-            note=lambda line: warn([line]), **asked,
-        )  # fmt: skip
         made = partial(
-            reconstruction, measured, unit="m" if views.has_unit else "unit", suggested=suggest,
-            options={"method": method, "progress": progress},
+            reconstruction, mesh, views.rig, views.poses, task, names=views.images or None,
+            frames=views.frames, progress=progress, workers=staff, watch=tally.add,
+            note=lambda line: warn([line]), unit="m" if views.has_unit else "unit",
+            suggested=suggest, **asked,
         )  # fmt: skip
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)}

@@ -16,7 +16,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh.topology import components_of, first_equal_row
-from rastercov.placement.audit import Audit, quantile
+from rastercov.placement.audit import Audit, audit, quantile
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames
 from rastercov.placement.candidates.clearance import filter_candidates
@@ -143,30 +142,25 @@ class Reconstruction(Audit):
 
 
 def reconstruction(
-    made: Callable[..., Audit],
-    *,
-    unit: str = "m",
-    suggested: int | None = None,
-    options: Mapping[str, Any] = MappingProxyType({}),
-    **others: Any,
+    *scene: Any, unit: str = "m", suggested: int | None = None, **options: Any
 ) -> Reconstruction:
     """An audit as a `Reconstruction`, with some images to take next.
 
     Parameters
     ----------
-    made : callable
-        Gives the audit, from `others`.
+    scene, options
+        Arguments of `rastercov.placement.audit.audit`.
     unit
         As of `Reconstruction`.
     suggested : int, optional
         Number of images to take next, from 1.
-    options : mapping
-        Of `suggest`.
     """
     if suggested is not None and suggested < 1:
         raise ConfigError(f"suggest must be 1 image or more, got {suggested}")
-    found = made(**others)
-    more = None if suggested is None else suggest(found, suggested, **options)
+    found, more = audit(*scene, **options), None
+    if suggested is not None:
+        how = {name: options[name] for name in ("method", "progress") if name in options}
+        more = suggest(found, suggested, **how)
     return Reconstruction(**vars(found), unit=unit, suggested=more)
 
 

@@ -45,13 +45,12 @@ from rastercov.placement.reconstruction import (
 )
 from rastercov.report.coverage_files import views_of, write_coloured_mesh, write_rig, write_table
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import Key, font_for, framed, write_labels
+from rastercov.report.images import Key, framed
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
 from rastercov.report.network_page import NetworkPage, Progress
-from rastercov.report.overview import LEAST_PERCENT, Overview, close_up, middle_of
+from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
 from rastercov.report.pages import Picture
 from rastercov.report.panorama import (
-    FINE,
     beside,
     best_directions,
     look,
@@ -245,13 +244,9 @@ class AuditPage(NetworkPage):
             said.append(
                 f"The ground sampling distance is {sampling(median, unit)} (median), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                "the area seen; views are "
-                f"{told['median_widest_angle_deg']:.3g} degrees apart (median)."
+                f"the area; views are {told['median_widest_angle_deg']:.3g}° apart (median)."
             )
-        few, narrow = (
-            f"fewer than {zones['views']} views",
-            f"within {zones['angle_deg']:.3g} degrees",
-        )
+        few, narrow = f"fewer than {zones['views']} views", f"within {zones['angle_deg']:.3g}°"
         parts = zip(zones["by_kind"].values(), (few, narrow, "coarse"), strict=True)
         kinds = ", ".join(f"{percent(share / 100)} {word}" for share, word in parts if share)
         text = f"{percent(zones['percent'] / 100)} of the area is weak{kinds and ': '}{kinds}"
@@ -264,19 +259,16 @@ class AuditPage(NetworkPage):
             text += f"; with {plural(len(images), 'suggested image')} (simulated) {left}"
             text += f", and {covered} is covered"
         said.append(f"{text}.")
-        own = {name: told[name] for name in ("subset", "redundant_cameras", "cameras")}
-        each_image = dict(zip(("subset", "redundant", "count"), own.values(), strict=True))
-        groups = {"image": each_image} | ({"frame": told["frames"]} if "frames" in told else {})
+        groups = [("image", told["cameras"], told["subset"], told["redundant_cameras"])]
+        if "frames" in told:
+            groups.append(("frame", *(told["frames"][x] for x in ("count", "subset", "redundant"))))
         said += [
-            f"{each['subset']['cameras']:,} of {plural(each['count'], noun)} cover the same, none "
-            f"fewer than {each['subset']['bound']:g}; {each['redundant']:,} could be left out one "
-            "at a time."
-            for noun, each in groups.items()
+            f"{subset['cameras']:,} of {plural(count, noun)} cover the same, none fewer than "
+            f"{subset['bound']:g}; {spare:,} could be left out one at a time."
+            for noun, count, subset, spare in groups
         ]
-        if told["overlap"] and len(told["overlap"]["components"]) > 1:
-            n = len(told["overlap"]["components"])
-            said.append(f"The images fall into {n:,} groups that do not overlap.")
-        return said
+        n = len(told["overlap"].get("components", ()))
+        return said + [f"The images fall into {n:,} groups that do not overlap."] * (n > 1)
 
     def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
@@ -297,11 +289,6 @@ class AuditPage(NetworkPage):
                 continue
             colours = np.where(own[:, None], np.array(WEAK[kind], np.uint8), neutral(mesh))
             image = Image.fromarray(paint(scene, colours))
-            layers = np.append(own, False)[np.stack((scene.face, scene.beneath, scene.targets))]
-            mask = np.logical_or.reduce(layers)
-            if mask.any():
-                label = middle_of(mask)[None], [str(row + 1)], [WEAK[kind]]
-                write_labels(image, *label, font_for(FINE * 850), FINE)
             words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}"
             pictures[f"zone_{row + 1}"] = Picture.of(words, smooth(image))
         given = self.found.suggested
@@ -329,10 +316,8 @@ class AuditPage(NetworkPage):
         shown = Overview(mesh, self.camera, turned, names, best)
         ends = np.concatenate(pyramids := shown.pyramids())
         scenes = [look(mesh, sides[0], eyes=eyes), look(mesh, sides[1], ends, eyes=eyes)]
-        keys = [Key.of(f"mended by {names[0]}", shown.colours[0])]
-        keys += [Key.of(*each) for each in zip(names[1:], shown.colours[1:], strict=True)]
-        if (best == -1).any():
-            keys.append(Key.of("still weak", UNCOVERED))
+        words = [f"mended by {names[0]}", *names[1:], "still weak"]
+        keys = [Key.of(*each) for each in zip(words, [*shown.colours, UNCOVERED], strict=True)]
         images = [shown.drawn(scene, pyramids) for scene in scenes]
         title = f"{plural(n, 'suggested image')}, and the weak parts that they mend"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
@@ -364,8 +349,7 @@ def _sides(mesh: Mesh, eyes: FloatArray) -> FloatArray:
         return best_directions(mesh, mesh.task_mask, eyes=eyes)
     front /= np.linalg.norm(front)
     aside = np.array((-front[1], front[0], 0.0)) if abs(front[2]) < 0.9 else np.eye(3)[0]
-    sides: FloatArray = front + ABOVE * np.eye(3)[2] + ASIDE * np.stack((-aside, aside))
-    return sides
+    return np.asarray(front + (0, 0, ABOVE) + ASIDE * np.stack((-aside, aside)), np.float64)
 
 
 def _upright(mesh: Mesh, poses: Poses, up: FloatArray) -> tuple[Mesh, Poses]:

@@ -201,7 +201,6 @@ def audit(
     CameraError
         For views without cameras.
     """
-    from rastercov.placement.audit import audit as run
     from rastercov.placement.reconstruction import reconstruction
 
     frames: Sequence[str] = ()
@@ -218,20 +217,18 @@ def audit(
     if poses is None:
         raise PoseError("poses are missing; give them, or views in place of the cameras")
 
-    measured = partial(
-        run, mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
+    made = partial(
+        reconstruction, mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
         resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
-        progress=progress, workers=workers,
+        progress=progress, workers=workers, unit=unit, suggested=suggest,
     )  # fmt: skip
-    options = {"method": method, "progress": progress}
-    made = partial(reconstruction, measured, unit=unit, suggested=suggest, options=options)
     _check_folder(workers, out)
     if out is None:
         return made()
     from rastercov.report.audit import write
 
-    asked = {"by": by, "resolution_of_result": resolution_of_result, "method": str(method)}
-    return write(made, Path(out), asked, is_kept=workers is not None)[0]
+    options = {"by": by, "resolution_of_result": resolution_of_result, "method": str(method)}
+    return write(made, Path(out), options, is_kept=workers is not None)[0]
 
 
 def _check_folder(workers: Workers | None, out: StrPath | None) -> None:
