@@ -56,7 +56,7 @@ ADVICE = {
     "small_angle": "views within {angle}: at {distance} take images {apart} apart or more",
     "coarse": REASONS["too_coarse"].advice,
 }
-"""What would help a zone of each kind, in numbers."""
+"""Advice for a zone of each kind, in numbers."""
 PLACES, DIRECTIONS = 48, 9
 """Places in weak zones around which there are candidates, and directions from each."""
 MOST_OBLIQUE = 0.5
@@ -324,14 +324,14 @@ def _unseen_because(found: Audit, mask: BoolArray) -> str | None:
 
 
 def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
-    """What would help a weak zone, in numbers."""
+    """Advice for a weak zone, in numbers."""
     away, gsd, why = zone["distance"], zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     apart = 2 * away * math.tan(math.radians(least["angle_deg"]) / 2)
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
     return ADVICE[zone["kind"]].format(
         views=f"{zone['mean_views']:.1f} of {plural(least['views'], 'image')}",
         why=f", mostly {REASONS[why].label}" if why else "",
-        missing=plural(max(1, math.ceil(least["views"] - zone["mean_views"])), "more image"),
+        missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
         angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",
         apart=distance(apart, unit),
         found=sampling(gsd, unit),

@@ -248,7 +248,9 @@ class AuditPage(NetworkPage):
             )
         few, narrow = f"fewer than {zones['views']} views", f"within {zones['angle_deg']:.3g}°"
         parts = zip(zones["by_kind"].values(), (few, narrow, "coarse"), strict=True)
-        kinds = ", ".join(f"{percent(share / 100)} {word}" for share, word in parts if share)
+        kinds = ", ".join(
+            f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
+        )
         text = f"{percent(zones['percent'] / 100)} of the area is weak{kinds and ': '}{kinds}"
         if told.get("suggested", {}).get("images"):
             before, images, after = told["suggested"].values()
@@ -293,7 +295,7 @@ class AuditPage(NetworkPage):
             pictures[f"zone_{row + 1}"] = Picture.of(words, smooth(image))
         given = self.found.suggested
         if given is not None and given.names:
-            words = "The suggested images, and the weak parts that each of them mends"
+            words = "The suggested images, and the weak parts that each of them improves"
             drawn = self._suggested_picture(given, mesh, eyes, sides)
             pictures["suggested"] = Picture.of(words, drawn)
         return pictures
@@ -301,7 +303,7 @@ class AuditPage(NetworkPage):
     def _suggested_picture(
         self, given: Suggested, mesh: Mesh, eyes: FloatArray, sides: FloatArray
     ) -> Image.Image:
-        """The suggested images, and the weak elements that each of them mends best."""
+        """The suggested images, and the weak elements that each of them covers best."""
         after, n = given.steps[-1], len(given.poses)
         new = replace(
             after.problem,
@@ -316,10 +318,10 @@ class AuditPage(NetworkPage):
         shown = Overview(mesh, self.camera, turned, names, best)
         ends = np.concatenate(pyramids := shown.pyramids())
         scenes = [look(mesh, sides[0], eyes=eyes), look(mesh, sides[1], ends, eyes=eyes)]
-        words = [f"mended by {names[0]}", *names[1:], "still weak"]
+        words = [f"improved by {names[0]}", *names[1:], "still weak"]
         keys = [Key.of(*each) for each in zip(words, [*shown.colours, UNCOVERED], strict=True)]
         images = [shown.drawn(scene, pyramids) for scene in scenes]
-        title = f"{plural(n, 'suggested image')}, and the weak parts that they mend"
+        title = f"{plural(n, 'suggested image')}, and the weak parts that they improve"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
 
