@@ -189,12 +189,12 @@ class AuditPage(NetworkPage):
     Attributes
     ----------
     found : Reconstruction
-    told : mapping
+    summary : mapping
         Content of `audit.json`.
     """
 
     found: Reconstruction
-    told: Mapping[str, Any]
+    summary: Mapping[str, Any]
 
     @cached_property
     def seen_m2(self) -> FloatArray:
@@ -235,16 +235,16 @@ class AuditPage(NetworkPage):
 
     def sentences(self) -> list[str]:
         """Sentences on the area, sampling, weak zones, suggested images, redundancy and overlap."""
-        told, unit, zones = self.told, self.unit, self.told["weak"]
-        least, median, most = told["gsd_per_px"].values()
-        said = [f"{told['mean_views']:.1f} images see a point of the surface on average."]
+        summary, unit, zones = self.summary, self.unit, self.summary["weak"]
+        least, median, most = summary["gsd_per_px"].values()
+        said = [f"{summary['mean_views']:.1f} images see a point of the surface on average."]
         if "covered_area" in self.figures:
             said[0] = f"Exact: {in_words(self.figures['covered_area'])}; {said[0]}"
         if median is not None:
             said.append(
                 f"The ground sampling distance is {sampling(median, unit)} (median), "
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
-                f"the area; views are {told['median_widest_angle_deg']:.3g}° apart (median)."
+                f"the area; views are {summary['median_widest_angle_deg']:.3g}° apart (median)."
             )
         few, narrow = f"fewer than {zones['views']} views", f"within {zones['angle_deg']:.3g}°"
         parts = zip(zones["by_kind"].values(), (few, narrow, "coarse"), strict=True)
@@ -252,8 +252,8 @@ class AuditPage(NetworkPage):
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
         text = f"{percent(zones['percent'] / 100)} of the area is weak{kinds and ': '}{kinds}"
-        if told.get("suggested", {}).get("images"):
-            before, images, after = told["suggested"].values()
+        if summary.get("suggested", {}).get("images"):
+            before, images, after = summary["suggested"].values()
             covered, left = (
                 f"{percent(after[name] / 100)} in place of {percent(before[name] / 100)}"
                 for name in ("covered_percent", "weak_percent")
@@ -261,15 +261,17 @@ class AuditPage(NetworkPage):
             text += f"; with {plural(len(images), 'suggested image')} (simulated) {left}"
             text += f", and {covered} is covered"
         said.append(f"{text}.")
-        groups = [("image", told["cameras"], told["subset"], told["redundant_cameras"])]
-        if "frames" in told:
-            groups.append(("frame", *(told["frames"][x] for x in ("count", "subset", "redundant"))))
+        groups = [("image", summary["cameras"], summary["subset"], summary["redundant_cameras"])]
+        if "frames" in summary:
+            groups.append(
+                ("frame", *(summary["frames"][x] for x in ("count", "subset", "redundant")))
+            )
         said += [
             f"{subset['cameras']:,} of {plural(count, noun)} cover the same, none fewer than "
             f"{subset['bound']:g}; {spare:,} could be left out one at a time."
             for noun, count, subset, spare in groups
         ]
-        n = len(told["overlap"].get("components", ()))
+        n = len(summary["overlap"].get("components", ()))
         return said + [f"The images fall into {n:,} groups that do not overlap."] * (n > 1)
 
     def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
@@ -282,7 +284,7 @@ class AuditPage(NetworkPage):
             )
             for name, each in self.values.items()
         }
-        for row, zone in enumerate(self.told["weak"]["zones"][:MOST_CARDS]):
+        for row, zone in enumerate(self.summary["weak"]["zones"][:MOST_CARDS]):
             own, kind = self.weak.zone == row, KINDS.index(zone["kind"])
             corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
             extent = np.stack((corners.min(axis=0), corners.max(axis=0)))
@@ -325,10 +327,10 @@ class AuditPage(NetworkPage):
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
 
-def page_of(found: Reconstruction, told: Mapping[str, Any]) -> AuditPage:
+def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:
     """Page of an audit, and the content of `audit.json`."""
     is_task, elements = found.problem.weights > 0, found.elements
-    figures = told["network"] | {
+    figures = summary["network"] | {
         "covered": share_of_faces(elements, found.covered & is_task, is_task),
         "task_faces": int(is_task.sum()),
         "not_covered_because": {},
@@ -339,7 +341,7 @@ def page_of(found: Reconstruction, told: Mapping[str, Any]) -> AuditPage:
     return AuditPage(
         "Audit of existing images", elements, found.camera, found.poses, "image", found.names,
         found.network, found.covered, found.problem.views, figures, unit=found.unit, found=found,
-        told=told,
+        summary=summary,
     )  # fmt: skip
 
 
