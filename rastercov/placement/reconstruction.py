@@ -52,7 +52,7 @@ MOST_IMAGES, MOST_PAIRS, MOST_ZONES = 2000, 10_000, 100
 KINDS = ("few_views", "small_angle", "coarse")
 """Kinds of weakness; an element has the first that is true of it."""
 ADVICE = {
-    "few_views": "covered by {views}{why}: take {missing} that face it, from {distance} or nearer",
+    "few_views": "covered by {views}{why}: take {missing} that face it{place}",
     "small_angle": "views within {angle}: at {distance} take images {apart} apart or more",
     "coarse": REASONS["too_coarse"].advice,
 }
@@ -332,6 +332,7 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
         views=f"{zone['mean_views']:.1f} of {plural(least['views'], 'image')}",
         why=f", mostly {REASONS[why].label}" if why else "",
         missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
+        place=f", from {distance(away, unit)} or nearer" if away else "",
         angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",
         apart=distance(apart, unit),
         found=sampling(gsd, unit),
@@ -387,7 +388,7 @@ def suggest(
             bits=CoveredBits.from_pairs(*counted, n, problem.n_faces).joined(_bits(matrix)),
             starts=np.append(0, np.arange(n, n + len(candidates) + 1)),
             costs=np.append(0.0, np.ones(len(candidates))),
-            goal=BestCoverage(budget=float(count)),
+            goal=BestCoverage(budget=float(min(count, PLACES * DIRECTIONS))),
             eyes=np.concatenate((found.poses.world_from_camera, candidates.poses))[:, :3, 3].copy(),
         )
         found_best = select_greedy(joined)
