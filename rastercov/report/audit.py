@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from PIL import Image
 
 from rastercov.base.format import percent, plural, sampling
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.pose import Poses
@@ -61,8 +61,6 @@ from rastercov.report.panorama import (
 )
 from rastercov.report.printing import browser, write_page
 from rastercov.report.theme import UNCOVERED, WEAK
-
-FloatArray = NDArray[np.float64]
 
 AUDIT = ReportKind(
     "audit",
