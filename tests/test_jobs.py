@@ -178,10 +178,12 @@ def test_audit_is_the_command(capsys):
     assert files() == {"part.obj"}
     rig, poses = rc.Rig([camera], ["one"]), rc.Poses.of(POSES)
     views = rc.Views(rig=rig, poses=poses, images=tuple("uvwxyz"), frames=frames)
-    named = rc.audit(mesh, views, task=rc.Task(views=2), out="function")
+    named = rc.audit(mesh, views, task=rc.Task(views=2), suggest=2, out="function")
     assert named.names == tuple("uvwxyz")
+    assert named.suggested.names == ()  # nothing is weak
+    assert rc.audit(mesh, WITHOUT_UNIT).summary()["unit"] == "unit"
     rc.write_views("views.json", views)
-    code, _, err = call(capsys, "audit views.json part.obj --views 2 -o command")
+    code, _, err = call(capsys, "audit views.json part.obj --views 2 --suggest 2 -o command")
     assert code == 0, err
     command, function = written("audit.json")
     for each in (command, function):
@@ -211,7 +213,7 @@ WITHOUT_UNIT = rc.Views(
         (evaluated(by="mesh"), "by must be one of area, face, got 'mesh'"),
         (lambda: rc.check(PLAN, rc.Poses.of(POSES, camera=1)), "has camera 1, but there are 1"),
         (lambda: rc.check(PLAN, WITHOUT_UNIT), "the poses have no unit"),
-        (lambda: rc.audit(rc.Mesh.load("part.obj"), WITHOUT_UNIT), "the poses have no unit"),
+        (lambda: rc.audit(rc.Mesh.load("part.obj"), WITHOUT_UNIT, suggest=0), "suggest must be 1"),
         (lambda: rc.place({}), "plan: meshes: missing; add it"),
         (lambda: rc.place("gone.toml"), "gone.toml"),
         (lambda: rc.place(3), "plan must be a plan file, a mapping or a Plan, got 3"),

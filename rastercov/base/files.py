@@ -26,6 +26,9 @@ from rastercov.base.errors import RastercovError
 
 StrPath = str | os.PathLike[str]
 
+PROJECTS = dict.fromkeys((".psx", ".psz"), "Metashape") | {".mvs": "OpenMVS"}
+PROJECTS |= dict.fromkeys((".rcproj", ".rsproj"), "RealityCapture")
+"""Programs whose projects are taken for meshes or cameras."""
 LARGEST_ARRAY = 2 << 30
 """Bytes of a file of poses: 16 million in .npy."""
 LARGEST_TEXT = 10_000_000

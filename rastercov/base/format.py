@@ -48,8 +48,10 @@ def length(metres: float) -> str:
     return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"
 
 
-def area(square_metres: float) -> str:
-    """Area as text, such as "85.2 m²": three digits."""
+def area(square_metres: float, unit: str = "m") -> str:
+    """Area as text, such as "85.2 m²": three digits. `unit` is "unit" where there is no scale."""
+    if unit != "m":
+        return f"{number(square_metres)} units²"
     units = (("m²", 1.0, 1.0), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
     # A value that rounds to the least of a unit has it.
     fits = (each for each in units if square_metres * each[1] >= 0.9995 * each[2])
@@ -58,6 +60,16 @@ def area(square_metres: float) -> str:
     if value < 999.5 or not math.isfinite(value):
         return f"{number(value)} {unit}"
     return f"{round(value, 2 - math.floor(math.log10(value))):,.0f} {unit}"
+
+
+def distance(value: float, unit: str = "m") -> str:
+    """A distance as text, such as "0.41 m" or "0.41 units"; `unit` as of `area`."""
+    return f"{number(value)} {'m' if unit == 'm' else 'units'}"
+
+
+def sampling(value: float, unit: str = "m") -> str:
+    """Ground sampling distance as text, of its value in a unit as of `area`: "1.2 mm/px"."""
+    return f"{number(1e3 * value)} mm/px" if unit == "m" else f"{number(value)} units/px"
 
 
 def size_in_words(extent: Any) -> str:

@@ -1,6 +1,5 @@
 """The command `audit`: what the images of an existing rig or reconstruction see."""
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,9 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from rastercov.base.errors import CameraError
-from rastercov.base.format import percent, plural
-from rastercov.camera.formats import bytes_like, read_through
-from rastercov.camera.formats.conventions import Border, Conventions, metres_per
+from rastercov.camera.formats import read_through
+from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
@@ -19,10 +17,8 @@ from rastercov.cluster import Tally
 from rastercov.coverage.task import Task
 
 NO_SCALE = (
-    "the reconstruction has no scale: m and mm are its units; --pose-unit and --unit give metres"
+    "the reconstruction has no scale: lengths are in its units; --pose-unit and --unit give metres"
 )
-MOST_NAMED = 5
-"""Cameras that are named one by one."""
 
 
 @options.expanded
@@ -62,8 +58,7 @@ def audit(
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
     from rastercov.exact.certificate import compile_first
-    from rastercov.placement.audit import audit as run
-    from rastercov.placement.reconstruction import suggest as next_images
+    from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow
 
     staff, tally, mesh = processes.open(), Tally(), scene.read(meshes)
@@ -80,47 +75,23 @@ def audit(
     with progress_bar() as progress:
         asked: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
         made = partial(
-            run, mesh, views.rig, views.poses, task, names=views.images or None,
+            reconstruction, mesh, views.rig, views.poses, task, names=views.images or None,
             frames=views.frames, progress=progress, workers=staff, watch=tally.add,
-            note=lambda line: warn([line]), **asked,
+            note=lambda line: warn([line]), unit="m" if views.has_unit else "unit",
+            suggested=suggest, **asked,
         )  # fmt: skip
-        metres = 1.0 if conventions.pose_unit is None else metres_per(conventions.pose_unit)
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)}
-        _, summary = write(
-            made, out, kept, notes, is_kept=is_kept, pdf=pdf,
-            unit="m" if views.has_unit else "unit",
-            suggest=None if suggest is None else partial(
-                next_images, count=suggest, method=method, progress=progress
-            ),
-            written=partial(bytes_like, source, metres=metres),
-        )  # fmt: skip
+        _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf)
     quarantined = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:
         print(json_text(summary))
     else:
-        _print(summary, out)
+        cells = "cells" if summary["cell_size_m"] else "faces"
+        print(f"{summary['answer']}, on {summary['elements']:,} {cells}")
+        print(*summary["sentences"], out / "audit.html", sep="\n")
         for line in tally.lines():
             say(line)
     if quarantined and not conventions.skip_bad_poses:
         raise typer.Exit(1)
-
-
-def _print(summary: Mapping[str, Any], out: Path) -> None:
-    """Print the headline of an audit, and the cameras that add most."""
-    from rastercov.report.audit import headlines, words_of
-
-    area = words_of(summary["unit"])[0]
-
-    print(
-        f"{plural(summary['cameras'], 'image', 'cover')} "
-        f"{percent(summary['covered_percent'] / 100)} "
-        f"of the area, on {summary['elements']:,} {'cells' if summary['cell_size_m'] else 'faces'}"
-    )
-    print("\n".join(headlines(summary)))
-    worth = sorted(summary["per_camera"], key=lambda entry: -entry["lost_m2"])
-    for entry in worth[:MOST_NAMED]:
-        if entry["lost_m2"] > 0:
-            print(f"  without {entry['name']}: {area(entry['lost_m2'])} less")
-    print(out / "audit.html")

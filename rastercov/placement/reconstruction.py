@@ -6,13 +6,14 @@ An element is weak where fewer than k images cover it, where the rays to all of 
 small angle, or where its ground sampling distance (GSD), the inverse of the best pixel density, is
 much more than the median. Two images overlap by the area that both cover.
 
-The images to take next see what is weak from the distance of the existing images. They are chosen
+A `Reconstruction` is an audit with these figures, the unit of its lengths, and the images to take
+next. They see what is weak from the distance of the existing images. They are chosen
 with these as one candidate without cost, so that a view that is there counts, but not of what is
 coarse. A new view counts where it is not coarse. What they cover is then measured by the task.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -21,13 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import distance, plural, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
+from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh.topology import components_of, first_equal_row
-from rastercov.placement.audit import Audit, quantile
+from rastercov.placement.audit import Audit, audit, quantile
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames
 from rastercov.placement.candidates.clearance import filter_candidates
@@ -48,10 +51,18 @@ MOST_IMAGES, MOST_PAIRS, MOST_ZONES = 2000, 10_000, 100
 """Images with an overlap graph; pairs and zones that a summary lists."""
 KINDS = ("few_views", "small_angle", "coarse")
 """Kinds of weakness; an element has the first that is true of it."""
+ADVICE = {
+    "few_views": "covered by {views}{why}: take {missing} that face it{place}",
+    "small_angle": "views within {angle}: at {distance} take images {apart} apart or more",
+    "coarse": REASONS["too_coarse"].advice,
+}
+"""Advice for a zone of each kind, in numbers."""
 PLACES, DIRECTIONS = 48, 9
 """Places in weak zones around which there are candidates, and directions from each."""
 MOST_OBLIQUE = 0.5
 """Least cosine of the angle of a direction to the normal."""
+LEAST_GAIN = 1e-5
+"""Part of the area that the last of the images to take next adds at least."""
 CLEARANCE = 0.25
 """Least distance of a candidate to the surface, in distances of the existing images."""
 
@@ -99,6 +110,56 @@ class Suggested:
             for name, eye, share in zip(self.names, eyes, shares[1:], strict=True)
         ]
         return {"before": shares[0], "images": images, "after": shares[-1]}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Reconstruction(Audit):
+    """An audit with figures for photogrammetry.
+
+    Attributes
+    ----------
+    unit : {"m", "unit"}
+        Of lengths: metres, or that of a reconstruction without scale.
+    suggested : Suggested or None
+        The images to take next, where they are asked for.
+    """
+
+    unit: str = "m"
+    suggested: Suggested | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the audit, those of `summary_of`, and those of the suggested images."""
+        summary = super().summary() | {"unit": self.unit} | summary_of(self, self.unit)
+        if self.suggested is None:
+            return summary
+        zone, weights = weak(self).zone, self.problem.weights
+        left = weights * (weak(self.suggested.steps[-1]).kind >= 0)
+        for row, entry in enumerate(summary["weak"]["zones"]):
+            entry["left_percent"] = 100 * float(left[zone == row].sum()) / entry["m2"]
+        return summary | {"suggested": self.suggested.summary()}
+
+
+def reconstruction(
+    *scene: Any, unit: str = "m", suggested: int | None = None, **options: Any
+) -> Reconstruction:
+    """An audit as a `Reconstruction`, with some images to take next.
+
+    Parameters
+    ----------
+    scene, options
+        Arguments of `rastercov.placement.audit.audit`.
+    unit
+        As of `Reconstruction`.
+    suggested : int, optional
+        Number of images to take next, from 1.
+    """
+    if suggested is not None and suggested < 1:
+        raise ConfigError(f"suggest must be 1 image or more, got {suggested}")
+    found, more = audit(*scene, **options), None
+    if suggested is not None:
+        how = {name: options[name] for name in ("method", "progress") if name in options}
+        more = suggest(found, suggested, **how)
+    return Reconstruction(**vars(found), unit=unit, suggested=more)
 
 
 def strict(problem: Problem) -> Problem:
@@ -194,14 +255,22 @@ def _strongest_tree(share: FloatArray) -> tuple[IntArray, IntArray]:
     return part, parent
 
 
-def summary_of(found: Audit) -> dict[str, Any]:
-    """GSD, area by number of views, weak zones and overlap, ready for JSON.
+def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
+    """GSD, area by number of views, weak zones with advice, and overlap, ready for JSON.
 
-    Lengths are in the unit of the mesh, and so is the GSD, of a pixel.
+    Lengths are in the unit of the mesh, and so is the GSD, of a pixel. The unit, as of
+    `Reconstruction`, is that of the words.
     """
     weights, is_seen = found.problem.weights, found.views > 0
-    percent = 100 / max(float(weights.sum()), np.finfo(float).tiny)
+    of_area = 100 / max(float(weights.sum()), np.finfo(float).tiny)
     zones, wanted, entries = weak(found), strict(found.problem), []
+    centroids, reach = found.elements.centroids, _reach(found)
+    usual = quantile(reach, weights, is_seen)
+    least = {
+        "views": int(wanted.views.max(initial=LEAST_VIEWS)),
+        "angle_deg": math.degrees(wanted.min_angle),
+        "coarse_gsd_per_px": 1 / coarse_density(found) if is_seen.any() else None,
+    }
 
     def gsd(mask: BoolArray, share: float = 0.5) -> float | None:
         density = quantile(found.best_density, weights, mask & is_seen, share)
@@ -209,32 +278,67 @@ def summary_of(found: Audit) -> dict[str, Any]:
 
     for row, m2 in enumerate(zones.area[:MOST_ZONES].tolist()):
         own = zones.zone == row
-        entries.append(
-            {"kind": KINDS[int(zones.kind[own][0])], "m2": m2, "percent": percent * m2,
-             "centroid": (weights[own] @ found.elements.centroids[own] / m2).tolist(),
-             "mean_views": float(weights[own] @ found.views[own] / m2), "gsd_per_px": gsd(own),
-             "angle_deg": math.degrees(quantile(found.widest_angle, weights, own))}
-        )  # fmt: skip
+        entry = {
+            "kind": KINDS[int(zones.kind[own][0])], "m2": m2, "percent": of_area * m2,
+            "centroid": (weights[own] @ centroids[own] / m2).tolist(),
+            "mean_views": float(weights[own] @ found.views[own] / m2), "gsd_per_px": gsd(own),
+            "angle_deg": math.degrees(quantile(found.widest_angle, weights, own)),
+            "distance": quantile(reach, weights, own & is_seen) or usual,
+            "unseen_because": _unseen_because(found, own & ~is_seen),
+        }  # fmt: skip
+        entries.append(entry | {"advice": _advice(entry, least, unit)})
     of_kind = np.bincount(zones.kind[zones.kind >= 0], weights[zones.kind >= 0], len(KINDS))
     return {
         "gsd_per_px": {
             "least": gsd(is_seen, 1.0), "median": gsd(is_seen), "percentile_95": gsd(is_seen, 0.05)
         },
         "by_views": [
-            {"views": views, "m2": m2, "percent": percent * m2}
+            {"views": views, "m2": m2, "percent": of_area * m2}
             for views, m2 in enumerate(np.bincount(found.views, weights).tolist())
         ],
         "weak": {
-            "views": int(wanted.views.max(initial=LEAST_VIEWS)),
-            "angle_deg": math.degrees(wanted.min_angle),
-            "coarse_gsd_per_px": 1 / coarse_density(found) if is_seen.any() else None,
+            **least,
             "percent": found.percent(zones.kind >= 0),
-            "by_kind": dict(zip(KINDS, (percent * of_kind).tolist(), strict=True)),
+            "by_kind": dict(zip(KINDS, (of_area * of_kind).tolist(), strict=True)),
             "zones": entries,
             "other_zones": max(0, len(zones.area) - MOST_ZONES),
         },
         "overlap": overlap(found),
     }  # fmt: skip
+
+
+def _reach(found: Audit) -> FloatArray:
+    """(E,) distance of each element to its best camera, of those that are seen."""
+    eyes = np.append(found.poses.world_from_camera[:, :3, 3], np.zeros((1, 3)), axis=0)
+    reach: FloatArray = np.linalg.norm(eyes[found.best_camera] - found.elements.centroids, axis=1)
+    return reach
+
+
+def _unseen_because(found: Audit, mask: BoolArray) -> str | None:
+    """Name of the reason of most of the area of some elements; None for no reason."""
+    of_face = found.network.reason[mask if found.cells is None else found.cells.source_face[mask]]
+    areas = np.bincount(of_face, found.problem.weights[mask], len(NAMES))[: Reason.COVERED]
+    return NAMES[int(areas.argmax())] if areas.any() else None
+
+
+def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
+    """Advice for a weak zone, in numbers."""
+    away, gsd, why = zone["distance"], zone["gsd_per_px"] or 0.0, zone["unseen_because"]
+    apart = 2 * away * math.tan(math.radians(least["angle_deg"]) / 2)
+    times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
+    return ADVICE[zone["kind"]].format(
+        views=f"{zone['mean_views']:.1f} of {plural(least['views'], 'image')}",
+        why=f", mostly {REASONS[why].label}" if why else "",
+        missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
+        place=f", from {distance(away, unit)} or nearer" if away else "",
+        angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",
+        apart=distance(apart, unit),
+        found=sampling(gsd, unit),
+        wanted=sampling(gsd / times, unit),
+        distance=distance(away, unit),
+        nearer=distance(away / times, unit),
+        times=f"{times:.2g} times",
+    )
 
 
 def suggest(
@@ -282,10 +386,11 @@ def suggest(
             bits=CoveredBits.from_pairs(*counted, n, problem.n_faces).joined(_bits(matrix)),
             starts=np.append(0, np.arange(n, n + len(candidates) + 1)),
             costs=np.append(0.0, np.ones(len(candidates))),
-            goal=BestCoverage(budget=float(count)),
+            goal=BestCoverage(budget=float(min(count, PLACES * DIRECTIONS))),
             eyes=np.concatenate((found.poses.world_from_camera, candidates.poses))[:, :3, 3].copy(),
         )
-        chosen = select_greedy(joined).chosen
+        found_best = select_greedy(joined)
+        chosen = found_best.chosen[: 1 + np.sum(found_best.curve < found_best.share - LEAST_GAIN)]
         new = candidates.take(chosen[chosen > 0] - 1).placed
         bits = _bits(measured(new, task))
     names = tuple(f"suggested_{row + 1}" for row in range(len(new)))
@@ -299,13 +404,12 @@ def _bits(matrix: VisibilityMatrix) -> CoveredBits:
 
 def _around(found: Audit, zones: Weak) -> Candidates:
     """Candidates around weak zones: places spread over their area, each from some directions."""
-    on, weights, poses = found.elements, found.problem.weights, found.poses.world_from_camera
+    on, weights = found.elements, found.problem.weights
     order = np.lexsort((zones.zone, zones.kind))[np.sum(zones.kind < 0) :]
     below = np.cumsum(weights[order])
     steps = (np.arange(PLACES if len(order) else 0) + 0.5) / PLACES
     at = order[np.searchsorted(below, steps * below[-1:].sum())]
-    reach = np.linalg.norm(poses[found.best_camera, :3, 3] - on.centroids, axis=1)
-    away = quantile(reach, weights, found.views > 0)
+    away = quantile(_reach(found), weights, found.views > 0)
     rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)

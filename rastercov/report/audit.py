@@ -7,42 +7,60 @@ elements.parquet   figures of each cell or face, and elements.npz the same
 cameras.parquet    figures of each image
 audit.glb          the surface coloured by the number of views
 rig.json           the cameras and poses, where there are up to 5,000
-suggested.json     the images to take next, where they are asked for
+suggested*.json    the images to take next, where they are asked for, alone and with all others
 audit.json         shares, medians, the smallest subset, and its provenance
 """
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.base.format import area, number, percent, plural
+from rastercov.base.format import percent, plural, sampling
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
-from rastercov.camera.rig import Views, cameras_of, names_of
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import cameras_of, names_of
+from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.mesh import Mesh
 from rastercov.placement.audit import Audit, element_figures
-from rastercov.placement.reconstruction import KINDS, Suggested, summary_of, weak
+from rastercov.placement.reconstruction import (
+    KINDS,
+    Reconstruction,
+    Suggested,
+    Weak,
+    weak,
+)
 from rastercov.report.coverage_files import views_of, write_coloured_mesh, write_rig, write_table
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, framed
-from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture, rounded
-from rastercov.report.overview import Overview
-from rastercov.report.pages import Picture, figures_of, rendered, view_page
-from rastercov.report.panorama import beside, look, neutral, paint, scene_keys, smooth, upright
+from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
+from rastercov.report.network_page import NetworkPage, Progress
+from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
+from rastercov.report.pages import Picture
+from rastercov.report.panorama import (
+    beside,
+    best_directions,
+    look,
+    neutral,
+    paint,
+    scene_keys,
+    smooth,
+)
 from rastercov.report.printing import browser, write_page
-from rastercov.report.theme import WEAK, Colour
+from rastercov.report.theme import UNCOVERED, WEAK
 
 AUDIT = ReportKind(
     "audit",
@@ -52,31 +70,23 @@ AUDIT = ReportKind(
     ),
     last="audit.json",
 )
-MOST_PICTURES = 4
+MOST_CARDS = 3
 """Weak zones with a picture."""
-CLOSE_UP = 2.5
-"""Reach of the close-up of a zone, in those of the zone."""
-MOST_NEAR = 0.7
-"""Part of the surface from which a close-up is of all, and the second view is aslant by this."""
-ASLANT = (0.8, -0.8, 0.6)
-MOST_ROWS = 400
-"""Cameras in the table of a page; cameras.parquet has all."""
-MOST_LINES = 8
-"""Cameras with a line of their own; audit.json has all."""
+FROM_ONE_SIDE = 0.75
+"""Length of the mean of unit vectors to the cameras from which on pictures are from their side."""
+ASIDE, ABOVE = 0.5, 0.25
+"""Parts of two such directions beside their middle."""
 
 
 def write(
-    made: Callable[..., Audit],
+    made: Callable[..., Reconstruction],
     out: Path,
     options: Mapping[str, Any],
     notes: Sequence[str] = (),
     *,
     is_kept: bool = False,
     pdf: bool = False,
-    unit: str = "m",
-    suggest: Callable[[Audit], Suggested] | None = None,
-    written: Callable[[Views], tuple[str, bytes] | None] = lambda views: None,
-) -> tuple[Audit, dict[str, Any]]:
+) -> tuple[Reconstruction, dict[str, Any]]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
     Parameters
@@ -93,78 +103,55 @@ def write(
         True for an audit that is kept in shards until its report is whole.
     pdf : bool
         True for the page on paper, too.
-    unit : {"m", "unit"}
-        Unit of lengths: metres, or one of the reconstruction, which has no scale.
-    suggest : callable, optional
-        Gives the images to take next.
-    written : callable
-        Gives these in the format of the input: the end of a name, and the content; or None.
     """
     with ReportFolder(out, AUDIT) as folder:
         if pdf:
             browser()  # none fails before the work
         found = made(folder=folder.path / UNFINISHED if is_kept else None)
         header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
-        summary = found.summary() | {"unit": unit} | summary_of(found)
-        summary |= {"notes": list(notes), "run": header}
-        surface, zones = found.elements, weak(found)
-        eyes = found.poses.world_from_camera
-        values, cameras = _values(found, unit), _cameras(found, summary)
-        values["weak"] = zones.kind
-        pictures = {
-            f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, surface, each, eyes))
-            for name, each in values.items()
-        }
-        for row, zone in enumerate(summary["weak"]["zones"][:MOST_PICTURES]):
-            kind = KINDS.index(zone["kind"])
-            words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}, {percent(zone['percent'] / 100)}"
-            drawn = _zone_picture(surface, eyes, zones.zone == row, WEAK[kind], words)
-            pictures[f"audit_zone_{row + 1}"] = Picture.of(words, drawn)
-        more: dict[str, bytes] = {}
-        if suggest is not None:
-            next_ones = suggest(found)
-            summary["suggested"] = next_ones.summary()
-        if suggest is not None and next_ones.names:
-            views = views_of(found.camera, next_ones.poses, next_ones.names)
-            more["suggested.json"] = json_bytes(content_of(views), indent=2) + b"\n"
-            if (other := written(views)) is not None:
-                more[f"suggested_{other[0]}"] = other[1]
-            words = "The surface by the suggested images alone"
-            pictures["audit_suggested"] = Picture.of(words, _suggested_picture(next_ones))
-        is_task = found.problem.weights > 0
-        figures = {
-            "covered": share_of_faces(surface, found.covered & is_task, is_task),
-            "task_faces": int(is_task.sum()),
-            "not_covered_because": {},
-            "covered_area": summary.get("covered_area", {}),
-        }
-        view = view_page(
-            folder.path.resolve().name, surface, found.camera, found.poses, found.names, values,
-            figures_of(
-                figures, np.diff(found.problem.bits.pairs()[0]), found.seen_m2, found.alone_m2,
-                float(found.problem.weights.sum()),
-            ),
+        summary = found.summary() | {"notes": list(notes), "run": header}
+        shown = page_of(found, summary)
+        pictures, view, files = shown.pictures(), shown.view, _suggested_files(found)
+        summary |= {"answer": shown.answer, "sentences": shown.sentences()}
+        html = shown.page(
+            "audit.html", pictures, answer=shown.answer, lines=(), summary=summary, run=header,
+            notes=notes, has_view=view is not None, unit=found.unit, drawn=pictures,
+            weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
         )  # fmt: skip
-        html = page(summary, cameras, pictures, has_view=view is not None)
         with interrupts_held():
             for name, picture in pictures.items():
-                write_bytes(folder.file(f"{name}.png"), picture.light)
+                write_bytes(folder.file(f"audit_{name}.png"), picture.light)
             write_page(folder, "audit", html, pdf=pdf)
-            for name, content in more.items():
+            for name, content in files.items():
                 write_bytes(folder.file(name), content)
             if view is not None:
                 write_text(folder.file("view.html"), view)
             elements = _arrays(found)
-            for name, columns in (("elements", elements), ("cameras", cameras)):
+            for name, columns in (("elements", elements), ("cameras", _cameras(found, summary))):
                 write_table(folder.file(f"{name}.parquet"), pa.table(columns))
             write_npz(folder.file("elements.npz"), **elements)
             shares = found.views / max(1, int(found.views.max(initial=0)))
-            write_coloured_mesh(folder.file("audit.glb"), surface, shares)
+            write_coloured_mesh(folder.file("audit.glb"), found.elements, shares)
             write_rig(folder.file("rig.json"), found.camera, found.poses, found.names)
             write_json(folder.file("audit.json"), summary)
             folder.publish()
             remove(folder.path / UNFINISHED)
     return found, summary
+
+
+def _suggested_files(found: Reconstruction) -> dict[str, bytes]:
+    """Files of the images to take next, alone and with all others."""
+    given = found.suggested
+    if given is None or not given.names:
+        return {}
+    both = given.steps[-1].poses, (*found.names, *given.names)
+    files = {"suggested": (given.poses, given.names), "suggested_joined": both}
+    return {
+        f"{name}.json": json_bytes(
+            content_of(replace(views_of(found.camera, *each), has_unit=found.unit == "m")), indent=2
+        )
+        for name, each in files.items()
+    }
 
 
 def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
@@ -193,132 +180,187 @@ def _cameras(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
     return columns
 
 
-def _zone_picture(
-    surface: Mesh, eyes: NDArray[np.float64], own: NDArray[np.bool_], colour: Colour, words: str
-) -> Image.Image:
-    """A weak zone: where it is on the surface; then from near, or aslant where it is large."""
-    colours = neutral(surface).copy()
-    colours[own] = colour
-    middle = np.average(surface.centroids[own], axis=0, weights=surface.areas[own])
-    away = np.linalg.norm(surface.centroids - middle, axis=1)
-    near = away <= max(CLOSE_UP * away[own].max(), 0.1 * float(np.ptp(surface.bounds)))
-    normal = surface.areas[own] @ surface.normals[own]
-    normal = normal if normal.any() else middle - surface.bounds.mean(axis=0)
-    towards = upright(eyes) @ normal
-    again = towards
-    if near.mean() > MOST_NEAR:
-        near[:], again = True, towards / np.linalg.norm(towards) + ASLANT
-    close = look(Mesh(surface.vertices, surface.faces[near]), again, eyes=eyes)
-    scenes = [look(surface, towards, eyes=eyes), close]
-    painted = paint(scenes[0], colours), paint(close, colours[near])
-    images = [smooth(Image.fromarray(pixels)) for pixels in painted]
-    return framed(beside(images), words, [Key.of("the zone", colour), *scene_keys(scenes)])
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AuditPage(NetworkPage):
+    """Page of an audit: `mesh` and `poses` are its elements and images.
 
+    Attributes
+    ----------
+    found : Reconstruction
+    summary : mapping
+        Content of `audit.json`.
+    """
 
-def _suggested_picture(given: Suggested) -> Image.Image:
-    """The suggested images, and the surface in the colours of those that cover it."""
-    after = given.steps[-1]
-    new = np.arange(len(given.steps[0].poses), len(after.poses))
-    bits, eyes = after.problem.bits.take(new), given.poses.world_from_camera[:, :3, 3].copy()
-    alone = replace(after.problem, bits=bits, eyes=eyes, costs=np.ones(len(new)))
-    best = element_figures(alone, after.elements, given.poses, cameras_of(after.camera))
-    names = [str(row + 1) for row in range(len(new))]
-    shown = best["best_camera"], None, after.poses
-    return Overview(after.elements, after.camera, given.poses, names, *shown).picture()
+    found: Reconstruction
+    summary: Mapping[str, Any]
 
+    @cached_property
+    def seen_m2(self) -> FloatArray:
+        """(P,) area that each image covers."""
+        return self.found.seen_m2
 
-def _values(found: Audit, unit: str) -> dict[str, Any]:
-    """Values of the modes that an audit is drawn by; densities and angles where there are any."""
-    views = found.views
-    values: dict[str, Any] = {"views": views}
-    if views.any():
-        values["density"] = OfUnit(np.where(views > 0, found.best_density, 0.0), f"px/{unit}")
-    if (views > 1).any():
-        values["angle"] = np.where(views > 1, np.degrees(found.widest_angle), 0.0)
-    return values
+    @cached_property
+    def lost_m2(self) -> FloatArray:
+        """(P,) area that is not covered any more without each image."""
+        return self.found.lost_m2
 
+    @cached_property
+    def up(self) -> FloatArray:
+        """(3,) direction that is up."""
+        return upwards(self.poses)
 
-def page(
-    summary: Mapping[str, Any],
-    cameras: Mapping[str, Any],
-    pictures: Mapping[str, Picture],
-    *,
-    has_view: bool,
-) -> str:
-    """HTML of an audit: its summary, and the columns of its cameras."""
-    area, gsd = words_of(summary["unit"])
-    order = np.lexsort((-np.array(cameras["seen_m2"]), -np.array(cameras["lost_m2"])))
-    exact = summary.get("covered_area")
-    return rendered(
-        "audit.html",
-        title="rastercov audit",
-        heading="Audit of existing cameras",
-        answer=f"{plural(summary['cameras'], 'image', 'cover')} "
-        f"{percent(summary['covered_percent'] / 100)} of the surface",
-        exact="" if exact is None else in_words(exact),
-        lines=headlines(summary),
-        notes=summary["notes"],
-        summary=summary,
-        run=summary["run"],
-        files="audit.json, elements.parquet and cameras.parquet",
-        zone_rows=None,
-        area=area,
-        gsd=gsd,
-        weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
-        cameras=cameras,
-        order=order[:MOST_ROWS].tolist(),
-        n_more=max(0, len(order) - MOST_ROWS),
-        pictures=pictures,
-        has_view=has_view,
-    )
+    @property
+    def upright(self) -> Poses:
+        """The poses, turned so that z is up."""
+        return _upright(self.mesh, self.poses, self.up)[1]
 
+    @cached_property
+    def weak(self) -> Weak:
+        """Weak elements and their zones."""
+        return weak(self.found)
 
-def words_of(unit: str) -> tuple[Callable[[float], str], Callable[[float], str]]:
-    """Format of areas, and of ground sampling distances, whose values are of a unit of length."""
-    if unit == "m":
-        return area, lambda value: f"{number(1e3 * value)} mm/px"
-    return lambda value: f"{number(value)} units²", lambda value: f"{number(value)} units/px"
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """Values of the modes that colour the elements."""
+        found = self.found
+        values: dict[str, Any] = {"weak": self.weak.kind, "views": found.views}
+        if found.views.any():
+            density = np.where(found.views > 0, found.best_density, 0.0)
+            values["density"] = OfUnit(density, f"px/{self.unit}")
+        if (found.views > 1).any():
+            values["angle"] = np.where(found.views > 1, np.degrees(found.widest_angle), 0.0)
+        return values
 
-
-def headlines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines on the whole of an audit, on its frames and on each of its cameras."""
-    subset, (area, gsd) = summary["subset"], words_of(summary["unit"])
-    lines, (least, median, most) = [], summary["gsd_per_px"].values()
-    if median is not None:
-        lines = [
-            f"ground sampling distance {gsd(median)} (median), {gsd(least)} at best, {gsd(most)} "
-            "or less for 95 % of the area seen"
+    def sentences(self) -> list[str]:
+        """Sentences on the area, sampling, weak zones, suggested images, redundancy and overlap."""
+        summary, unit, zones = self.summary, self.unit, self.summary["weak"]
+        least, median, most = summary["gsd_per_px"].values()
+        said = [f"{summary['mean_views']:.1f} images see a point of the surface on average."]
+        if "covered_area" in self.figures:
+            said[0] = f"Exact: {in_words(self.figures['covered_area'])}; {said[0]}"
+        if median is not None:
+            said.append(
+                f"The ground sampling distance is {sampling(median, unit)} (median), "
+                f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
+                f"the area; views are {summary['median_widest_angle_deg']:.3g}° apart (median)."
+            )
+        few, narrow = f"fewer than {zones['views']} views", f"within {zones['angle_deg']:.3g}°"
+        parts = zip(zones["by_kind"].values(), (few, narrow, "coarse"), strict=True)
+        kinds = ", ".join(
+            f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
+        )
+        text = f"{percent(zones['percent'] / 100)} of the area is weak{kinds and ': '}{kinds}"
+        if summary.get("suggested", {}).get("images"):
+            before, images, after = summary["suggested"].values()
+            covered, left = (
+                f"{percent(after[name] / 100)} in place of {percent(before[name] / 100)}"
+                for name in ("covered_percent", "weak_percent")
+            )
+            text += f"; with {plural(len(images), 'suggested image')} (simulated) {left}"
+            text += f", and {covered} is covered"
+        said.append(f"{text}.")
+        groups = [("image", summary["cameras"], summary["subset"], summary["redundant_cameras"])]
+        if "frames" in summary:
+            groups.append(
+                ("frame", *(summary["frames"][x] for x in ("count", "subset", "redundant")))
+            )
+        said += [
+            f"{subset['cameras']:,} of {plural(count, noun)} cover the same, none fewer than "
+            f"{subset['bound']:g}; {spare:,} could be left out one at a time."
+            for noun, count, subset, spare in groups
         ]
-    lines += [
-        f"median density {rounded(summary['median_density_px_per_m'])} px/{summary['unit']}, "
-        f"median angle between views {summary['median_widest_angle_deg']:.3g} degrees",
-        f"{percent(summary['weak']['percent'] / 100)} of the area is weak: fewer than "
-        f"{summary['weak']['views']} views, less than {summary['weak']['angle_deg']:g} degrees "
-        "between them, or coarse",
-        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
-        f"none fewer than {subset['bound']:g}",
-        f"{summary['redundant_cameras']:,} could be left out one at a time",
-    ]
-    if "frames" in summary:
-        frames = summary["frames"]
-        lines.append(
-            f"{frames['subset']['cameras']} of {frames['count']:,} frames cover the same; none "
-            f"fewer than {frames['subset']['bound']:g}; {frames['redundant']:,} could be left out "
-            "one at a time"
+        n = len(summary["overlap"].get("components", ()))
+        return said + [f"The images fall into {n:,} groups that do not overlap."] * (n > 1)
+
+    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
+        """The elements by each mode, the largest weak zones, and the suggested images, by name."""
+        mesh, turned = _upright(self.mesh, self.poses, self.up)
+        sides = _sides(mesh, eyes := turned.world_from_camera[:, :3, 3])
+        pictures = {
+            name: Picture.of(
+                MODES[name].words, mode_picture(name, mesh, each, eyes, directions=sides)
+            )
+            for name, each in self.values.items()
+        }
+        for row, zone in enumerate(self.summary["weak"]["zones"][:MOST_CARDS]):
+            own, kind = self.weak.zone == row, KINDS.index(zone["kind"])
+            corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
+            extent = np.stack((corners.min(axis=0), corners.max(axis=0)))
+            scene = close_up(mesh, own, extent, eyes) if zone["percent"] >= LEAST_PERCENT else None
+            if scene is None:
+                continue
+            colours = np.where(own[:, None], np.array(WEAK[kind], np.uint8), neutral(mesh))
+            image = Image.fromarray(paint(scene, colours))
+            words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}"
+            pictures[f"zone_{row + 1}"] = Picture.of(words, smooth(image))
+        given = self.found.suggested
+        if given is not None and given.names:
+            words = "The suggested images, and the weak parts that each of them improves"
+            drawn = self._suggested_picture(given, mesh, eyes, sides)
+            pictures["suggested"] = Picture.of(words, drawn)
+        return pictures
+
+    def _suggested_picture(
+        self, given: Suggested, mesh: Mesh, eyes: FloatArray, sides: FloatArray
+    ) -> Image.Image:
+        """The suggested images, and the weak elements that each of them covers best."""
+        after, n = given.steps[-1], len(given.poses)
+        new = replace(
+            after.problem,
+            bits=after.problem.bits.take(np.arange(len(eyes), len(eyes) + n)),
+            eyes=given.poses.world_from_camera[:, :3, 3].copy(),
+            costs=np.ones(n),
         )
-    if summary.get("suggested", {}).get("images"):
-        images, *ends = (summary["suggested"][name] for name in ("images", "before", "after"))
-        covered, weak_ = (
-            " in place of ".join(percent(end[name] / 100) for end in reversed(ends))
-            for name in ("covered_percent", "weak_percent")
-        )
-        number_of = plural(len(images), "suggested image")
-        lines.append(f"with the {number_of} (simulated): covered {covered}, weak {weak_}")
-    cameras = summary.get("by_camera", ())
-    for entry in cameras[:MOST_LINES]:
-        lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"
-        seen = f"{plural(entry['poses'], 'image', 'see')} {area(entry['seen_m2'])}"
-        lines.append(f"{entry['camera']}: {seen}, {lost} lost without them")
-    if cameras[MOST_LINES:]:
-        lines.append(f"{len(cameras) - MOST_LINES} more cameras are in audit.json")
-    return lines
+        figures = element_figures(new, self.mesh, given.poses, cameras_of(self.camera))
+        best = np.where(weak(after).kind >= 0, -1, figures["best_camera"])
+        best[self.weak.kind < 0] = -2
+        names, turned = [str(row + 1) for row in range(n)], _upright(mesh, given.poses, self.up)[1]
+        shown = Overview(mesh, self.camera, turned, names, best)
+        ends = np.concatenate(pyramids := shown.pyramids())
+        scenes = [look(mesh, sides[0], eyes=eyes), look(mesh, sides[1], ends, eyes=eyes)]
+        words = [f"improved by {names[0]}", *names[1:], "still weak"]
+        keys = [Key.of(*each) for each in zip(words, [*shown.colours, UNCOVERED], strict=True)]
+        images = [shown.drawn(scene, pyramids) for scene in scenes]
+        title = f"{plural(n, 'suggested image')}, and the weak parts that they improve"
+        return framed(beside(images), title, [*keys, *scene_keys(scenes)])
+
+
+def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:
+    """Page of an audit, and the content of `audit.json`."""
+    is_task, elements = found.problem.weights > 0, found.elements
+    figures = summary["network"] | {
+        "covered": share_of_faces(elements, found.covered & is_task, is_task),
+        "task_faces": int(is_task.sum()),
+        "not_covered_because": {},
+        "other_dead_zones": {"zones": 0, "percent": 0.0},
+    }
+    if found.task.min_angle_deg:  # which the exact area leaves out
+        figures.pop("covered_area", None)
+    return AuditPage(
+        "Audit of existing images", elements, found.camera, found.poses, "image", found.names,
+        found.network, found.covered, found.problem.views, figures, unit=found.unit, found=found,
+        summary=summary,
+    )  # fmt: skip
+
+
+def _sides(mesh: Mesh, eyes: FloatArray) -> FloatArray:
+    """(2, 3) directions of pictures: from the images' side, or those that show most."""
+    rays = eyes - np.average(mesh.centroids, axis=0, weights=mesh.areas)
+    front = np.sum(rays / np.linalg.norm(rays, axis=1)[:, None], axis=0) / max(1, len(rays))
+    if np.linalg.norm(front) < FROM_ONE_SIDE:
+        return best_directions(mesh, mesh.task_mask, eyes=eyes)
+    front /= np.linalg.norm(front)
+    aside = np.array((-front[1], front[0], 0.0)) if abs(front[2]) < 0.9 else np.eye(3)[0]
+    return np.asarray(front + (0, 0, ABOVE) + ASIDE * np.stack((-aside, aside)), np.float64)
+
+
+def _upright(mesh: Mesh, poses: Poses, up: FloatArray) -> tuple[Mesh, Poses]:
+    """A mesh and poses, turned so that z is up, as pictures show them."""
+    if up[2] == 1:
+        return mesh, poses
+    # Half a turn about the middle of both directions; about x where they are opposite.
+    axis = np.array([1.0, 0.0, 0.0]) if up[2] == -1 else np.add(up, (0, 0, 1)) / np.sqrt(2)
+    turn = np.diag([-1.0, -1.0, -1.0, 1.0])
+    turn[:3, :3] += 2 * np.outer(axis, axis)
+    turned = Poses.of(turn @ poses.world_from_camera, camera=poses.camera)
+    return mesh.moved(axis=axis, angle_deg=180), turned

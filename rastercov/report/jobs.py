@@ -24,10 +24,10 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rastercov.placement.audit import Audit
     from rastercov.placement.plan.check import Checked
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.run import Placement
+    from rastercov.placement.reconstruction import Reconstruction
 
 
 def place(
@@ -147,10 +147,11 @@ def audit(
     resolution_of_result: float | None = None,
     method: str | Engine = "certified",
     skip_bad_poses: bool = False,
+    suggest: int | None = None,
     out: StrPath | None = None,
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> "Audit":
+) -> "Reconstruction":
     """Coverage of a surface by existing cameras, and what each of them adds.
 
     Parameters
@@ -159,7 +160,8 @@ def audit(
         The surface.
     camera : Camera, Rig, sequence of Camera, or Views
         The cameras; where there are several, `Poses.camera` says which is in each pose. Views have
-        the poses, the names of their images and their frames, too.
+        the poses, the names of their images and their frames, too; their lengths and those of the
+        mesh are in one unit, which is metres where it is known.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera; left out with views.
     task : Task, optional
@@ -175,30 +177,39 @@ def audit(
         As for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising.
+    suggest : int, optional
+        Number of images to take next, 1 or more; none unless given.
     out : path, optional
         Folder for the files of the command; without it nothing is written.
     workers : Workers, optional
         Processes that measure, for `out`; this one unless given.
     progress : callable
-        Called with the poses done and the total.
+        Called with the poses or candidates done and the total.
+
+    Returns
+    -------
+    Reconstruction
+        An `Audit`; `summary()` is the content of `audit.json`, and `suggested` has the images to
+        take next, their poses, and what is covered with each of them.
 
     Raises
     ------
     ConfigError
-        For names of another number than the poses.
+        For names of another number than the poses, and no image to suggest.
     PoseError
         For a pose that is no rigid motion, and for no poses.
     CameraError
         For views without cameras.
     """
-    from rastercov.placement.audit import audit as run
+    from rastercov.placement.reconstruction import reconstruction
 
     frames: Sequence[str] = ()
+    unit = "m"
     if isinstance(camera, Views):
         if poses is not None:
             raise PoseError("views have poses of their own; leave out poses, or give cameras")
         camera.cameras()
-        camera.check_unit()
+        unit = "m" if camera.has_unit else "unit"
         assert camera.rig is not None
         names = camera.images or None if names is None else names
         frames = camera.frames
@@ -207,9 +218,9 @@ def audit(
         raise PoseError("poses are missing; give them, or views in place of the cameras")
 
     made = partial(
-        run, mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
+        reconstruction, mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
         resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
-        progress=progress, workers=workers,
+        progress=progress, workers=workers, unit=unit, suggested=suggest,
     )  # fmt: skip
     _check_folder(workers, out)
     if out is None:

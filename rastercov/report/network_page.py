@@ -77,6 +77,8 @@ class NetworkPage:
         Of all poses, where they are known.
     covers : (P, F) bool, or None
         Faces that each pose covers, by face.
+    unit : {"m", "unit"}
+        Of lengths, as of `rastercov.base.format.area`.
     """
 
     title: str
@@ -93,6 +95,17 @@ class NetworkPage:
     zones: DeadZones | None = None
     parts: Regions | None = None
     covers: NDArray[np.bool_] | None = None
+    unit: str = "m"
+
+    @property
+    def up(self) -> FloatArray:
+        """(3,) direction that is up."""
+        return np.array([0.0, 0.0, 1.0])
+
+    @property
+    def upright(self) -> Poses:
+        """The poses, for directions with z up."""
+        return self.poses
 
     @property
     def eyes(self) -> FloatArray:
@@ -172,6 +185,7 @@ class NetworkPage:
                 self.figures, self.network.covered_faces, self.seen_m2, self.lost_m2, self.task_m2
             ),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
+            unit=self.unit, up=self.up,
         )  # fmt: skip
 
     def page(self, template: str, pictures: Mapping[str, Picture], **values: Any) -> str:
@@ -189,7 +203,7 @@ class NetworkPage:
             by_area=by_area,
             camera_headings=more,
             camera_table=rows,
-            camera_rows=camera_rows(self.figures),
+            camera_rows=camera_rows(self.figures, self.unit),
             figures=self.figures,
             reasons=REASONS,
             **values,
@@ -245,7 +259,7 @@ class NetworkPage:
         return LEAST_LOST_REL * self.task_m2
 
     def _areas(self, values: FloatArray) -> list[str]:
-        return [area(value) if value > self._least else "0" for value in values.tolist()]
+        return [area(value, self.unit) if value > self._least else "0" for value in values.tolist()]
 
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
         """Rows of the cameras and their headings.
@@ -257,8 +271,10 @@ class NetworkPage:
         if len(types) > 1:
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
         for axis, name in enumerate("xyz"):
-            columns[f"{name}, m"] = [length(value) for value in self.eyes[:, axis].tolist()]
-        turned = [heading_and_tilt(pose) for pose in self.poses.world_from_camera]
+            columns[f"{name}, {'m' if self.unit == 'm' else 'units'}"] = [
+                length(value) for value in self.eyes[:, axis].tolist()
+            ]
+        turned = [heading_and_tilt(pose) for pose in self.upright.world_from_camera]
         columns["heading"] = [f"{heading:.0f}°" for heading, _ in turned]
         columns["down"] = [f"{down:.0f}°" for _, down in turned]
         if seen is None:

@@ -91,7 +91,8 @@ class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
     With `regions` of the poses it is coloured point by point, by the nearest camera that covers it;
-    else face by face, by `best_pose`, (F,), -1 for none. `among` are all poses of which they are
+    else face by face, by `best_pose`, (F,), -1 for none, -2 for faces that do
+    not matter. `among` are all poses of which they are
     some, and which say what is up.
     """
 
@@ -130,7 +131,7 @@ class Overview:
         One point of each block of `FINE` x `FINE` pixels is looked up, and those of all pixels of
         the task where that one is not of it.
         """
-        colours = np.array([*self.colours, theme.UNCOVERED], np.uint8)
+        colours = np.array([*self.colours, theme.COVERED, theme.UNCOVERED], np.uint8)
         if self.regions is None:
             of_faces: Pixels = colours[np.append(self.best_pose, -1)[face]]
             return of_faces
@@ -150,7 +151,7 @@ class Overview:
         side = best_directions(mesh, mesh.task_mask, 1, poses)[0]
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
         scenes = [look(mesh, side, eyes=poses), look(mesh, side * (-1, -1, 1), ends, eyes=poses)]
-        images = [self._drawn(scene, pyramids) for scene in scenes]
+        images = [self.drawn(scene, pyramids) for scene in scenes]
         keys = [
             Key.of(f"camera {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
@@ -164,7 +165,7 @@ class Overview:
             title += f". Surface has the colour of the {which}"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
-    def _drawn(self, scene: Scene, pyramids: Sequence[FloatArray]) -> Image.Image:
+    def drawn(self, scene: Scene, pyramids: Sequence[FloatArray]) -> Image.Image:
         """A scene in the colours of its cameras, with those cameras that are in the picture."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
         image, colours = Image.fromarray(pixels), self.colours
@@ -320,7 +321,18 @@ def zone_close_up(
     mesh, listed = zones.mesh, numbered(summary)
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone == row]] = True
-    low, high = np.array(listed[row]["extent"])
+    scene = close_up(mesh, faces, np.array(listed[row]["extent"]), eyes)
+    if scene is None:
+        return None
+    image, _, own = _with_zones(zones, scene, listed, reasons, [row])
+    return framed(np.asarray(image), "", [*_reason_keys(own), *scene_keys([scene])])
+
+
+def close_up(
+    mesh: Mesh, faces: NDArray[np.bool_], extent: FloatArray, eyes: ArrayLike = ()
+) -> Scene | None:
+    """Some faces, (F,), of an extent, (2, 3), from near; None where no side shows them."""
+    low, high = extent
     least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
     reach = (high - low) / 2 + least
     around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
@@ -334,9 +346,7 @@ def zone_close_up(
         shown.append(int(is_shown[scene.faces].sum()))
     if not any(shown):
         return None
-    scene = look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
-    image, _, own = _with_zones(zones, scene, listed, reasons, [row])
-    return framed(np.asarray(image), "", [*_reason_keys(own), *scene_keys([scene])])
+    return look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
 
 
 def _reason_keys(rows: Sequence[int]) -> list[Key]:

@@ -25,7 +25,7 @@ from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
-from rastercov.base.format import area, length, number, percent, plural
+from rastercov.base.format import area, length, number, percent, plural, sampling
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -87,6 +87,7 @@ def _environment(package: str) -> "Environment":
         "number": number,
         "percent": percent,
         "plural": plural,
+        "sampling": sampling,
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
     environment.globals |= {"light": LIGHT, "dark": DARK, "part_rows": part_rows}
@@ -122,6 +123,9 @@ def view_page(
     values: Mapping[str, Any],
     summary: Mapping[str, Any],
     zones: Sequence[Mapping[str, Any]] = (),
+    *,
+    unit: str = "m",
+    up: ArrayLike = (0.0, 0.0, 1.0),
 ) -> str | None:
     """Page of a result that needs no server; None for one too large for a report.
 
@@ -136,6 +140,10 @@ def view_page(
         As of `figures_of`.
     zones : sequence
         As of `zone_entries`.
+    unit : {"m", "unit"}
+        Of lengths, as of `rastercov.base.format.area`.
+    up : (3,) array_like
+        Direction that is up.
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
@@ -144,6 +152,7 @@ def view_page(
         "title": title, "version": rastercov.__version__, "is_room": is_inside(mesh, eyes),
         "modes": [described_mode(name, MODES[name]) for name in values],
         "constraints": {}, "can_edit": False, "result": None, "notes": [],
+        "unit": unit, "up": np.asarray(up, np.float64).tolist(),
     }  # fmt: skip
     state = {
         "revision": 0,

@@ -112,12 +112,16 @@ def heading_and_tilt(pose: NDArray[np.float64]) -> tuple[float, float]:
     return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(-z, math.hypot(x, y)))
 
 
-def camera_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
     """Name, poses, covered area or faces, and its share, of each camera; often none."""
     rows = []
     for entry in summary.get("by_camera", ()):
         covered = entry.get("covered_area")
-        size = plural(entry["covered"]["faces"], "face") if covered is None else area(covered["m2"])
+        size = (
+            plural(entry["covered"]["faces"], "face")
+            if covered is None
+            else area(covered["m2"], unit)
+        )
         share = (covered or entry["covered"])["percent"]
         rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
     return rows

@@ -2,7 +2,6 @@
 
 import json
 import re
-import zipfile
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -10,6 +9,7 @@ import pytest
 from commands import answer, done, refusal
 from mesh_files import obj
 
+from rastercov.base.files import PROJECTS
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.pose import Poses
@@ -74,20 +74,27 @@ def test_pinholes_are_audited_by_area(here, capsys):
 
 
 @pytest.mark.slow
-def test_suggested_images_are_in_our_format_and_in_that_of_the_input(here, capsys):
-    printed, error = done(capsys, "audit sparse torus.obj --min-pixels 4 --suggest 2 -o out")
+def test_without_scale_all_is_in_units_and_suggested_images_keep_their_promise(here, capsys):
+    printed, error = done(capsys, "audit sparse torus.obj --views 6 --suggest 2 -o out")
     page = (here / "out/audit.html").read_text(encoding="utf-8")
     assert "no scale" in error
-    for text, unit in ((printed, "units/px"), (page, "units/px")):
-        assert unit in text
-        assert "mm/px" not in text
-    said = json.loads((here / "out/audit.json").read_text())["suggested"]["images"]
-    assert len(said) == 2
-    with zipfile.ZipFile("out/suggested_colmap.zip") as archive:
-        archive.extractall("next")
-    for name in ("out/suggested.json", "next"):
-        eyes = read_views(name).poses.world_from_camera[:, :3, 3]
-        np.testing.assert_allclose(eyes, [image["position"] for image in said], atol=1e-9)
+    for text in (printed, page):
+        assert "units/px" in text
+        assert not re.search(r"\d (m|mm|m²|cm²|mm/px)\b", text)
+    assert '"unit": "unit"' in (here / "out/view.html").read_text(encoding="utf-8")
+    told = json.loads((here / "out/audit.json").read_text())
+    said, zones = told["suggested"], told["weak"]["zones"]
+    eyes = read_views("out/suggested.json").poses.world_from_camera[:, :3, 3]
+    np.testing.assert_allclose(eyes, [image["position"] for image in said["images"]], atol=1e-9)
+    assert len(eyes) > 0
+    for zone in zones[:3]:
+        assert zone["advice"][1:] in page
+    left = sum(zone["percent"] * zone["left_percent"] / 100 for zone in zones)
+    assert left <= said["after"]["weak_percent"] + 1e-9
+    joined = answer(capsys, "audit out/suggested_joined.json torus.obj --views 6 -o joined")
+    assert joined["unit"] == "unit"
+    found = joined["covered_percent"], joined["weak"]["percent"]
+    np.testing.assert_allclose(found, [said["after"][f"{k}_percent"] for k in ("covered", "weak")])
     for image in re.findall(r"<img [^>]*>", page):
         assert re.search('alt="[^"]+"', image)
 
@@ -95,7 +102,11 @@ def test_suggested_images_are_in_our_format_and_in_that_of_the_input(here, capsy
 def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
     np.save("poses.npy", np.array(POSES))
     assert "give --pose-unit" in refusal(capsys, "audit sparse torus.obj --unit mm -o out")
-    (here / "scan.psx").write_text("")
-    assert "Metashape; export the mesh" in refusal(capsys, "audit sparse scan.psx -o out")
+    for name, program in PROJECTS.items():
+        (here / f"scan{name}").write_bytes(b"\x00\xff")
+        for words, files in (("mesh", f"sparse scan{name}"), ("cameras", f"scan{name} torus.obj")):
+            assert f"{program}; export {'the ' * (words == 'mesh')}{words}" in refusal(
+                capsys, f"audit {files} -o out"
+            )
     assert "no cameras" in refusal(capsys, "audit poses.npy torus.obj --pose-unit 1 -o out")
     assert not (here / "out").exists()

@@ -165,7 +165,7 @@ def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
     found = rc.audit(MESH, CAMERA, POSES, rc.Task(max_incidence_deg=70), by=by, out=tmp_path)
     data = held_by(tmp_path)
     assert data["scene"]["n_faces"] == len(found.views)
-    assert list(data["frames"])[:2] == ["views", "density"]
+    assert list(data["frames"])[:2] == ["weak", "views"]
     shares = [each["alone_percent"] for each in data["frames"]["views"]["summary"]["by_camera"]]
     total = found.problem.weights.sum()
     np.testing.assert_allclose(shares, 100 * found.alone_m2 / total)

@@ -6,9 +6,7 @@ where the content says nothing. Nothing is guessed: a file that leaves a convent
 with the option that answers.
 """
 
-import io
 import os
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,7 +18,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.base.files import StrPath, one_line, printable
+from rastercov.base.files import PROJECTS, StrPath, one_line, printable
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
@@ -37,7 +35,6 @@ from rastercov.camera.formats import (
 )
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
-from rastercov.camera.pose import Poses
 from rastercov.camera.pose_file import read_poses
 from rastercov.camera.rig import Rig, Views
 
@@ -196,6 +193,11 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path.parent, "colmap"
     if format is not None:
         return path, format
+    if suffix in PROJECTS:
+        raise CameraError(
+            f"cameras wanted, got a project of {PROJECTS[suffix]}; export cameras, as COLMAP, "
+            "Bundler or XML, and name that file"
+        )
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
         return path, "gltf" if suffix.startswith(".gl") else "rastercov"
     if stem == "cameras" and suffix in (".bin", ".txt"):
@@ -304,27 +306,6 @@ def write_views(
         else:
             write_bytes(place, contents[""])
     return notes
-
-
-def bytes_like(path: StrPath, views: Views, metres: float = 1.0) -> tuple[str, bytes] | None:
-    """Name and content of a file of views in the format of another, of COLMAP a ZIP of its model.
-
-    None for formats that are not written, or have our unit. `metres` are those of its unit.
-    """
-    found = _recognised(_path(path), None)[1]
-    if found not in ("colmap", "nerfstudio"):
-        return None
-    matrices = views.poses.world_from_camera.copy()
-    matrices[:, :3, 3] /= metres
-    scaled = replace(views, poses=Poses.of(matrices, camera=views.poses.camera), has_unit=False)
-    contents, _ = _contents(_path(path), scaled, f"{found}-text" if found == "colmap" else found)
-    if "" in contents:
-        return "transforms.json", contents[""]
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w") as archive:
-        for name, content in contents.items():
-            archive.writestr(zipfile.ZipInfo(name), content)
-    return "colmap.zip", packed.getvalue()
 
 
 def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], list[str]]:

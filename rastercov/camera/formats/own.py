@@ -4,9 +4,10 @@
      "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...],
      "frame": ["0", "0", ...]}
 
-Images of one `frame` were taken at the same instant. `camera` has the index or the name of the
+Images of one `frame` were taken at the same instant; `has_unit` is false where lengths are those of
+a reconstruction without scale. `camera` has the index or the name of the
 camera of each pose; a file of poses alone may have names of cameras that another file holds.
-`read_poses` reads the poses of such files, too. Lengths are metres.
+`read_poses` reads the poses of such files, too. Other lengths are metres.
 """
 
 import io
@@ -27,7 +28,9 @@ from rastercov.camera.formats.source import Entries
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.camera.rig import Views
 
-KNOWN = frozenset({"cameras", "rig_from_camera", "world_from_camera", "camera", "images", "frame"})
+KNOWN = frozenset(
+    {"cameras", "rig_from_camera", "world_from_camera", "camera", "images", "frame", "has_unit"}
+)
 """Entries of a file of cameras and poses."""
 
 
@@ -101,7 +104,7 @@ def _views(
         images=images,
         frames=frames or (),
         rig_from_camera=places,
-        metres=border.metres(1.0),
+        metres=border.metres(1.0 if entries.get("has_unit", True) else None),
         drift=DRIFT_TOLERANCE,
     )
 
@@ -167,7 +170,7 @@ def bytes_of(views: Views, suffix: str, notes: list[str]) -> bytes:
 
 def content_of(views: Views) -> dict[str, Any]:
     """The table for these views; nothing is lost."""
-    content: dict[str, Any] = {}
+    content: dict[str, Any] = {} if views.has_unit else {"has_unit": False}
     if views.rig is not None:
         content["cameras"] = [
             {"name": name, **camera.to_json()}

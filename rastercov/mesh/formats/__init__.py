@@ -22,7 +22,7 @@ import numpy as np
 from rastercov.base.arguments import members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
-from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
+from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.formats import dae, gltf, ply, text, threemf
 from rastercov.mesh.formats.polygons import (
@@ -50,9 +50,6 @@ READERS: dict[str, Reader] = {
     ".stl": text.read_stl,
     ".stp": gltf.read_step,
 }
-PROJECTS = dict.fromkeys((".psx", ".psz"), "Metashape") | {".mvs": "OpenMVS"}
-PROJECTS |= dict.fromkeys((".rcproj", ".rsproj"), "RealityCapture")
-"""Programs whose projects are taken for meshes."""
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30

@@ -1,6 +1,6 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
-import { button, choice, count, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
+import { button, choice, count, element, figure, fill, keepingFocus, percent, section, unitOfLength } from "rastercov/dom.js";
 import { finder } from "rastercov/finder.js";
 import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";
@@ -135,9 +135,9 @@ function poseSection(session, { view, tools, jobs }) {
     return { x, y, z, ...anglesOf(pose, up) };
   };
   const fields = [
-    ["x", "m"],
-    ["y", "m"],
-    ["z", "m"],
+    ["x", unitOfLength()],
+    ["y", unitOfLength()],
+    ["z", unitOfLength()],
     ["heading", "°"],
     ["elevation", "°"],
     ["roll", "°"],

@@ -161,8 +161,19 @@ export const percent = (value) => (value === null || value === undefined ? "–"
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");
 
+let unit = "m";
+
+/** Unit of lengths from here on: "m", or "unit" for a reconstruction without scale. */
+export function useUnit(name) {
+  unit = name;
+}
+
+/** Name of the unit of lengths beside a field. */
+export const unitOfLength = () => (unit === "m" ? "m" : "units");
+
 /** Length with a fitting unit. */
 export function metres(value) {
+  if (unit !== "m") return `${figure(value, 4)} units`;
   const size = Math.abs(value);
   if (size > 0 && size < 0.001) return `${figure(value * 1e6)} µm`;
   if (size < 1) return `${figure(value * 1e3)} mm`;
@@ -171,6 +182,7 @@ export function metres(value) {
 
 /** Area with a fitting unit. */
 export function squareMetres(value) {
+  if (unit !== "m") return `${figure(value)} units²`;
   if (value < 1e-4) return `${figure(value * 1e6)} mm²`;
   if (value < 0.1) return `${figure(value * 1e4)} cm²`;
   return `${figure(value)} m²`;

@@ -5,7 +5,7 @@ import { fitAll, toolBar, topBar } from "rastercov/bars.js";
 import { cameraPanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
-import { element, section, side } from "rastercov/dom.js";
+import { element, section, side, useUnit } from "rastercov/dom.js";
 import { Drawing } from "rastercov/drawing.js";
 import { Frusta, fieldOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
@@ -27,6 +27,7 @@ import { whyPanel, zonesPanel } from "rastercov/why.js";
 async function open() {
   const session = new Session(Recorded.ofPage() ?? new Server(takeToken()));
   await session.open();
+  useUnit(session.scene.unit ?? "m");
   document.title = `${session.scene.title} – rastercov`;
   const canvas = element("canvas.scene", { tabindex: "0", "aria-label": "the scene; press ? for keys" });
   const overlay = element("div.overlay");
