@@ -36,13 +36,12 @@ from rastercov.coverage.densities import EDITIONS
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.sections import section, solid
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import (
     edges_between,
     field_of_view,
     noded,
-    section,
-    solid,
     visible_from,
 )
 from rastercov.report.tables import heading_and_tilt

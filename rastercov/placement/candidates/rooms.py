@@ -1,11 +1,11 @@
-"""Rooms of a building: the space that a point reaches, or a polygon with heights; z is up.
+"""Rooms of a building: what a point reaches, a polygon with heights, or a solid; z is up.
 
 A room limits mounting positions (`mounting.in_room`) and targets above a floor. The space of a
 point is flooded over a grid, through places that are as far from every surface as half the width
 of an opening: a door separates two rooms, although nothing closes it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,11 +14,14 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.files import StrPath
 from rastercov.base.format import plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
+from rastercov.mesh.formats import paths_of, solids_of_spaces
+from rastercov.mesh.groups import of_files, quoted
 from rastercov.placement.candidates.clearance import NearestSurface
 
 STEPS = 2
@@ -36,6 +39,8 @@ SQUARES = 10
 MOST_PLACES = 4_000_000
 """Places of a grid."""
 MOST_NAMED = 5
+MOST_SPACES = 40
+"""Spaces that an error lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +129,112 @@ class Room:
             return shape if low <= height <= high else shapely.Polygon()
 
         bounds = np.column_stack((np.reshape(shape.bounds, (2, 2)), (low, high)))
-        within = shape.centroid if shape.contains(shape.centroid) else shape.representative_point()
-        middle = np.array([within.x, within.y, (low + high) / 2])
-        return cls(name, middle, bounds, contains, outline)
+        return cls(name, _middle(shape, (low + high) / 2), bounds, contains, outline)
+
+    @classmethod
+    @typed
+    def of_solid(cls, solid: Mesh, name: str = "room") -> "Room":
+        """Inside of a closed mesh, such as `IfcSpace.solid`.
+
+        Raises
+        ------
+        ConfigError
+            For a mesh that is not closed, or not wound outward.
+        """
+        from rastercov.mesh import sections
+
+        if not solid.is_closed_outward:
+            raise ConfigError(
+                f"a closed solid, wound outward, wanted, got {plural(solid.n_faces, 'face')} that "
+                "are none; give inside, or a polygon and z"
+            )
+        low, high = bounds = solid.bounds
+        size = np.linalg.norm(high - low)
+        tree = TriangleTree.over((solid.vertices - low) / size, solid.welded_faces)
+
+        def contains(points: FloatArray) -> BoolArray:
+            return np.asarray(tree.winding_numbers((points - low) / size) > 0)
+
+        def outline(height: float) -> Any:
+            cut = sections.section(solid.vertices, solid.welded_faces, height)
+            return sections.solid(cut)
+
+        height = (low[2] + high[2]) / 2
+        return cls(name, _middle(outline(height), height), bounds, contains, outline)
+
+
+def _middle(outline: Any, height: float) -> FloatArray:
+    """Point in the middle of an outline, or in it where that is outside."""
+    middle = outline.centroid
+    within = middle if outline.contains(middle) else outline.representative_point()
+    return np.array([within.x, within.y, height])
+
+
+@dataclass(frozen=True)
+class IfcSpace:
+    """A space of an IFC file; names are empty where the file has none.
+
+    Attributes
+    ----------
+    name, long_name : str
+        Often a number, and what people call the room.
+    storey : str
+    global_id : str
+    solid : Mesh
+    """
+
+    name: str
+    long_name: str
+    storey: str
+    global_id: str
+    solid: Mesh
+
+    @property
+    def label(self) -> str:
+        """Name and long name, by which people know it."""
+        return " ".join(filter(None, (self.name, self.long_name))) or self.global_id
+
+    def is_called(self, name: str) -> bool:
+        """True for its name, its long name, both, each of them after "STOREY/", or its GlobalId."""
+        names = {self.name, self.long_name, self.label}
+        return name in names | {f"{self.storey}/{each}" for each in names} | {self.global_id}
+
+
+def read_spaces(
+    path: StrPath | Sequence[StrPath],
+    transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
+) -> list[IfcSpace]:
+    """Spaces of IFC files, by storey and name; other files have none.
+
+    Parameters
+    ----------
+    path, transforms
+        As for `Mesh.load`.
+    """
+    paths = paths_of(path)
+    found = []
+    places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
+    for each, place in zip(paths, places, strict=True):
+        for own, vertices, faces in solids_of_spaces(each):
+            solid = Mesh(vertices, faces).moved(**place)
+            found.append(IfcSpace(own.name, own.long_name, own.storey, own.global_id, solid))
+    return sorted(found, key=lambda space: (space.solid.bounds[0, 2].round(1), space.label))
+
+
+def space_named(spaces: Sequence[IfcSpace], name: str) -> IfcSpace:
+    """The space of a name; ConfigError where there is none, or there are several."""
+    called = [space for space in spaces if space.is_called(name)]
+    if len(called) == 1:
+        return called[0]
+    if not spaces:
+        raise ConfigError(f"there is no space {quoted(name)}: no mesh is an IFC file with spaces")
+    words = [f"{each.storey}/{each.label}" for each in called or spaces]
+    if len(set(words)) < len(words):
+        words = [f"{word} ({space.global_id})" for word, space in zip(words, called, strict=False)]
+    named = ", ".join(words[:MOST_SPACES]) + ", ..." * (len(words) > MOST_SPACES)
+    if called:
+        raise ConfigError(f"{len(called)} spaces are called {quoted(name)}: {named}; name one")
+    raise ConfigError(f"there is no space {quoted(name)}; spaces are {named}")
 
 
 class _Space:

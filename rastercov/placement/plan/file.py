@@ -10,6 +10,7 @@ import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -25,7 +26,7 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.rooms import IfcSpace, Room, read_spaces
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
 
@@ -224,9 +225,17 @@ class Plan(PlanModel):
         """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
         other = self.model_copy()
         other._rooms = {}
+        files = [entry for entry in self.meshes if entry.path]
+
+        @cache
+        def spaces() -> list[IfcSpace]:
+            places = [entry.transform.model_dump() for entry in files]
+            paths = [self.folder / str(entry.path) for entry in files]
+            return read_spaces(paths, places) if paths else []
+
         for name, section in self.rooms.items():
             try:
-                other._rooms[name] = section.build(mesh, name)
+                other._rooms[name] = section.build(mesh, name, spaces)
             except RastercovError as error:
                 raise PlanError(self.name, [f"rooms.{name}: {error}"]) from None
         return other
