@@ -169,36 +169,36 @@ def convert() -> None:
     for shape in _shapes(settings, file, products):
         points = np.array(shape.geometry.verts, np.float64).reshape(-1, 3)
         corners = np.array(shape.geometry.faces, np.int64).reshape(-1, 3)
-        if len(corners) and n_faces <= most:
+        if len(corners):
             made.setdefault(shape.id, []).append((points, corners))
         n_faces += len(corners)
+        if n_faces > most:  # an error, see `_made`
+            break
     chosen = [each for each in products if each.id() in made]
     none = Counter(each.is_a() for each in products if each.id() not in made)
     notes = [
         f"{plural(n, name)} without a surface, or with one that fails" for name, n in none.items()
     ]
+    if not file.by_type("IfcUnitAssignment"):
+        notes.append("the file has no units, taken as metres")
     pieces = [piece for each in chosen for piece in made[each.id()]]
     starts = np.cumsum([0] + [len(points) for points, _ in pieces])
-    np.savez(
-        target.open("wb"),
-        vertices=np.concatenate([np.empty((0, 3)), *(points for points, _ in pieces)]),
-        faces=np.concatenate(
-            [
-                np.empty((0, 3), np.int64),
-                *(own + start for (_, own), start in zip(pieces, starts, strict=False)),
-            ]
-        ),
-        n_faces=np.array([sum(len(own) for _, own in made[each.id()]) for each in chosen], int),
-        texts=json.dumps({"products": [_texts(each) for each in chosen], "notes": notes}),
-    )
+    moved = [own + start for (_, own), start in zip(pieces, starts, strict=False)]
+    arrays: dict[str, Any] = {
+        "vertices": np.concatenate([np.empty((0, 3)), *(points for points, _ in pieces)]),
+        "faces": np.concatenate([np.empty((0, 3), np.int64), *moved]),
+        "n_faces": np.array([sum(len(own) for _, own in made[each.id()]) for each in chosen], int),
+        "texts": json.dumps({"products": [_texts(each) for each in chosen], "notes": notes}),
+    }
+    with target.open("wb") as written:
+        np.savez(written, **arrays)
 
 
 def _shapes(settings: Any, file: Any, products: Sequence[Any]) -> Iterator[Any]:
     """Shapes of products, made by all cores, in any order."""
     if products:
-        iterator = import_module("ifcopenshell.geom").iterator(
-            settings, file, thread_count(None), include=products
-        )
+        geom = import_module("ifcopenshell.geom")
+        iterator = geom.iterator(settings, file, thread_count(None), include=products)
         is_more = iterator.initialize()
         while is_more:
             yield iterator.get()
@@ -208,11 +208,16 @@ def _shapes(settings: Any, file: Any, products: Sequence[Any]) -> Iterator[Any]:
 def _texts(product: Any) -> Product:
     """Names of a product and of its storey."""
     get_parent = import_module("ifcopenshell.util.element").get_parent
-    storey = product
+    storey: Any = product
     for _ in range(MOST_LEVELS):
         if storey is None or storey.is_a("IfcBuildingStorey"):
             break
         storey = get_parent(storey)
-    of_storey = ("", "") if storey is None else (storey.Name or storey.GlobalId, storey.GlobalId)
-    long_name = getattr(product, "LongName", None) or ""
-    return Product(*of_storey, product.is_a(), product.Name or "", long_name, product.GlobalId)
+    return Product(
+        storey="" if storey is None else storey.Name or storey.GlobalId,
+        storey_id="" if storey is None else storey.GlobalId,
+        type=product.is_a(),
+        name=product.Name or "",
+        long_name=getattr(product, "LongName", None) or "",
+        global_id=product.GlobalId,
+    )

@@ -38,6 +38,7 @@ SQUARES = 10
 """Squares of an outline in the width of an opening."""
 MOST_PLACES = 4_000_000
 """Places of a grid."""
+NOT_IN_ROOM = "no part of its faces is in the room and within the distance; correct them"
 MOST_NAMED = 5
 MOST_SPACES = 40
 """Spaces that an error lists."""
@@ -341,6 +342,16 @@ def around_faces(mesh: Mesh, groups: Sequence[str], distance: float) -> Any:
     return shapely.buffer(shapely.union_all(shapes), distance, quad_segs=8)
 
 
+def between_heights(sheet: Mesh, low: float, high: float) -> Mesh:
+    """Faces of a sheet whose middle is between two heights, m, as those of a storey."""
+    height = sheet.vertices[sheet.faces, 2].mean(axis=1)
+    faces = sheet.faces[(low <= height) & (height <= high)]
+    if not len(faces):
+        raise MeshError(NOT_IN_ROOM)
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(sheet.vertices[used], faces.reshape(-1, 3))
+
+
 def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
     """Part of a surface that faces up, within all of some outlines; MeshError for none."""
     import shapely
@@ -351,7 +362,7 @@ def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
         pieces = shapely.intersection(pieces, outline)
     parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(pieces), return_index=True)
     if not len(parts):
-        raise MeshError("no part of its faces is in the room and within the distance; correct them")
+        raise MeshError(NOT_IN_ROOM)
     xy = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1]  # counter-clockwise
     normal, origin = sheet.normals[of], corners[of, 0]
     slope = np.einsum("nkc,nc->nk", xy - origin[:, None, :2], normal[:, :2]) / normal[:, 2:]
