@@ -161,6 +161,7 @@ def convert() -> None:
         ]
     except (ifcopenshell.Error, OSError, RuntimeError) as error:
         sys.exit(str(error))
+    products.sort(key=lambda each: each.id())
     settings = geom.settings()
     settings.set("use-world-coords", True)
     settings.set("mesher-linear-deflection", DEFLECTION)
