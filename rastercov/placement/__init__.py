@@ -39,7 +39,7 @@ from rastercov.placement.candidates.pool import (
     per_face,
     per_segment,
 )
-from rastercov.placement.candidates.rooms import IfcSpace, Room, read_spaces
+from rastercov.placement.candidates.rooms import Room, read_spaces
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -68,7 +68,6 @@ __all__ = [
     "CoveredBits",
     "FewestCameras",
     "Framing",
-    "IfcSpace",
     "InstallationError",
     "KeepOut",
     "KeepOutBox",

@@ -10,9 +10,11 @@ management industries - Part 1: Data schema. 2024.
 
 import io
 import json
-from collections.abc import Iterator, Sequence
+import sys
+from collections import Counter
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,13 +25,13 @@ from rastercov.base.threads import thread_count
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.formats.polygons import (
     PEAK_BYTES_PER_FACE,
+    SLASH,
     FloatArray,
     IntArray,
     Polygons,
     check,
     check_budget,
     converted,
-    names_in_tree,
 )
 
 NO_SURFACES = (
@@ -51,91 +53,76 @@ CONVERT = "from rastercov.mesh.formats.ifc import convert; convert()"
 
 
 class Product(NamedTuple):
-    """A product of the building, its texts empty where the file has none."""
+    """A product of a building, its texts empty where the file has none.
+
+    The long name of a space is what people call it; its name is often a number.
+    """
 
     storey: str
-    storey_id: str
     type: str
     name: str
     long_name: str
     global_id: str
 
+    @property
+    def label(self) -> str:
+        """Storey, name and long name."""
+        own = " ".join(filter(None, (self.name, self.long_name))) or self.global_id
+        return f"{self.storey}/{own}"
 
-class Solid(NamedTuple):
-    """A product with its triangles, metres."""
+    def is_called(self, name: str) -> bool:
+        """True for its name, its long name, both, each of them after "STOREY/", or its GlobalId."""
+        names = [self.name, self.long_name, f"{self.name} {self.long_name}", self.global_id]
+        return name in names or name in [f"{self.storey}/{each}" for each in names]
 
-    product: Product
-    vertices: FloatArray
-    faces: IntArray
+
+Solid = tuple[Product, FloatArray, IntArray]
+"""A product, its vertices, metres, and its triangles."""
 
 
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of an IFC file in metres, one group a product, in the order of the file."""
-    products, vertices, faces, group, notes = _made(data, budget, "products")
-    names: list[str] = []
-    parents: list[int] = []
-    rows: dict[tuple[str, ...], int] = {}
-    used: list[int] = []
-    for each in products:
-        above = -1
-        keys = (each.storey_id,), (each.storey_id, each.type), (each.global_id, str(len(used)))
-        for key, name in zip(keys, (each.storey, each.type, each.name), strict=True):
-            if key not in rows:
-                rows[key] = len(names)
-                names.append(name or (each.global_id if key == keys[2] else ""))
-                parents.append(above)
-            above = rows[key]
-        used.append(above)
-    found = names_in_tree(parents, names, used)
-    far = np.abs(vertices).max(initial=0)
-    if far > FAR:
-        to = (-np.round(vertices.min(axis=0), -1)).tolist()
-        notes.append(
-            f"the building is {far / 1000:.0f} km from the origin, as a georeferenced one; "
-            f"translation = {[int(x) for x in to]} moves it there"
-        )
+    solids, notes = _made(data, budget, "products")
+    check(solids, "no triangles: no product of the file has a surface")
+    starts = np.cumsum([0] + [len(points) for _, points, _ in solids])
+    vertices = np.concatenate([points for _, points, _ in solids])
+    faces = [own + start for (_, _, own), start in zip(solids, starts, strict=False)]
+    notes = [f"triangulated by IfcOpenShell to within {DEFLECTION * 1000:g} mm, no spaces", *notes]
+    if (far := np.abs(vertices).max()) > FAR:
+        moved = [int(-x) for x in vertices.min(axis=0).round(-1)]
+        notes.append(f"{far / 1000:.0f} km from the origin; translation = {moved} moves it there")
+    levels = [(each.storey, each.type, each.name or each.global_id) for each, _, _ in solids]
     return Polygons(
         vertices=vertices,
-        faces=faces,
-        source_face=np.arange(len(faces)),
-        face_group=group,
-        group_names=[found[row] for row in used],
-        notes=[
-            f"triangulated by IfcOpenShell to within {DEFLECTION * 1000:g} mm; spaces are left out",
-            *notes,
-        ],
+        faces=np.concatenate(faces),
+        source_face=np.arange(sum(map(len, faces))),
+        face_group=np.repeat(np.arange(len(faces)), list(map(len, faces))),
+        group_names=["/".join(n.replace("/", SLASH) for n in each if n) for each in levels],
+        notes=notes,
         is_in_metres=True,
     )
 
 
 def solids_of_spaces(data: bytes, budget: int) -> list[Solid]:
-    """Solids of the spaces of an IFC file, in its order."""
-    products, vertices, faces, group, _ = _made(data, budget, "spaces")
-    found = []
-    for row, each in enumerate(products):
-        used, own = np.unique(faces[group == row], return_inverse=True)
-        found.append(Solid(each, vertices[used], own.reshape(-1, 3)))
-    return found
+    """Spaces of an IFC file, in its order."""
+    return _made(data, budget, "spaces")[0]
 
 
-def _made(
-    data: bytes, budget: int, kind: str
-) -> tuple[list[Product], FloatArray, IntArray, IntArray, list[str]]:
-    """Products or spaces, vertices, faces, product of each face, and notes."""
+def _made(data: bytes, budget: int, kind: str) -> tuple[list[Solid], list[str]]:
+    """Products or spaces with triangles, and notes."""
     if find_spec("ifcopenshell") is None:
         raise MeshError("reading IFC files needs ifcopenshell: pip install 'rastercov[building]'")
-    most = min(MOST_FACES, budget // PEAK_BYTES_PER_FACE)
-    options = [kind, str(most)]
+    options = [kind, str(min(MOST_FACES, budget // PEAK_BYTES_PER_FACE))]
     fault, advice = "IfcOpenShell cannot read the IFC file", "export it again, as IFC2X3 or IFC4"
     made = converted(CONVERT, data, options, fault, advice)
     with np.load(io.BytesIO(made), allow_pickle=False) as arrays:
-        vertices, faces, n_faces = arrays["vertices"], arrays["faces"], arrays["n_faces"]
         texts = json.loads(str(arrays["texts"]))
-    check_budget(int(n_faces.sum()), budget, len(vertices))
-    check(kind == "spaces" or len(faces), "no triangles: no product of the file has a surface")
-    products = [Product(*each) for each in texts["products"]]
-    group = np.repeat(np.arange(len(products)), n_faces)
-    return products, vertices.reshape(-1, 3), faces.reshape(-1, 3), group, texts["notes"]
+        check_budget(texts["n_faces"], budget)
+        found = [
+            (Product(*each), arrays[f"vertices {row}"], arrays[f"faces {row}"])
+            for row, each in enumerate(texts["products"])
+        ]
+    return found, texts["notes"]
 
 
 def convert() -> None:
@@ -143,67 +130,43 @@ def convert() -> None:
 
     Its arguments are the file to write, "products" or "spaces", and the greatest number of faces.
     """
-    import sys
-    from collections import Counter
-    from pathlib import Path
-
-    ifcopenshell = import_module("ifcopenshell")
-    geom = import_module("ifcopenshell.geom")
+    ifc, geom = import_module("ifcopenshell"), import_module("ifcopenshell.geom")
     target, kind, most = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
     source = target.with_suffix(".ifc")
     source.write_bytes(sys.stdin.buffer.read())
     try:
-        file = ifcopenshell.open(source)
+        file = ifc.open(source)
         products = [
             each
             for each in file.by_type("IfcSpace" if kind == "spaces" else "IfcProduct")
             if each.Representation and (kind == "spaces" or not any(map(each.is_a, NO_SURFACES)))
         ]
-    except (ifcopenshell.Error, OSError, RuntimeError) as error:
+    except (ifc.Error, OSError, RuntimeError) as error:
         sys.exit(str(error))
-    products.sort(key=lambda each: each.id())
     settings = geom.settings()
     settings.set("use-world-coords", True)
     settings.set("mesher-linear-deflection", DEFLECTION)
-    made: dict[int, list[tuple[FloatArray, IntArray]]] = {}
-    n_faces = 0
-    for shape in _shapes(settings, file, products):
-        points = np.array(shape.geometry.verts, np.float64).reshape(-1, 3)
-        corners = np.array(shape.geometry.faces, np.int64).reshape(-1, 3)
-        if len(corners):
-            made.setdefault(shape.id, []).append((points, corners))
-        n_faces += len(corners)
+    notes = [] if file.by_type("IfcUnitAssignment") else ["it has no units, taken as metres"]
+    shapes, n_faces = {}, 0
+    made = products and geom.iterate(settings, file, thread_count(None), include=products)
+    for shape in made:
+        faces = np.array(shape.geometry.faces, np.int64).reshape(-1, 3)
+        if len(faces):
+            shapes[shape.id] = np.array(shape.geometry.verts).reshape(-1, 3), faces
+        n_faces += len(faces)
         if n_faces > most:  # an error, see `_made`
             break
-    chosen = [each for each in products if each.id() in made]
-    none = Counter(each.is_a() for each in products if each.id() not in made)
-    notes = [
+    none = Counter(each.is_a() for each in products if each.id() not in shapes)
+    notes += [
         f"{plural(n, name)} without a surface, or with one that fails" for name, n in none.items()
     ]
-    if not file.by_type("IfcUnitAssignment"):
-        notes.append("the file has no units, taken as metres")
-    pieces = [piece for each in chosen for piece in made[each.id()]]
-    starts = np.cumsum([0] + [len(points) for points, _ in pieces])
-    moved = [own + start for (_, own), start in zip(pieces, starts, strict=False)]
-    arrays: dict[str, Any] = {
-        "vertices": np.concatenate([np.empty((0, 3)), *(points for points, _ in pieces)]),
-        "faces": np.concatenate([np.empty((0, 3), np.int64), *moved]),
-        "n_faces": np.array([sum(len(own) for _, own in made[each.id()]) for each in chosen], int),
-        "texts": json.dumps({"products": [_texts(each) for each in chosen], "notes": notes}),
-    }
+    arrays: dict[str, Any] = {}
+    for row, each in enumerate(sorted(shapes)):  # as in the file: cores make them in any order
+        arrays[f"vertices {row}"], arrays[f"faces {row}"] = shapes[each]
+    texts = {"n_faces": n_faces, "notes": notes}
+    texts["products"] = [_texts(file.by_id(each)) for each in sorted(shapes)]
     with target.open("wb") as written:
-        np.savez(written, **arrays)
-
-
-def _shapes(settings: Any, file: Any, products: Sequence[Any]) -> Iterator[Any]:
-    """Shapes of products, made by all cores, in any order."""
-    if products:
-        geom = import_module("ifcopenshell.geom")
-        iterator = geom.iterator(settings, file, thread_count(None), include=products)
-        is_more = iterator.initialize()
-        while is_more:
-            yield iterator.get()
-            is_more = iterator.next()
+        np.savez(written, texts=json.dumps(texts), **arrays)
 
 
 def _texts(product: Any) -> Product:
@@ -211,14 +174,8 @@ def _texts(product: Any) -> Product:
     get_parent = import_module("ifcopenshell.util.element").get_parent
     storey: Any = product
     for _ in range(MOST_LEVELS):
-        if storey is None or storey.is_a("IfcBuildingStorey"):
-            break
-        storey = get_parent(storey)
-    return Product(
-        storey="" if storey is None else storey.Name or storey.GlobalId,
-        storey_id="" if storey is None else storey.GlobalId,
-        type=product.is_a(),
-        name=product.Name or "",
-        long_name=getattr(product, "LongName", None) or "",
-        global_id=product.GlobalId,
-    )
+        if storey is not None and not storey.is_a("IfcBuildingStorey"):
+            storey = get_parent(storey)
+    of = "" if storey is None else storey.Name or storey.GlobalId
+    long_name = getattr(product, "LongName", None) or ""
+    return Product(of, product.is_a(), product.Name or "", long_name, product.GlobalId)

@@ -21,6 +21,7 @@ from rastercov.base.typed import typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.formats import paths_of, solids_of_spaces
+from rastercov.mesh.formats.ifc import Product
 from rastercov.mesh.groups import of_files, quoted
 from rastercov.placement.candidates.clearance import NearestSurface
 
@@ -135,7 +136,7 @@ class Room:
     @classmethod
     @typed
     def of_solid(cls, solid: Mesh, name: str = "room") -> "Room":
-        """Inside of a closed mesh, such as `IfcSpace.solid`.
+        """Inside of a closed mesh, such as one of `read_spaces`.
 
         Raises
         ------
@@ -171,41 +172,11 @@ def _middle(outline: Any, height: float) -> FloatArray:
     return np.array([within.x, within.y, height])
 
 
-@dataclass(frozen=True)
-class IfcSpace:
-    """A space of an IFC file; names are empty where the file has none.
-
-    Attributes
-    ----------
-    name, long_name : str
-        Often a number, and what people call the room.
-    storey : str
-    global_id : str
-    solid : Mesh
-    """
-
-    name: str
-    long_name: str
-    storey: str
-    global_id: str
-    solid: Mesh
-
-    @property
-    def label(self) -> str:
-        """Name and long name, by which people know it."""
-        return " ".join(filter(None, (self.name, self.long_name))) or self.global_id
-
-    def is_called(self, name: str) -> bool:
-        """True for its name, its long name, both, each of them after "STOREY/", or its GlobalId."""
-        names = {self.name, self.long_name, self.label}
-        return name in names | {f"{self.storey}/{each}" for each in names} | {self.global_id}
-
-
 def read_spaces(
     path: StrPath | Sequence[StrPath],
     transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
-) -> list[IfcSpace]:
-    """Spaces of IFC files, by storey and name; other files have none.
+) -> list[tuple[Product, Mesh]]:
+    """Spaces of IFC files with their solids, from the lowest; other files have none.
 
     Parameters
     ----------
@@ -213,29 +184,26 @@ def read_spaces(
         As for `Mesh.load`.
     """
     paths = paths_of(path)
-    found = []
     places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
-    for each, place in zip(paths, places, strict=True):
-        for own, vertices, faces in solids_of_spaces(each):
-            solid = Mesh(vertices, faces).moved(**place)
-            found.append(IfcSpace(own.name, own.long_name, own.storey, own.global_id, solid))
-    return sorted(found, key=lambda space: (space.solid.bounds[0, 2].round(1), space.label))
+    found = [
+        (own, Mesh(vertices, faces).moved(**place))
+        for each, place in zip(paths, places, strict=True)
+        for own, vertices, faces in solids_of_spaces(each)
+    ]
+    return sorted(found, key=lambda space: (space[1].bounds[0, 2].round(1), space[0].label))
 
 
-def space_named(spaces: Sequence[IfcSpace], name: str) -> IfcSpace:
-    """The space of a name; ConfigError where there is none, or there are several."""
-    called = [space for space in spaces if space.is_called(name)]
-    if len(called) == 1:
-        return called[0]
-    if not spaces:
-        raise ConfigError(f"there is no space {quoted(name)}: no mesh is an IFC file with spaces")
-    words = [f"{each.storey}/{each.label}" for each in called or spaces]
-    if len(set(words)) < len(words):
-        words = [f"{word} ({space.global_id})" for word, space in zip(words, called, strict=False)]
-    named = ", ".join(words[:MOST_SPACES]) + ", ..." * (len(words) > MOST_SPACES)
-    if called:
-        raise ConfigError(f"{len(called)} spaces are called {quoted(name)}: {named}; name one")
-    raise ConfigError(f"there is no space {quoted(name)}; spaces are {named}")
+def space_named(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:
+    """Solid of the space of a name; ConfigError where there is none, or there are several."""
+    called = [space for space in spaces if space[0].is_called(name)]
+    if len(called) != 1:
+        words = [own.label + f" ({own.global_id})" * len(called[:1]) for own, _ in called or spaces]
+        words[MOST_SPACES:] = ["..."] if len(words) > MOST_SPACES else []
+        raise ConfigError(
+            f"one space called {quoted(name)} wanted, got {len(called) or 'none'}; spaces are "
+            f"{', '.join(words) or 'in IFC files, and none is in the meshes'}"
+        )
+    return called[0][1]
 
 
 class _Space:

@@ -26,7 +26,7 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.rooms import IfcSpace, Room, read_spaces
+from rastercov.placement.candidates.rooms import Room, read_spaces
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
 
@@ -225,14 +225,9 @@ class Plan(PlanModel):
         """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
         other = self.model_copy()
         other._rooms = {}
-        files = [entry for entry in self.meshes if entry.path]
-
-        @cache
-        def spaces() -> list[IfcSpace]:
-            places = [entry.transform.model_dump() for entry in files]
-            paths = [self.folder / str(entry.path) for entry in files]
-            return read_spaces(paths, places) if paths else []
-
+        files = {str(self.folder / each.path): each for each in self.meshes if each.path}
+        places = [each.transform.model_dump() for each in files.values()]
+        spaces = cache(lambda: read_spaces(list(files), places) if files else [])
         for name, section in self.rooms.items():
             try:
                 other._rooms[name] = section.build(mesh, name, spaces)

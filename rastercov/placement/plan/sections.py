@@ -45,9 +45,10 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
+from rastercov.mesh.formats.ifc import Product
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
-from rastercov.placement.candidates.rooms import IfcSpace, Room, space_named
+from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -611,10 +612,12 @@ class RoomSection(Entry):
         together(self, "polygon", "z")
         return self
 
-    def build(self, mesh: Mesh, name: str, spaces: Callable[[], Sequence[IfcSpace]]) -> Room:
+    def build(
+        self, mesh: Mesh, name: str, spaces: Callable[[], Sequence[tuple[Product, Mesh]]]
+    ) -> Room:
         """The room in a mesh with spaces; an error where the entries do not make one."""
         if self.space is not None:
-            return Room.of_solid(space_named(spaces(), self.space).solid, name)
+            return Room.of_solid(space_named(spaces(), self.space), name)
         if self.polygon is None or self.z is None:
             return Room.at(mesh, self.inside or (), self.opening, name)
         return Room.of_polygon(self.polygon, (self.z[0], self.z[1]), name)
