@@ -24,7 +24,6 @@ from rastercov.camera.catalogue import catalogue, has_lens
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
-from rastercov.coverage.densities import LEVELS
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -227,7 +226,6 @@ def task_fields() -> list[dict[str, Any]]:
                 "default": getattr(default, name),
                 "is_optional": bool(members),
                 "unit": UNITS.get(name, ""),
-                "names": list(LEVELS.items()) if UNITS.get(name) == "px/m" else None,
             }
         )
     return found

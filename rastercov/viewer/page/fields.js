@@ -100,11 +100,6 @@ export function numberField(field, value, onValue) {
     slider.value = toSlider(number);
     onValue(number, false);
   });
-  const names = element("datalist", { id: `names-of-${field.name}` });
-  for (const [name, number] of field.names ?? []) {
-    names.append(element("option", { value: number }, `${name} ${number}`));
-  }
-  if (field.names) box.input.setAttribute("list", names.id);
   let isDragging = false;
   slider.addEventListener("input", () => {
     isDragging = true;
@@ -155,7 +150,6 @@ export function numberField(field, value, onValue) {
     ),
     slider,
     box.fault,
-    field.names ? names : null,
   );
   return { root, set, slider, input: box.input };
 }
