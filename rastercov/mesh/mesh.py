@@ -170,13 +170,13 @@ class Mesh:
         Parameters
         ----------
         path : path or sequence of paths
-            STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
-            them) on this machine. STEP needs the extra `formats`. Or the name of a built-in mesh,
-            such as "teapot", where there is no file of that name.
+            STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP or IFC files; regular files (or links
+            to them) on this machine. STEP needs the extra `formats`, IFC `building`. Or the name of
+            a built-in mesh, such as "teapot", where there is no file of that name.
         unit : str or float, or a list or mapping of them
             Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, one
-            for each, or by names of files, "m" of the others. 3MF, STEP and most DAE files state
-            their own.
+            for each, or by names of files, "m" of the others. 3MF, STEP, IFC and most DAE
+            files state their own.
         transforms : list or mapping of mappings
             Arguments of `moved`, one for each file or by names of files.
         occluders, two_sided, targets : names of groups or files

@@ -39,7 +39,7 @@ from rastercov.placement.candidates.pool import (
     per_face,
     per_segment,
 )
-from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.rooms import Room, read_spaces
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -108,6 +108,7 @@ __all__ = [
     "per_segment",
     "problem_of",
     "problem_of_matrix",
+    "read_spaces",
     "refine",
     "segment",
     "select_greedy",

@@ -413,5 +413,5 @@ def _around(found: Audit, zones: Weak) -> Candidates:
     rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
-    made = Candidates.of(look_at(eyes, targets, upwards(poses)), "weak")
+    made = Candidates.of(look_at(eyes, targets, upwards(found.poses)), "weak")
     return filter_candidates(made, found.mesh, CLEARANCE * away)[0]

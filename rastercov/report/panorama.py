@@ -218,12 +218,13 @@ def look(
         rows = kept
         buffer = part_drawn(mesh, camera, pose, rows)
     is_closed = ~mesh.task_mask | skin
-    task = rows[~(is_closed | away)[rows]]
-    hides = np.append(is_closed, False)[buffer.face]
-    behind = part_drawn(mesh, camera, pose, task).face if hides.any() else buffer.face
-    opened, n_behind = rows[:0], int((behind >= 0).sum())
+    task = np.flatnonzero(mesh.target_mask | ~(is_closed | away))
+    may_hide = np.append(is_closed, False)[buffer.face].any() or mesh.target_mask.any()
+    behind = part_drawn(mesh, camera, pose, task) if may_hide else buffer
+    opened, n_behind = rows[:0], int((behind.face >= 0).sum())
     for _ in range(LAYERS):
-        hides = np.append(is_closed, False)[buffer.face] & (behind >= 0)
+        hides = np.append(is_closed, False)[buffer.face] & (buffer.depth < behind.depth)
+        hides &= behind.face >= 0
         if hides.sum() <= OPENED * n_behind:
             break
         bodies = _kept(_bodies, mesh, middle)
@@ -462,7 +463,10 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
         keys.append(Key.of("back of the task, from here", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):
         keys.append(target_key())
-    if names := list(dict.fromkeys(name for scene in scenes for name in scene.opened)):
+    names = list(dict.fromkeys(name for scene in scenes for name in scene.opened))
+    if len(names) > 3:  # rather what they are parts of
+        names = list(dict.fromkeys(name.split("/")[-2:][0] for name in names))
+    if names:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         what = f": {', '.join(names[:3])}{more}" if len(mesh.groups) > 1 else " towards the reader"
         keys.append(Key.of("opened" + what, PAPER))

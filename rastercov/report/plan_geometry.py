@@ -1,9 +1,8 @@
-"""Plane geometry of a plan sheet: horizontal sections, lines of sight, and fields of view.
+"""Plane geometry of a plan sheet: lines of sight, and fields of view.
 
-A section is exact: the points in which a plane cuts the edges of the faces. The visibility polygon
-is that of an angular sweep: between the directions of two neighbouring ends of walls, one wall is
-the nearest. A field of view to a distance is a solid, and the part of it at a height is its section
-again, so that pinholes and lenses take one way.
+The visibility polygon is that of an angular sweep: between the directions of two neighbouring ends
+of walls, one wall is the nearest. A field of view to a distance is a solid, and the part of it at a
+height is its section, so that pinholes and lenses take one way.
 
 T. Asano. An efficient algorithm for finding the visibility polygon for a polygonal region with
 holes. 1985.
@@ -19,6 +18,7 @@ from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_image, view_border
 from rastercov.mesh import Mesh
+from rastercov.mesh.sections import cross, section, solid
 from rastercov.mesh.topology import edge_table
 
 FloatArray = NDArray[np.float64]
@@ -30,42 +30,6 @@ PARTS = 24
 """Parts of each side of the image of a lens, and of the way from its axis to its border."""
 STEP = 1e-5
 """Half the angle over which the density of a lens is measured, rad."""
-
-
-def section(vertices: FloatArray, faces: IntArray, height: float) -> FloatArray:
-    """Segments (N, 2, 2) in which the plane z = `height` cuts faces (F, 3).
-
-    Ends on one edge are equal bit by bit. The front of a face is to the right of its segment, so
-    that the section of a solid is counter-clockwise. A vertex in the plane counts as above it: the
-    section is the limit of those slightly below.
-    """
-    is_above = vertices[:, 2] >= height
-    cut = faces[is_above[faces].any(axis=1) & ~is_above[faces].all(axis=1)]
-    here, following = is_above[cut], np.roll(is_above[cut], -1, axis=1)
-    rows, ends = np.arange(len(cut)), []
-    for crosses in (here & ~following, ~here & following):
-        side = crosses.argmax(axis=1)
-        edge = np.sort(np.stack((cut[rows, side], cut[rows, (side + 1) % 3])), axis=0)
-        low, high = vertices[edge]
-        share = (height - low[:, 2]) / (high[:, 2] - low[:, 2])
-        ends.append(low[:, :2] + share[:, None] * (high - low)[:, :2])
-    return np.stack(ends, axis=1)
-
-
-def solid(segments: FloatArray) -> Any:
-    """Area that the segments of a section go around counter-clockwise, once or more.
-
-    Within a shell that shows its inside, whose largest part they go around clockwise, once less.
-    """
-    lines = shapely.union_all(shapely.linestrings(segments))
-    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-    (start, end), turns = np.moveaxis(segments, 1, 0), np.zeros(len(cells), np.int64)
-    for row, point in enumerate(shapely.get_coordinates(shapely.point_on_surface(cells))):
-        # Upward crossings of the ray to the right of the point, less those downward.
-        way = (end > point)[:, 1] * 1 - (start > point)[:, 1]
-        turns[row] = way[way * _cross(end - start, point - start) > 0].sum()
-    largest = turns[np.argmax(shapely.area(cells))] if len(cells) else 0
-    return shapely.union_all(cells[turns > min(0, largest)])
 
 
 def noded(segments: FloatArray, box: FloatArray) -> FloatArray:
@@ -81,7 +45,7 @@ def visible_from(eye: FloatArray, walls: FloatArray) -> Any:
     A wall in line with the point hides nothing. The walls are those of `noded`, (N, 2, 2).
     """
     ends = walls - eye
-    turn = _cross(ends[:, 0], ends[:, 1])
+    turn = cross(ends[:, 0], ends[:, 1])
     ends[turn < 0] = ends[turn < 0, ::-1]
     ends, turn = ends[turn != 0], np.abs(turn[turn != 0])
     along, angle = ends[:, 1] - ends[:, 0], np.arctan2(ends[..., 1], ends[..., 0])
@@ -93,19 +57,14 @@ def visible_from(eye: FloatArray, walls: FloatArray) -> Any:
     gap = (np.arange(len(wall)) + np.repeat(first - (np.cumsum(spans) - spans), spans)) % n
     middle = angles + np.diff(angles, append=angles[0] + 2 * np.pi) / 2
     ray = np.stack((np.cos(middle), np.sin(middle)), axis=1)[gap]
-    order = np.lexsort((turn[wall] / _cross(ray, along[wall]), gap))
+    order = np.lexsort((turn[wall] / cross(ray, along[wall]), gap))
     nearest = order[np.flatnonzero(np.diff(gap[order], prepend=-1))]
     gap, wall = gap[nearest], wall[nearest]
     rays = directions[np.stack((gap, (gap + 1) % n))]
-    away = turn[wall] / _cross(rays, along[wall])
+    away = turn[wall] / cross(rays, along[wall])
     points = np.moveaxis(away[..., None] * rays + eye, 0, 1).reshape(-1, 2)
     found = shapely.Polygon(points)
     return shapely.make_valid(found, method="structure", keep_collapsed=False)
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    found: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return found
 
 
 def field_of_view(camera: Camera, pose: FloatArray, density: float, height: float) -> Any:

@@ -32,17 +32,16 @@ from rastercov.camera.projection import view_border
 from rastercov.camera.rig import cameras_of
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
-from rastercov.coverage.densities import EDITIONS
+from rastercov.coverage.densities import EDITIONS, density_in_words
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.sections import section, solid
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import (
     edges_between,
     field_of_view,
     noded,
-    section,
-    solid,
     visible_from,
 )
 from rastercov.report.tables import heading_and_tilt
@@ -54,6 +53,8 @@ PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594)
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Scales that are taken unless one is given: 1 to these times a power of ten."""
 EDITION = "EN 62676-4:2015"
+INK = "#14181d"
+"""Colour of cameras, walls and text in the template."""
 LEVELS = ("identify", "recognise", "observe", "detect")
 """Levels of `EDITION` that have a band, the nearest first."""
 MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
@@ -321,6 +322,7 @@ def wanted_text(task: Task, views: Mapping[str, int] | None = None) -> str:
     for name, value in asdict(task).items():
         if value != usual[name] and not (name == "views" and views):
             text = f"{value:g}" if isinstance(value, float) else str(value)
+            text = density_in_words(value) if name.endswith("density") else text
             texts.append(f"{name.replace('_', ' ')} {text}")
     return ", ".join(texts) or "seen by a camera"
 
@@ -372,14 +374,18 @@ def _dxf(svg: str, frame: Frame) -> bytes:
     from ezdxf.tools.standards import setup_drawing
     from ezdxf.units import M
 
+    def colour(code: str | None) -> dict[str, int]:
+        """Colour of the SVG; ink is black on white paper and white on black."""
+        return {"color": 7} if code == INK else {"true_color": rgb2int(RGB.from_hex(str(code)))}
+
     drawing: Any = Drawing.new("R2010")
     setup_drawing(drawing)
     drawing.units, space = M, drawing.modelspace()
     for group in ElementTree.fromstring(svg).iterfind("{*}g[@id]"):
         style: dict[str, Any] = {"layer": group.get("id", "")}
-        colour = rgb2int(RGB.from_hex(str(group.get("stroke") or group.get("fill"))))
         weight = round(100 * float(group.get("stroke-width", 0.13)))
-        drawing.layers.add(style["layer"], true_color=colour, lineweight=weight)
+        own = colour(group.get("stroke") or group.get("fill"))
+        drawing.layers.add(style["layer"], **own, lineweight=weight)
         for path in group.iterfind("{*}path"):
             fill, rings = path.get("fill", group.get("fill", "none")), []
             for line in path.get("d", "").split("M")[1:]:
@@ -389,8 +395,7 @@ def _dxf(svg: str, frame: Frame) -> bytes:
                 rings += [points] if is_ring else []
                 space.add_lwpolyline(points, close=is_ring, dxfattribs=style)
             if rings and fill != "none":
-                own = style | {"true_color": rgb2int(RGB.from_hex(str(fill))), "hatch_style": 0}
-                hatch = space.add_hatch(dxfattribs=own)
+                hatch = space.add_hatch(dxfattribs=style | colour(fill) | {"hatch_style": 0})
                 for ring in rings:
                     hatch.paths.add_polyline_path(ring, is_closed=True)
         for label in group.iterfind("{*}text"):

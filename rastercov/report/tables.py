@@ -46,7 +46,7 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None) -> Table
     if rows[MOST_ROWS:]:
         file = "summary.json" if "run" in summary else "plan.json"
         table.caption = f"and {len(rows) - MOST_ROWS} more, see {file}"
-    occluders = [entry for entry in entries_at(summary, level) if "covered" not in entry]
+    occluders = [entry for entry in entries_at(summary, level or 1) if "covered" not in entry]
     for entry in occluders[:MOST_ROWS]:
         cell = Text(shortened(entry["name"], LONGEST_NAME))
         table.add_row(cell, str(entry["faces"]), "occluder", style="dim")

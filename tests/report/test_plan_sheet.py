@@ -16,7 +16,8 @@ import rastercov as rc
 from rastercov.camera.projection import to_camera
 from rastercov.coverage.densities import LEVELS
 from rastercov.mesh import shapes
-from rastercov.report.plan_geometry import field_of_view, noded, section, solid, visible_from
+from rastercov.mesh.sections import section, solid
+from rastercov.report.plan_geometry import field_of_view, noded, visible_from
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
 LENS = rc.Camera(width=1280, height=720, fx=640, fy=640, model="opencv", distortion=(0, 0, 0, 0))

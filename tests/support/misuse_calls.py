@@ -98,6 +98,7 @@ OWN: dict[str, dict[str, Any]] = {
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
     "in_room": SHEETS | {"heights": (0.1, 0.9), "room": ROOM},
+    "read_spaces": {"path": FOLDER / "triangle.off"},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},
     "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},

@@ -24,7 +24,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.formats import dae, gltf, ply, text, threemf
+from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -43,6 +43,7 @@ READERS: dict[str, Reader] = {
     ".dae": dae.read,
     ".glb": gltf.read_glb,
     ".gltf": gltf.read_gltf,
+    ".ifc": ifc.read,
     ".obj": text.read_obj,
     ".off": text.read_off,
     ".ply": ply.read,
@@ -113,6 +114,18 @@ def read_files(
         notes=notes,
     )
     return scene, files
+
+
+def solids_of_spaces(path: StrPath, max_bytes: int = LARGEST_FILE) -> list[ifc.Solid]:
+    """Solids of the spaces of an IFC file, metres; none of other files."""
+    if Path(path).suffix.lower() != ".ifc":
+        return []
+    try:
+        _, data = _reader_and_bytes(path, max_bytes)
+        with broken_files_refused():
+            return ifc.solids_of_spaces(data, MEMORY_BUDGET)
+    except (MeshError, ResourceError) as error:
+        raise type(error)(f"{printable(str(path))}: {error}") from error
 
 
 def metres_per(unit: str | float) -> float:

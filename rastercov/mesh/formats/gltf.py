@@ -17,13 +17,9 @@ Source: Khronos Group. glTF 2.0 Specification. 2021.
 import base64
 import binascii
 import re
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
@@ -33,7 +29,6 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
-from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
@@ -55,6 +50,7 @@ from rastercov.mesh.formats.polygons import (
     check,
     check_affine,
     check_indices,
+    converted,
     names_in_tree,
     strip_triangles,
 )
@@ -528,28 +524,6 @@ def _converted(data: bytes) -> bytes:
     """GLB file of a STEP file."""
     if find_spec("cascadio") is None:
         raise MeshError("reading STEP files needs cascadio: pip install 'rastercov[formats]'")
-    with tempfile.TemporaryDirectory(prefix="rastercov-step-") as folder:
-        path = Path(folder) / "scene.glb"
-        numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
-        command = [sys.executable, "-c", CONVERT, str(path), *numbers]
-        ended = subprocess.run(
-            command, input=data, capture_output=True, check=False, env=child_environment()
-        )
-        glb = path.read_bytes() if path.exists() else b""
-    check(
-        glb and not ended.returncode,
-        f"Open CASCADE cannot read the STEP file ({_reason(ended)})",
-        "export it again, as AP214 or AP242",
-    )
-    return glb
-
-
-def _reason(ended: "subprocess.CompletedProcess[bytes]") -> str:
-    """Words of Open CASCADE about its failure, in one line."""
-    if ended.returncode < 0:
-        return f"it was ended by signal {-ended.returncode}"
-    text = (ended.stdout + b"\n" + ended.stderr).decode("utf-8", "replace")
-    text = re.sub(r"\x1b\[[0-9;]*m", "", text)
-    lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
-    errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
-    return errors[-1][:160] if errors else "it gives no reason"
+    numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
+    fault, advice = "Open CASCADE cannot read the STEP file", "export it again, as AP214 or AP242"
+    return converted(CONVERT, data, numbers, fault, advice)

@@ -11,17 +11,23 @@ those without faces are left out, and a chain of parts that hold one other each 
 remains has fewer parts than shapes.
 """
 
+import re
+import subprocess
+import sys
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from os.path import commonprefix
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import MeshError, RastercovError, ResourceError
+from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
 
@@ -89,6 +95,34 @@ def broken_files_refused() -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # Any JSON value may have any type; a check of each would be longer and no clearer.
         raise broken(f"the file contradicts its format ({error!r})") from error
+
+
+def converted(program: str, data: bytes, options: Sequence[str], fault: str, advice: str) -> bytes:
+    """Bytes of the file that a program writes in a process of its own, which a fault may end.
+
+    Its first argument is the file, the others are `options`; the standard input is `data`. Where it
+    fails, MeshError with the fault, its last words, and the advice.
+    """
+    with tempfile.TemporaryDirectory(prefix="rastercov-") as folder:
+        path = Path(folder) / "scene"
+        ended = subprocess.run(
+            [sys.executable, "-c", program, str(path), *options],
+            input=data, capture_output=True, check=False, env=child_environment(),
+        )  # fmt: skip
+        made = path.read_bytes() if path.exists() else b""
+    check(made and not ended.returncode, f"{fault} ({_reason(ended)})", advice)
+    return made
+
+
+def _reason(ended: "subprocess.CompletedProcess[bytes]") -> str:
+    """Words of a program about its failure, in one line."""
+    if ended.returncode < 0:
+        return f"it was ended by signal {-ended.returncode}"
+    text = (ended.stdout + b"\n" + ended.stderr).decode("utf-8", "replace")
+    text = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
+    errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
+    return errors[-1][:160] if errors else "it gives no reason"
 
 
 def check_indices(values: NDArray[np.integer[Any]], n: int, where: str) -> None:

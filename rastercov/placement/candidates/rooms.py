@@ -1,11 +1,11 @@
-"""Rooms of a building: the space that a point reaches, or a polygon with heights; z is up.
+"""Rooms of a building: what a point reaches, a polygon with heights, or a solid; z is up.
 
 A room limits mounting positions (`mounting.in_room`) and targets above a floor. The space of a
 point is flooded over a grid, through places that are as far from every surface as half the width
 of an opening: a door separates two rooms, although nothing closes it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,11 +14,15 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.files import StrPath
 from rastercov.base.format import plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
+from rastercov.mesh.formats import paths_of, solids_of_spaces
+from rastercov.mesh.formats.ifc import Product
+from rastercov.mesh.groups import of_files, quoted
 from rastercov.placement.candidates.clearance import NearestSurface
 
 STEPS = 2
@@ -35,7 +39,10 @@ SQUARES = 10
 """Squares of an outline in the width of an opening."""
 MOST_PLACES = 4_000_000
 """Places of a grid."""
+NOT_IN_ROOM = "no part of its faces is in the room and within the distance; correct them"
 MOST_NAMED = 5
+MOST_SPACES = 40
+"""Spaces that an error lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +131,79 @@ class Room:
             return shape if low <= height <= high else shapely.Polygon()
 
         bounds = np.column_stack((np.reshape(shape.bounds, (2, 2)), (low, high)))
-        within = shape.centroid if shape.contains(shape.centroid) else shape.representative_point()
-        middle = np.array([within.x, within.y, (low + high) / 2])
-        return cls(name, middle, bounds, contains, outline)
+        return cls(name, _middle(shape, (low + high) / 2), bounds, contains, outline)
+
+    @classmethod
+    @typed
+    def of_solid(cls, solid: Mesh, name: str = "room") -> "Room":
+        """Inside of a closed mesh, such as one of `read_spaces`.
+
+        Raises
+        ------
+        ConfigError
+            For a mesh that is not closed, or not wound outward.
+        """
+        from rastercov.mesh import sections
+
+        if not solid.is_closed_outward:
+            raise ConfigError(
+                f"a closed solid, wound outward, wanted, got {plural(solid.n_faces, 'face')} that "
+                "are none; give inside, or a polygon and z"
+            )
+        low, high = bounds = solid.bounds
+        size = np.linalg.norm(high - low)
+        tree = TriangleTree.over((solid.vertices - low) / size, solid.welded_faces)
+
+        def contains(points: FloatArray) -> BoolArray:
+            return np.asarray(tree.winding_numbers((points - low) / size) > 0)
+
+        def outline(height: float) -> Any:
+            cut = sections.section(solid.vertices, solid.welded_faces, height)
+            return sections.solid(cut)
+
+        height = (low[2] + high[2]) / 2
+        return cls(name, _middle(outline(height), height), bounds, contains, outline)
+
+
+def _middle(outline: Any, height: float) -> FloatArray:
+    """Point in the middle of an outline, or in it where that is outside."""
+    middle = outline.centroid
+    within = middle if outline.contains(middle) else outline.representative_point()
+    return np.array([within.x, within.y, height])
+
+
+def read_spaces(
+    path: StrPath | Sequence[StrPath],
+    transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
+) -> list[tuple[Product, Mesh]]:
+    """Spaces of IFC files with their solids, from the lowest; other files have none.
+
+    Parameters
+    ----------
+    path, transforms
+        As for `Mesh.load`.
+    """
+    paths = paths_of(path)
+    places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
+    found = [
+        (own, Mesh(vertices, faces).moved(**place))
+        for each, place in zip(paths, places, strict=True)
+        for own, vertices, faces in solids_of_spaces(each)
+    ]
+    return sorted(found, key=lambda space: (space[1].bounds[0, 2].round(1), space[0].label))
+
+
+def space_named(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:
+    """Solid of the space of a name; ConfigError where there is none, or there are several."""
+    called = [space for space in spaces if space[0].is_called(name)]
+    if len(called) != 1:
+        words = [own.label + f" ({own.global_id})" * len(called[:1]) for own, _ in called or spaces]
+        words[MOST_SPACES:] = ["..."] if len(words) > MOST_SPACES else []
+        raise ConfigError(
+            f"one space called {quoted(name)} wanted, got {len(called) or 'none'}; spaces are "
+            f"{', '.join(words) or 'in IFC files, and none is in the meshes'}"
+        )
+    return called[0][1]
 
 
 class _Space:
@@ -233,6 +310,16 @@ def around_faces(mesh: Mesh, groups: Sequence[str], distance: float) -> Any:
     return shapely.buffer(shapely.union_all(shapes), distance, quad_segs=8)
 
 
+def between_heights(sheet: Mesh, low: float, high: float) -> Mesh:
+    """Faces of a sheet whose middle is between two heights, m, as those of a storey."""
+    height = sheet.vertices[sheet.faces, 2].mean(axis=1)
+    faces = sheet.faces[(low <= height) & (height <= high)]
+    if not len(faces):
+        raise MeshError(NOT_IN_ROOM)
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(sheet.vertices[used], faces.reshape(-1, 3))
+
+
 def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
     """Part of a surface that faces up, within all of some outlines; MeshError for none."""
     import shapely
@@ -243,7 +330,7 @@ def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
         pieces = shapely.intersection(pieces, outline)
     parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(pieces), return_index=True)
     if not len(parts):
-        raise MeshError("no part of its faces is in the room and within the distance; correct them")
+        raise MeshError(NOT_IN_ROOM)
     xy = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1]  # counter-clockwise
     normal, origin = sheet.normals[of], corners[of, 0]
     slope = np.einsum("nkc,nc->nk", xy - origin[:, None, :2], normal[:, :2]) / normal[:, 2:]

@@ -10,6 +10,7 @@ import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -25,7 +26,7 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.rooms import Room, read_spaces
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
 
@@ -224,9 +225,12 @@ class Plan(PlanModel):
         """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
         other = self.model_copy()
         other._rooms = {}
+        files = {str(self.folder / each.path): each for each in self.meshes if each.path}
+        places = [each.transform.model_dump() for each in files.values()]
+        spaces = cache(lambda: read_spaces(list(files), places) if files else [])
         for name, section in self.rooms.items():
             try:
-                other._rooms[name] = section.build(mesh, name)
+                other._rooms[name] = section.build(mesh, name, spaces)
             except RastercovError as error:
                 raise PlanError(self.name, [f"rooms.{name}: {error}"]) from None
         return other

@@ -24,7 +24,7 @@ from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.clearance import KeepOut, Place
 from rastercov.placement.candidates.pool import Candidates, Framing
-from rastercov.placement.candidates.rooms import around_faces, clipped_sheet
+from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan import sections as entries
@@ -191,7 +191,9 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> tuple[M
         sheet = sheet_above(mesh, names.groups_of(entry.above), entry.height)
         outlines = []
         if entry.room is not None:
-            outlines.append(plan.room(entry.room).outline(float(sheet.bounds[:, 2].mean())))
+            room = plan.room(entry.room)
+            sheet = between_heights(sheet, *room.bounds[:, 2])
+            outlines.append(room.outline(float(sheet.bounds[:, 2].mean())))
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
             outlines.append(around_faces(mesh, near, entry.within))

@@ -13,7 +13,7 @@ entry names a generator of `pool`, `mounting` or `cavities` and holds its argume
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
@@ -45,9 +45,10 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
+from rastercov.mesh.formats.ifc import Product
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
-from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -592,7 +593,7 @@ class MeshEntry(Entry):
 
 
 class RoomSection(Entry):
-    """A part of a building: the space that a point reaches, or a polygon with heights."""
+    """A part of a building: what a point reaches, a polygon with heights, or a space of IFC."""
 
     inside: Triple | None = None
     """Point in the room, from which it is reached without crossing the mesh."""
@@ -602,15 +603,21 @@ class RoomSection(Entry):
     """Corners [x, y] of the room in order, m."""
     z: Pair | None = None
     """[lowest, highest] z of the room, m; of polygon."""
+    space: Name | None = None
+    """IfcSpace of a mesh: name, long name, both, each after "STOREY/", or GlobalId."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        only_one(self, ("inside", "polygon"))
+        only_one(self, ("inside", "polygon", "space"))
         together(self, "polygon", "z")
         return self
 
-    def build(self, mesh: Mesh, name: str) -> Room:
-        """The room in a mesh; ConfigError where the entries do not make one."""
+    def build(
+        self, mesh: Mesh, name: str, spaces: Callable[[], Sequence[tuple[Product, Mesh]]]
+    ) -> Room:
+        """The room in a mesh with spaces; an error where the entries do not make one."""
+        if self.space is not None:
+            return Room.of_solid(space_named(spaces(), self.space), name)
         if self.polygon is None or self.z is None:
             return Room.at(mesh, self.inside or (), self.opening, name)
         return Room.of_polygon(self.polygon, (self.z[0], self.z[1]), name)

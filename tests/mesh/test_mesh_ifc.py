@@ -1,0 +1,102 @@
+"""IFC files: a bungalow, its tree, its spaces as rooms, and what cannot be read."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from bungalow import SPACES, bungalow
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from nightly import examples
+
+import rastercov as rc
+from rastercov.base.errors import MeshError, RastercovError
+from rastercov.mesh.formats import ifc
+from rastercov.placement import Room, read_spaces
+from rastercov.placement.candidates.rooms import wrong_side
+from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.placement.plan.scene import named_scene
+
+HOUSE = bungalow()
+NAMES = """Ground/IfcWall/South Ground/IfcWall/North Ground/IfcWall/West Ground/IfcWall/East
+    Ground/IfcDoor/Door_1 Ground/IfcSlab/Floor Ground/IfcWall/Between∕1 Ground/IfcFurniture/ID
+    Loft/IfcSlab/Ceiling"""
+VOLUMES = [6, 6, 3.36, 3.36, 0.9 * 2.1 * 0.04, 18, 3.36 - 0.9 * 2.1 * 0.2, 0.8, 12]
+SHEET = {"height": 1.5, "above": "IfcSlab"}
+PLAN = {
+    "meshes": [{"path": "a.ifc", "role": "occluder"}],
+    "rooms": {"kitchen": {"space": "Kitchen"}, "hall": {"space": "Ground/Hall"}},
+    "targets": [SHEET | {"room": "kitchen"}, SHEET | {"near": ["IfcDoor*"], "room": "hall"}],
+}
+
+
+@pytest.fixture(autouse=True)
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.ifc").write_bytes(HOUSE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("origin", [(0, 0, 0), (4.5e6, 5.3e6, 300)])
+def test_a_building_is_a_tree_in_metres_with_openings_cut_wherever_it_is(origin, load):
+    mesh = load("a.ifc", bungalow(origin), unit="m")
+    corners = mesh.vertices[mesh.faces] - origin
+    volumes = np.bincount(mesh.face_group, np.linalg.det(corners) / 6)
+    np.testing.assert_allclose(volumes, VOLUMES, atol=1e-5)
+    for own, name in zip(mesh.groups, NAMES.split(), strict=True):
+        assert own.name == name.replace("_", " ") or (name[-2:] == "ID" and len(own.name) == 42)
+    far = "translation = [-4500000, -5300000, -300] moves it there"
+    assert any(far in note for note in mesh.notes) == any(origin)
+
+
+@pytest.mark.slow
+def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
+    points = np.random.default_rng(5).uniform(-1, 7, (2000, 3)) * (1.5, 1, 0.7)
+    for (_, solid), (low, high) in zip(read_spaces("a.ifc"), SPACES.values(), strict=True):
+        room = Room.of_solid(solid)
+        is_inside = ((low < points) & (points < high)).all(axis=1)
+        np.testing.assert_array_equal(room.contains(points), is_inside)
+        np.testing.assert_allclose(room.middle, np.add(low, high) / 2, atol=1e-9)
+    mesh, plan, _ = named_scene(plan_of(PLAN))
+    kitchen, door = (mesh.areas[mesh.face_group == row].sum() for row in (9, 10))
+    assert kitchen == pytest.approx(5.7 * 5.6, rel=1e-9)
+    assert door == pytest.approx(0.9 * 0.92 + np.pi / 2 * 0.92**2, rel=0.1)
+    eyes = np.array([(1, 1, 2.5), (9.5, 1, 2.5), (5, -0.3, 2.5)])
+    (line,) = wrong_side(list(plan.built_rooms.values()), eyes)
+    assert "1 camera is outside of the rooms (kitchen, hall) or behind a wall: 2 at" in line
+
+
+@pytest.mark.slow
+def test_a_space_that_is_none_or_several_is_refused_with_the_list():
+    two, every = r"got 2; spaces are Ground/1 Hall \(.{22}\), ", "Ground/0 Kitchen, Ground/1 Hall, "
+    for space, words in {"Hall": two, "Bath": f"got none; spaces are {every}Loft/2 Hall$"}.items():
+        with pytest.raises(PlanError, match=f"rooms.a: one space called '{space}' wanted, {words}"):
+            named_scene(plan_of(PLAN | {"rooms": {"a": {"space": space}}, "targets": []}))
+    with pytest.raises(PlanError, match="in IFC files, and none is in the meshes"):
+        plan_of(PLAN | {"meshes": [{"built_in": "room"}]}).with_rooms(rc.shapes.box())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "data", [b"hello", b"ISO-10303-21;\n", HOUSE[:900], HOUSE.replace(b"IFC4", b"IFC9")]
+)
+def test_what_is_no_building_is_refused_in_one_line_and_no_other_is_printed(data, load, capfd):
+    with pytest.raises(MeshError, match=r"^[^\n]*a\.ifc: [^\n]*$"):
+        load("a.ifc", data)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.slow
+@settings(examples(5, at_night=20), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(cut=st.integers(1, len(HOUSE) - 1))
+def test_cut_files_load_in_part_or_are_refused_as_is_what_exceeds_the_budget(cut, load):
+    with suppress(RastercovError):
+        assert load("b.ifc", HOUSE[:cut]).n_faces <= 200
+    with pytest.raises(rc.ResourceError, match="raise memory_budget"):
+        load("b.ifc", HOUSE, memory_budget=3000)
+
+
+def test_a_missing_library_is_named(monkeypatch):
+    monkeypatch.setattr(ifc, "find_spec", lambda name: None)
+    with pytest.raises(MeshError, match=r"needs ifcopenshell: pip install 'rastercov\[building\]'"):
+        rc.Mesh.load("a.ifc")
