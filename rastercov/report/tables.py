@@ -94,15 +94,6 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     return table
 
 
-def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
-    """Cells of a group under `BY_AREA` or `BY_FACE`."""
-    covered, by_area = entry["covered"], entry.get("covered_area")
-    first = (str(n_faces), f"{covered['percent']:.1f}", f"{covered['area_percent']:.1f}")
-    if by_area is not None:
-        first = (area(by_area["of_m2"]), f"{by_area['percent']:.1f}", str(n_faces))
-    return *first, str(n_faces - covered["faces"]), str(entry["zero_in_every_camera"]["faces"])
-
-
 def heading_and_tilt(pose: NDArray[np.float64]) -> tuple[float, float]:
     """Direction of a camera in degrees, z up: counter-clockwise from +x, and down from level.
 
