@@ -27,7 +27,7 @@ from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import parts_above, rows_of
+from rastercov.mesh.groups import rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix
 from rastercov.placement.mounts import Mounts
@@ -303,23 +303,30 @@ def _check(problem: Problem) -> None:
 def grouped(problem: Problem, goal: Goal) -> Problem:
     """The problem with another goal, of groups or of parts, which are its groups then.
 
-    Where a goal is in another one, either piece of the outer one has to reach the share of that:
-    enough for the outer one, and sometimes more than it asks.
+    Of a part with goals in it, the rest is a group, which has to reach what the part lacks where
+    these are just reached: enough for all goals, and at times more than they ask.
     """
     if isinstance(goal, BestCoverage):
         return replace(problem, goal=goal)
-    owner, shares = list(problem.groups), dict[str, float]()
-    for place in sorted(goal.groups, key=len):  # the outer ones first
-        if own := rows_of(problem.groups, place):
-            owner = [place if row in own else name for row, name in enumerate(owner)]
-            owner.append(place)  # a group where other goals take all of it, too
-        shares[place] = max(goal.groups.get(each, 0.0) for each in (*parts_above(place), place))
-    groups, row_of = np.unique(owner, return_inverse=True)
+    is_counted = problem.reachable if goal.of_reachable else np.ones(problem.n_faces, np.bool_)
+    whole, owner = problem.by_group(is_counted), np.array(problem.groups, object)
+    rows = {place: rows_of(problem.groups, place) for place in sorted(goal.groups, key=len)}
+    for place, own in rows.items():  # the outer ones first
+        owner[own] = place
+    shares = dict[str, float]()
+    for place, own in reversed(rows.items()):
+        share, inner = goal.groups[place], [row for row in own if owner[row] != place]
+        lack = sum((share - shares[owner[row]]) * whole[row] for row in inner)
+        rest = max(1, whole[own].sum() - whole[inner].sum())
+        shares[place] = min(max(share + lack / rest, 0.0), 1.0)
+    known = dict.fromkeys([*owner, *(place for place, own in rows.items() if own)])
+    row_of = {name: row for row, name in enumerate(known)}
+    of_group = np.array([row_of[name] for name in owner], np.int32)
     return replace(
         problem,
         goal=replace(goal, groups=shares),
-        groups=tuple(groups.tolist()),
-        face_group=row_of.astype(np.int32)[problem.face_group],
+        groups=tuple(known),
+        face_group=of_group[problem.face_group],
     )
 
 
