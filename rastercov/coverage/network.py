@@ -494,14 +494,10 @@ class Network:
 
     @property
     def unseeable_areas(self) -> FloatArray:
-        """(F,) area that no camera can ever see: proved, m^2; see `rastercov.mesh.unseeable`.
+        """(F,) area that no camera can ever see: proved, m^2; see `rastercov.mesh.unseeable`."""
+        from rastercov.mesh.unseeable import unseeable_where_seen  # loads numba
 
-        0 of all where a camera sees one of them: it is inside a surface that is no body, then.
-        """
-        from rastercov.mesh.unseeable import unseeable_areas  # loads numba
-
-        areas = unseeable_areas(self.mesh)
-        return np.zeros_like(areas) if self.best[areas > 0].any() else areas
+        return unseeable_where_seen(self.mesh, self.best)
 
 
 def percent_of_seeable(covered_m2: float, entry: Mapping[str, float]) -> float | None:

@@ -8,7 +8,7 @@ of it that ends before a "/" is a part, of all groups below it.
 
 import difflib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from hashlib import blake2b
@@ -122,6 +122,27 @@ def parts_of(groups: Sequence["Group"]) -> dict[str, list[int]]:
     return found
 
 
+def rows_of(groups: Iterable[str], place: str) -> list[int]:
+    """Rows of the names of groups that a part holds, or that are just that name."""
+    return [row for row, name in enumerate(groups) if f"{name}/".startswith(f"{place}/")]
+
+
+def rows_at(
+    groups: Sequence["Group"], level: int | None = None, rows: Iterable[int] | None = None
+) -> dict[str, list[int]]:
+    """Rows of scored groups, of all or of some, by the first levels of their names, or by these."""
+    found: dict[str, list[int]] = {}
+    for row in range(len(groups)) if rows is None else rows:
+        if not groups[row].is_occluder:
+            found.setdefault(at_level(groups[row].name, level), []).append(row)
+    return found
+
+
+def at_level(group: str, level: int | None) -> str:
+    """The first levels of the name of a group; all of it for None."""
+    return "/".join(group.split("/")[:level])
+
+
 class FileGroups(NamedTuple):
     """A mesh file and its groups."""
 
@@ -178,17 +199,39 @@ class Names:
             if any(fnmatchcase(each, name) for each in (word, *parts_above(word)))
         }
 
-    def by_group(self, values: Mapping[str, Value]) -> dict[str, Value]:
+    def places_of(self, name: str) -> list[str]:
+        """Groups and parts that a name means, each as a whole; MeshError where there is none.
+
+        Of a name with wildcards the outermost that fit it: all that "arm/*" means are in "arm". Of
+        a file without a part of its own, the outermost in it.
+        """
+        own = self.groups_of(name)
+        whole, meant = (
+            Counter(part for group in groups for part in parts_above(group))
+            for groups in (self.groups, own)
+        )
+        found = []
+        for group in own:
+            levels = [*parts_above(group), group]
+            fits = [each for each in levels if fnmatchcase(f"/{each}", f"*/{name}")]
+            all_meant = [each for each in levels if whole[each] == meant[each]]
+            found.append(group if name in self._known else (fits or all_meant)[0])
+        return list(dict.fromkeys(found))
+
+    def by_group(
+        self, values: Mapping[str, Value], find: Callable[[str], list[str]] | None = None
+    ) -> dict[str, Value]:
         """Value of each group from values by name; the name of a group goes before all others.
 
-        MeshError for an unknown name, and for two other names that give one group two values.
+        Of each group or part with `find=self.places_of`. MeshError for an unknown name, and for two
+        other names that give one group two values.
         """
-        found: dict[str, Value] = {}
+        find, found = find or self.groups_of, dict[str, Value]()
         for name, value in values.items():
-            for group in self.groups_of(name):
-                if group != name and found.get(group, value) != value and group not in values:
-                    raise MeshError(f"group {quoted(group)} has two values by name; name it itself")
-                found[group] = values.get(group, value)
+            for place in find(name):
+                if place != name and found.get(place, value) != value and place not in values:
+                    raise MeshError(f"group {quoted(place)} has two values by name; name it itself")
+                found[place] = values.get(place, value)
         return found
 
 

@@ -29,6 +29,7 @@ INSET_REL = 4 * GAP_REL
 """Margin along the edges of a face that is not looked at; more than the gap, so that the moved
 faces of a concave edge do not meet."""
 CONTACT_REL = 1e-9
+ROUNDING_REL = 1e-9
 
 
 _AREAS: WeakKeyDictionary[Mesh, Once[NDArray[np.float64]]] = WeakKeyDictionary()
@@ -40,6 +41,17 @@ def unseeable_areas(mesh: Mesh) -> NDArray[np.float64]:
     Two-sided faces count as seeable. Computed at the first call.
     """
     return _AREAS.setdefault(mesh, Once()).get(lambda: frozen(_computed(mesh)))
+
+
+def unseeable_where_seen(mesh: Mesh, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same where cameras see a share, (F,), of each face: 0 of all if they see into a body.
+
+    That is more than twice the margin of a face, which perspective may enlarge: the camera is
+    inside a surface that is no body, then.
+    """
+    areas = unseeable_areas(mesh)
+    is_seen = seen * mesh.areas > 2 * (mesh.areas - areas) + ROUNDING_REL * mesh.areas
+    return np.zeros_like(areas) if is_seen[areas > 0].any() else areas
 
 
 def _computed(mesh: Mesh) -> NDArray[np.float64]:

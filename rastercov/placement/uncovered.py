@@ -13,7 +13,8 @@ camera, by rays to points of the face. The exact method measures the hidden area
 occluder, which would take one run for every pair of groups. A face takes 0.3 ms among 10,000.
 """
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from enum import IntEnum
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base.format import area, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
@@ -32,11 +33,13 @@ from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
+from rastercov.coverage.parts import MOST_ROWS
+from rastercov.coverage.reasons import REASONS, Reason, reason_rows
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree
+from rastercov.mesh.groups import at_level, rows_at
 from rastercov.raster.observation import BoundKind, Observation
 
 SEEN_NOTHING = 1e-6
@@ -256,12 +259,6 @@ class Leftover:
     occluder_share: FloatArray
     hidden_area: FloatArray
 
-    def reason_names(self) -> NDArray[np.str_]:
-        """(F,) reason of each uncovered face as in the summary of a network, "" for all others."""
-        rows = reason_rows(self.reason, ~self.left, self.n_cameras)
-        named: NDArray[np.str_] = np.where(self.left, np.array(NAMES)[rows], "")
-        return named
-
     def summary(self) -> dict[str, Any]:
         """Figures in total and by group, by count and by area; ready for JSON."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
@@ -278,22 +275,23 @@ class Leftover:
                 for name, faces in parts.items()
             },
             "groups": [
-                self._group(row) for row, group in enumerate(mesh.groups) if not group.is_occluder
+                self.of_groups(group.name, [row])
+                for row, group in enumerate(mesh.groups)
+                if not group.is_occluder
             ],
         }
 
-    def _group(self, row: int) -> dict[str, Any]:
-        members = self.mesh.face_group == row
-        hidden_by = {
-            group.name: float(area)
-            for group, area in zip(self.mesh.groups, self.hidden_area[row], strict=True)
-            if area > 0
-        }
+    def of_groups(self, name: str, rows: Sequence[int], level: int | None = None) -> dict[str, Any]:
+        """Figures of some groups together; what hides them by the first levels of its name."""
+        members, hidden_by = np.isin(self.mesh.face_group, rows), Counter[str]()
+        hidden: Any = self.hidden_area[rows].sum(axis=0)
+        for row in np.flatnonzero(hidden).tolist():
+            hidden_by[at_level(self.mesh.groups[row].name, level)] += hidden[row].item()
         return {
-            "name": self.mesh.groups[row].name,
+            "name": name,
             "left": share_of_faces(self.mesh, self.left & members, members),
             "reasons": self._reasons(members),
-            "hidden_by": dict(sorted(hidden_by.items(), key=lambda item: -item[1])),
+            "hidden_by": dict(hidden_by.most_common()),
         }
 
     def _reasons(self, members: BoolArray) -> dict[str, Any]:
@@ -313,13 +311,15 @@ class Leftover:
             for name, words in COULD.items():
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name])} {words}")
-        for group in summary["groups"]:
-            if group["hidden_by"]:
+        parts = rows_at(self.mesh.groups, 1)
+        found = {name: self.of_groups(name, rows, 1)["hidden_by"] for name, rows in parts.items()}
+        for part in sorted(found, key=lambda name: -sum(found[name].values()))[:MOST_ROWS]:
+            if found[part]:
                 first = [
-                    f"{'itself' if name == group['name'] else name} ({area:.3g} m²)"
-                    for name, area in group["hidden_by"].items()
+                    f"{'itself' if name == part else name} ({area(size)})"
+                    for name, size in found[part].items()
                 ]
-                lines.append(f"In the way of {group['name']}: {', '.join(first[:3])}")
+                lines.append(f"In the way of {part}: {', '.join(first[:3])}")
         return lines
 
 

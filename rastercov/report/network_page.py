@@ -245,6 +245,8 @@ class NetworkPage:
                 f"{each['faces']:,} {REASONS[name].sentence}" for name, each in reasons.items()
             ]
             said.append(f"Of those that are left, {', '.join(parts)}.")
+        if hidden := figures["unseeable_m2"]:
+            said.append(f"{area(hidden)} are left out of that: no camera outside can ever see it.")
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             said.append(

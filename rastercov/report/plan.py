@@ -343,7 +343,7 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
     goal, wanted = prepared.problem.goal, goal_of(prepared.selection)
     if not isinstance(goal, FewestCameras) or not isinstance(wanted, FewestCameras):
         return []
-    if goal == wanted or goal.of_reachable != wanted.of_reachable:
+    if goal.coverage == wanted.coverage or goal.of_reachable != wanted.of_reachable:
         return []
     return [
         f"{percent(goal.coverage)} of the area on cells were asked for, more than the "

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural, shortened, size_in_words
+from rastercov.base.format import area, percent, plural, size_in_words
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.reasons import REASONS
@@ -42,13 +42,13 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None) -> Table
     table.add_column("mainly", no_wrap=True)
     rows = part_rows(summary, level)
     for row in rows[:MOST_ROWS]:
-        table.add_row(Text(shortened(row.name, LONGEST_NAME)), *_cells(row))
+        table.add_row(Text(_end_of(row.name)), *_cells(row))
     if rows[MOST_ROWS:]:
         file = "summary.json" if "run" in summary else "plan.json"
         table.caption = f"and {len(rows) - MOST_ROWS} more, see {file}"
     occluders = [entry for entry in entries_at(summary, level or 1) if "covered" not in entry]
     for entry in occluders[:MOST_ROWS]:
-        cell = Text(shortened(entry["name"], LONGEST_NAME))
+        cell = Text(_end_of(entry["name"]))
         table.add_row(cell, str(entry["faces"]), "occluder", style="dim")
     if len(rows) != 1:
         table.add_section()
@@ -60,6 +60,11 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None) -> Table
     for name in sorted(reasons, key=lambda name: -int(reasons[name]["faces"])):
         table.add_row(f"  {REASONS[name].label}", str(reasons[name]["faces"]))
     return table
+
+
+def _end_of(name: str) -> str:
+    """The name of a part, without its beginning where it is long: that is what parts share."""
+    return name if len(name) <= LONGEST_NAME else f"...{name[3 - LONGEST_NAME :]}"
 
 
 def _cells(row: PartRow) -> tuple[str, ...]:
@@ -92,15 +97,6 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     if summary.get("by_face_because"):
         table.add_row("by face, because", summary["by_face_because"])
     return table
-
-
-def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
-    """Cells of a group under `BY_AREA` or `BY_FACE`."""
-    covered, by_area = entry["covered"], entry.get("covered_area")
-    first = (str(n_faces), f"{covered['percent']:.1f}", f"{covered['area_percent']:.1f}")
-    if by_area is not None:
-        first = (area(by_area["of_m2"]), f"{by_area['percent']:.1f}", str(n_faces))
-    return *first, str(n_faces - covered["faces"]), str(entry["zero_in_every_camera"]["faces"])
 
 
 def heading_and_tilt(pose: NDArray[np.float64]) -> tuple[float, float]:

@@ -11,7 +11,16 @@ import rastercov as rc
 from rastercov.coverage.parts import part_rows
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.formats.polygons import names_in_tree
+from rastercov.mesh.groups import Names
 from rastercov.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
+from rastercov.placement.plan.network import judge
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    grouped,
+    problem_of_matrix,
+)
 
 ENDS = st.tuples(st.integers(0, 3), st.integers(1, 3)).map(lambda at: (at[0], sum(at)))
 
@@ -84,3 +93,56 @@ def test_names_are_places_in_the_tree_below_what_all_share():
     expected = ["arm/bolt", "arm/bolt #2", "arm/a\u2215b", "arm #2/bolt"]
     assert [found[row] for row in (2, 3, 5, 7)] == expected
     assert names_in_tree([-1, 0, 0], ["root", "a/b", "c"], [1, 2])[1:] == ["a/b", "c"]
+    taken = names_in_tree([-1] * 3, ["bolt", "bolt", "bolt #2"], range(3))
+    assert taken == ["bolt", "bolt #2", "bolt #2 #2"]
+    deep = [f"level {row}" for row in range(1000)]
+    assert names_in_tree(range(-1, 999), deep, [999])[999] == "level 999"
+
+
+NAMES = ["arm/base", "arm/tool/tip", "arm/tool", "table"]
+
+
+@given(st.lists(st.tuples(ENDS, ENDS, ENDS), min_size=4, max_size=4), st.permutations(range(4)))
+@settings(max_examples=15, deadline=None)
+def test_a_part_is_the_sum_of_its_groups_in_any_order(ends, order):
+    camera, poses = rc.Camera.from_fov(200, 200, hfov_deg=60), rc.look_at((9, 8, 10), (2, 2, 2))
+    ends = np.array(ends) + 0.013 * np.arange(4)[:, None, None]  # no two faces coincide
+    told = []
+    for rows in (range(4), order):
+        mesh = boxes(*(ends[row] for row in rows), names=[NAMES[row] for row in rows])
+        found = rc.evaluate(mesh, camera, poses, by="area").summary()
+        told.append({each["name"]: each for each in found["groups"]})
+        parts = {each["name"]: each for each in found["parts"]}
+        for name, own in {"arm": NAMES[:3], "arm/tool": NAMES[1:3]}.items():
+            each = [told[-1][group] for group in own]
+            for key in ("area_m2", "unseeable_m2", "faces"):
+                assert parts[name][key] == pytest.approx(sum(one[key] for one in each))
+            covered = sum(one["covered_area"]["m2"] for one in each)
+            assert parts[name]["covered_area"]["m2"] == pytest.approx(covered, abs=1e-9)
+        for one in (found, *found["groups"], *found["parts"]):
+            of_seeable = one["covered_of_seeable_percent"]
+            assert of_seeable is None or of_seeable >= one["covered_area"]["percent"] - 1e-9
+        dead = sum(each["area_m2"] for each in found["dead_zones"])
+        left = found["area_m2"] - found["covered_area"]["m2"] - found["unseeable_m2"]
+        assert dead + found["other_dead_zones"]["area_m2"] == pytest.approx(left, abs=1e-2)
+    one, other = told
+    for name in NAMES:
+        for key in ("area_m2", "unseeable_m2", "covered_of_seeable_percent"):
+            assert one[name][key] == pytest.approx(other[name][key], abs=1e-6)
+
+
+def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
+    covers, shares = np.eye(4), {"arm": 0.5, "arm/tool": 1.0, "table": 0.0}
+    problem = problem_of_matrix(covers, BestCoverage(4), groups=NAMES, face_group=range(4))
+    goal = FewestCameras(0.0, shares)
+    found = select_greedy(grouped(problem, goal))
+    assert sorted(found.chosen.tolist()) == [1, 2]  # and arm lacks nothing then
+    names = Names(NAMES)
+    assert names.places_of("arm") == ["arm"]
+    assert names.places_of("arm/*") == ["arm/base", "arm/tool"]
+    assert names.places_of("*") == ["arm", "table"]
+    mesh = boxes(*([(row, row + 1)] * 3 for row in range(4)), names=NAMES)
+    faces = mesh.face_group == 1
+    of_arm, of_tool = judge(mesh, np.ones(48, np.int64), {"arm": 0.3, "arm/tool": 0.6}, faces)
+    assert (of_arm.status, of_arm.share, of_arm.n_groups) == ("holds", pytest.approx(1 / 3), 3)
+    assert of_tool.words().startswith("part arm/tool: 50.0 % covered, 60.0 % wanted")

@@ -183,7 +183,10 @@ def test_a_problem_has_the_pairs_views_and_weights_that_count(lists):
     assert problem.weights.tolist() == [float(label != 2) for label in labels]
     assert problem.views.tolist() == [3 if label == 1 else 1 for label in labels]
     assert of().views.tolist() == [2] * scene.n_faces
-    for options, words in (({"views": {"c": 2}}, "no group 'c'"), ({"weight_by": "m"}, "area or")):
+    for options, words in (
+        ({"views": {"c": 2}}, "no group 'c'"),
+        ({"weight_by": "m"}, "area, see"),
+    ):
         with pytest.raises(ConfigError, match=words):
             of(**options)
 

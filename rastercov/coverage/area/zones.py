@@ -133,6 +133,8 @@ class DeadZones(FacePolygons):
 def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     """Connected parts of the task surface that fewer than `views` cameras cover.
 
+    Faces that no camera can ever see, see `rastercov.mesh.unseeable`, are in none of them.
+
     Parameters
     ----------
     covered : Covered
@@ -146,6 +148,7 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
         For `views` beyond those that `covered` counts.
     """
     from rastercov.kernels import area_zone as kernels
+    from rastercov.mesh.unseeable import unseeable_where_seen  # loads numba
 
     mesh, k = covered.mesh, len(covered.area)
     words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
@@ -156,7 +159,10 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     wanted = np.broadcast_to(wanted, mesh.n_faces)
     whole = with_rest(covered)
     areas = polygons.polygon_areas(whole.xy, whole.starts)
-    kept = (whole.views < wanted[whole.face]) & (areas > 0)
+    frames = frames_of(mesh)
+    seen = covered.area[0] / np.maximum(frames.areas, np.finfo(float).tiny)
+    is_left = unseeable_where_seen(mesh, seen) == 0
+    kept = (whole.views < wanted[whole.face]) & (areas > 0) & is_left[whole.face]
     xy, starts = polygons.chosen(whole.xy, whole.starts, np.flatnonzero(kept))
     face, number, areas = whole.face[kept], whole.views[kept], areas[kept]
     parent = np.arange(len(face))

@@ -395,9 +395,14 @@ def names_in_tree(
     for parent, name in zip(parents, names, strict=True):  # some microseconds each
         path = paths[parent] if parent >= 0 else ""
         if name:
-            path = f"{path and path + '/'}{name.replace('/', SLASH)}"[:LONGEST_NAME]
-            n_alike[path] += 1
-            path += f" #{n_alike[path]}" if n_alike[path] > 1 else ""
+            name = name.replace("/", SLASH)[:LONGEST_NAME]
+            above = path if len(path) + len(name) < LONGEST_NAME else path.rpartition("/")[0]
+            path = f"{above and above + '/'}{name}"
+            base = path
+            while path in n_alike:
+                n_alike[base] += 1
+                path = f"{base} #{n_alike[base]}"
+            n_alike[path] = 1
         paths.append(path)
     levels = [path.split("/") for path in paths]
     n_shared = len(commonprefix([levels[row][:-1] for row in used]))  # noqa: RUF071 - of levels
@@ -497,10 +502,6 @@ class Assembly:
                 continue
             if matrix is None:
                 raise MeshError(f"{element.title} {element.why_none}")
-            if isinstance(piece, _Node) and len(piece.pieces) == 1:
-                [(place, only)] = piece.pieces
-                if isinstance(only, _Node):
-                    matrix, piece = matrix @ place, only
             pieces.append((matrix, piece))
             n_faces += piece.n_faces
             n_vertices += piece.n_vertices if isinstance(piece, _Node) else len(piece.points)

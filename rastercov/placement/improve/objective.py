@@ -92,7 +92,7 @@ class Objective:
         """
         task = task or Task()
         mesh = own["cells"].elements if "cells" in own else observer.mesh
-        weights = in_whole_numbers(weights_of(mesh, weight_by))
+        weights = in_whole_numbers(weights_of(own.get("cells", mesh), weight_by))
         need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
             raise ConfigError(f"views must be a whole number, 1 or more, got {views}")

@@ -27,13 +27,14 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import Names, listed, quoted
+from rastercov.mesh.groups import Names, listed, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
     HOLDS,
     Measured,
     Requirement,
+    Rows,
     area_lines,
     counting,
     judge,
@@ -43,11 +44,13 @@ from rastercov.placement.plan.network import (
     measured,
     most_views,
     observer_of,
+    seeable_areas,
     summary_of,
     with_areas,
 )
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
@@ -97,15 +100,20 @@ class Checked(InOneLine):
         return summary_of(self.plan, self.cameras, self.asked_views)
 
     def reasons(self, requirement: Requirement) -> list[str]:
-        """Reasons why a requirement does not hold, by group, the most uncovered first."""
+        """Reasons why it does not hold, by the groups or parts in it, the most uncovered first."""
         if requirement.status == HOLDS:
             return []
-        by_name = {entry["name"]: entry for entry in self.leftover.summary()["groups"]}
-        wanted = [requirement.group] if requirement.group else list(by_name)
-        wanted.sort(key=lambda name: -self._uncovered(name))
+        groups, level, own = self.mesh.groups, 1, None
+        if requirement.group is not None:
+            own = rows_of([group.name for group in groups], requirement.group)
+            level = requirement.group.count("/") + 2
+        parts = rows_at(groups, level, own)
+        weights = weights_of(self.mesh, self.plan.task.weight_by) * self.leftover.left
+        by_group = np.bincount(self.mesh.face_group, weights, len(groups))
+        wanted = sorted(parts, key=lambda name: -by_group[parts[name]].sum())
         lines = []
         for name in wanted[:MOST_GROUPS]:
-            entry = by_name[name]
+            entry = self.leftover.of_groups(name, parts[name], level)
             if not entry["left"]["faces"]:
                 continue
             shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
@@ -113,18 +121,12 @@ class Checked(InOneLine):
                 f"{share['faces']} {reason.replace('_', ' ')}" for reason, share in shares
             )
             how = "uncovered" if self.cameras.areas is None else "not covered as a whole"
-            text = f"group {name}: {plural(entry['left']['faces'], 'face')} {how}: {why}"
+            kind = "group" if len(parts[name]) == 1 else "part"
+            text = f"{kind} {name}: {plural(entry['left']['faces'], 'face')} {how}: {why}"
             if hidden := list(entry["hidden_by"]):
                 text += f"; in the way: {', '.join(hidden[:3])}"
             lines.append(text)
         return lines
-
-    def _uncovered(self, name: str) -> float:
-        """Weight of the uncovered faces of a group."""
-        mesh, names = self.mesh, [group.name for group in self.mesh.groups]
-        members = self.leftover.left & (mesh.face_group == names.index(name))
-        by_area = self.plan.task.weight_by == "area"
-        return float(mesh.areas[members].sum()) if by_area else float(members.sum())
 
 
 def limits(
@@ -209,8 +211,7 @@ def check(
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         mesh, plan, names = named_scene(plan)
-    scored = [group.name for group in mesh.groups if not group.is_occluder]
-    limits = _by_group(plan, limits, names, scored)
+    limits = _by_place(plan, limits, names, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -224,14 +225,16 @@ def check(
                     cameras = with_areas(plan, cameras, finder, views, progress)
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
+    seeable = seeable_areas(plan, cameras.network)
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
 
-    def status_of(wanted: Limits) -> tuple[Requirement, ...]:
+    def status_of(wanted: Limits, rows: Rows | None = None) -> tuple[Requirement, ...]:
         if cameras.areas is not None:
-            return judge_areas(cameras.areas, wanted, counted["views"])
-        return judge(mesh, weights, wanted, *masks)
+            return judge_areas(cameras.areas, wanted, counted["views"], rows=rows, seeable=seeable)
+        return judge(mesh, weights, wanted, *masks, rows=rows)
 
-    every = status_of({name: limits.get(name, 0.0) for name in scored})
+    alone = rows_at(mesh.groups)
+    every = status_of({name: limits.get(name, 0.0) for name in alone}, alone)
     return Checked(
         plan=plan,
         poses_file=poses_file,
@@ -246,10 +249,9 @@ def check(
     )
 
 
-def _by_group(
-    plan: Plan, limits: Limits, names: Names, scored: Sequence[str]
-) -> dict[str | None, float]:
-    """Limits by group from limits by name, of groups that are scored; PlanError for others."""
+def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str | None, float]:
+    """Limits by group or part from limits by name, where these are scored; PlanError for others."""
+    scored = [group.name for group in mesh.groups if not group.is_occluder]
     by_name = {name: limit for name, limit in limits.items() if name is not None}
     lines = []
     for name in by_name:
@@ -260,9 +262,9 @@ def _by_group(
             lines.append(str(error))
     if lines:
         raise PlanError(plan.name, lines)
-    every = names.by_group(by_name)
+    every = names.by_group(by_name, names.places_of)
     whole = {None: limits[None]} if None in limits else {}
-    return whole | {name: limit for name, limit in every.items() if name in scored}
+    return whole | {name: limit for name, limit in every.items() if rows_of(scored, name)}
 
 
 def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:

@@ -10,13 +10,15 @@ By area it is that of the exact area, with its bound.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
@@ -31,6 +33,7 @@ from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.groups import rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.sections import (
@@ -54,6 +57,7 @@ from rastercov.placement.uncovered import (
     left_by,
 )
 
+Rows = Mapping[Any, Sequence[int]]
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
 
@@ -64,7 +68,7 @@ class Requirement:
     Attributes
     ----------
     group : str or None
-        None for the whole task.
+        Group or part; None for the whole task.
     limit : float
         Required share, [0, 1].
     low, share, high : float
@@ -75,6 +79,8 @@ class Requirement:
         Faces, and faces that are not covered as measured.
     of_reachable : bool
         True where shares are of the faces that some candidate covers, not of all.
+    n_groups : int
+        Groups that it is of, all together.
     """
 
     group: str | None
@@ -86,11 +92,13 @@ class Requirement:
     faces: int
     uncovered: int
     of_reachable: bool = False
+    n_groups: int = 1
 
     @property
     def name(self) -> str:
-        """The group, or "all"."""
-        return "all" if self.group is None else f"group {self.group}"
+        """The group or part, or "all"."""
+        kind = "group" if self.n_groups == 1 else "part"
+        return "all" if self.group is None else f"{kind} {self.group}"
 
     @property
     def short_by(self) -> float:
@@ -121,6 +129,8 @@ class AreaRequirement(Requirement):
     ----------
     m2, bound_m2, of_m2 : float
         Covered area, the bound of its error, and the area that the share is of.
+    of_seeable : bool
+        True where that is without what no camera can ever see.
     faces, uncovered : int
         Faces, and faces that are not covered as a whole.
     """
@@ -128,11 +138,13 @@ class AreaRequirement(Requirement):
     m2: float = 0.0
     bound_m2: float = 0.0
     of_m2: float = 0.0
+    of_seeable: bool = False
 
     def _parts(self) -> tuple[str, str, str]:
-        of = "of the area that all candidates cover" if self.of_reachable else "of the area covered"
+        of = "of what can be seen covered" if self.of_seeable else "of the area covered"
+        of = "of the area that all candidates cover" if self.of_reachable else of
         ends = f"the bound of the area allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
-        return of, f"{self.of_m2 - self.m2:.3g} m²", ends
+        return of, in_square_metres(self.of_m2 - self.m2), ends
 
 
 @dataclass(frozen=True)
@@ -150,7 +162,7 @@ def status_of(low: float, high: float, limit: float) -> str:
     return HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
 
 
-OF = {"area": "the area", "count": "the faces"}
+OF = {"area": "the area", "seeable": "the area that can be seen", "count": "the faces"}
 """Words for the whole of a share, by `weight_by`."""
 
 
@@ -161,6 +173,12 @@ def goal_of(selection: SelectionSection) -> Goal:
     return value_of(selection, BestCoverage)
 
 
+def _rows(mesh: Mesh, limits: Mapping[str | None, float]) -> Rows:
+    """Rows of the groups of each limit."""
+    names = [group.name for group in mesh.groups]
+    return {None: range(len(names))} | {place: rows_of(names, place) for place in limits if place}
+
+
 def judge(
     mesh: Mesh,
     integer_weights: IntArray,
@@ -169,6 +187,7 @@ def judge(
     certain: BoolArray | None = None,
     possible: BoolArray | None = None,
     reachable: BoolArray | None = None,
+    rows: Rows | None = None,
 ) -> tuple[Requirement, ...]:
     """Evaluate each required share.
 
@@ -176,28 +195,49 @@ def judge(
     ----------
     integer_weights : (F,) int64
         Weights as of `Problem` or `Objective`.
-    limits : mapping of group name or None to share
+    limits : mapping of group, part or None to share
         None is the whole task.
     covered, certain, possible : (F,) bool
         Faces covered as measured, certainly and possibly; the same unless given.
     reachable : (F,) bool, optional
         Faces that the shares are of; all that are scored unless given.
+    rows : mapping of str to list of int, optional
+        Rows of the groups that each limit is of; of the part or group unless given.
     """
     parts = [covered if part is None else part for part in (certain, covered, possible)]
-    names = [group.name for group in mesh.groups]
+    rows = rows or _rows(mesh, limits)
     found = []
     for group, limit in limits.items():
         faces = mesh.task_mask if reachable is None else mesh.task_mask & reachable
-        if group is not None:
-            faces = faces & (mesh.face_group == names.index(group))
+        faces = faces & np.isin(mesh.face_group, rows[group])
         whole = int(integer_weights[faces].sum())
         low, share, high = (
             int(integer_weights[faces & part].sum()) / whole if whole else 1.0 for part in parts
         )
         counts = int(faces.sum()), int((faces & ~covered).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
-        found.append(Requirement(group, limit, low, share, high, status, *counts, is_partial))
+        common = (group, limit, low, share, high, status, *counts, is_partial)
+        found.append(Requirement(*common, n_groups=len(rows[group])))
     return tuple(found)
+
+
+def seeable_areas(plan: Plan, network: Network) -> FloatArray | None:
+    """(F,) area of each face that shares are of, where the plan counts what can be seen.
+
+    ConfigError where a camera sees faces of which it is proved that no camera outside can.
+    """
+    if plan.task.weight_by != "seeable":
+        return None
+    from rastercov.mesh.unseeable import unseeable_areas  # loads numba
+
+    hidden = network.unseeable_areas
+    if not hidden.any() and unseeable_areas(network.mesh).any():
+        raise ConfigError(
+            'cameras see into closed bodies, so weight_by = "seeable" has no meaning: move them '
+            "out, or leave it out where a room is drawn as a body"
+        )
+    seeable: FloatArray = network.mesh.areas - hidden
+    return seeable
 
 
 WHOLE_REL = 1e-6
@@ -220,23 +260,27 @@ def judge_areas(
     limits: Mapping[str | None, float],
     views: int | Mapping[str, int],
     reachable: AreaNetwork | None = None,
+    rows: Rows | None = None,
+    seeable: FloatArray | None = None,
 ) -> tuple[AreaRequirement, ...]:
     """Evaluate each required share by exact area with its bound; arguments as for `judge`.
 
     A requirement holds where the certainly covered area reaches it, fails where the area with its
-    bound does not. With `reachable`, shares are of the area that it covers, with its bound, too.
+    bound does not. With `reachable`, shares are of the area that it covers, with its bound, too;
+    with `seeable`, of `seeable_areas`.
     """
     mesh, is_whole = areas.mesh, whole_faces(areas, views)
+    rows = rows or _rows(mesh, limits)
     found = []
     for group, limit in limits.items():
         faces, sums = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2))
         for row, each in enumerate(mesh.groups):
-            if each.is_occluder or group not in (None, each.name):
+            if each.is_occluder or row not in rows[group]:
                 continue
             members = mesh.face_group == row
             number = views.get(each.name, 1) if isinstance(views, Mapping) else views
             own = areas.of_faces(members, number)
-            whole = own["of_m2"], 0.0
+            whole = own["of_m2"] if seeable is None else float(seeable[members].sum()), 0.0
             if reachable is not None:
                 most = reachable.of_faces(members, number)
                 whole = most["m2"], most["bound_m2"]
@@ -250,7 +294,9 @@ def judge_areas(
         counts = int(faces.sum()), int((faces & ~is_whole).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
         common = (group, limit, low, share, high, status, *counts, is_partial)
-        found.append(AreaRequirement(*common, m2=area, bound_m2=bound, of_m2=total))
+        others: dict[str, Any] = {"m2": area, "bound_m2": bound, "of_m2": total}
+        others |= {"n_groups": len(rows[group]), "of_seeable": seeable is not None}
+        found.append(AreaRequirement(*common, **others))
     return tuple(found)
 
 

@@ -57,6 +57,7 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     Goal,
     Problem,
+    grouped,
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
@@ -295,7 +296,7 @@ def prepare(
         some = mounts.cameras(without(found.candidates, matrix.quarantined))[0]
         notes.append(_why_nothing(observer, some, task, what))
     try:
-        problem = replace(problem, goal=goal_of(selection))
+        problem = grouped(problem, goal_of(selection))
     except ConfigError as error:
         on = "" if cells is None else f"on cells of {cells.size:g} m: "
         notes.append(f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered")

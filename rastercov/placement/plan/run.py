@@ -42,6 +42,7 @@ from rastercov.placement.plan.network import (
     measured,
     most_views,
     observer_of,
+    seeable_areas,
     with_areas,
 )
 from rastercov.placement.plan.prepare import (
@@ -235,6 +236,7 @@ def _measured(
 ) -> tuple[Measured, tuple[Requirement, ...]]:
     """Cameras or rigs measured by face, and the requirements of a plan by face."""
     cameras = measured(objectives.faces, mounted)
+    seeable_areas(prepared.plan, cameras.network)  # refuses cameras that see into bodies
     is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
     reachable = prepared.problem.reachable if is_part else None
     weights, limits = objectives.faces.integer_weights, limits_of(prepared.selection)
@@ -264,7 +266,10 @@ def _by_area(
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)
     else:
-        required = judge_areas(cameras.areas, limits, plan.task.views, prepared.reachable)
+        seeable = seeable_areas(plan, cameras.network)
+        required = judge_areas(
+            cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
+        )
     return replace(placement, cameras=cameras, requirements=required)
 
 

@@ -7,6 +7,7 @@ their candidates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -230,7 +231,8 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
             found = [each for name in value for each in known(at, name, names.groups_of)]
             changes[field] = list(dict.fromkeys(found))
         elif isinstance(value, dict) and field in OF_GROUPS:
-            changes[field] = known(at, value, names.by_group)
+            find = names.places_of if field == "groups" else names.groups_of
+            changes[field] = known(at, value, partial(names.by_group, find=find))
         elif isinstance(value, list) and any(isinstance(each, Entry) for each in value):
             changes[field] = [
                 _with_names(each, f"{at}[{row}]", names, lines) for row, each in enumerate(value)

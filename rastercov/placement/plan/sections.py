@@ -682,8 +682,8 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
 
     views: Count | dict[str, Count] = 1
     """Cameras that must cover a face; or a table by group, 1 for the others."""
-    weight_by: Literal["area", "count"] = "area"
-    """Total of which shares are parts."""
+    weight_by: Literal["area", "seeable", "count"] = "area"
+    """Total of which shares are parts; seeable is the area without what no camera can ever see."""
     by: Literal["area", "face"] | None = None
     """Unit of results: exact area, or whole faces; area unless a threshold is of a face."""
     resolution_of_result: Positive | None = None

@@ -12,7 +12,7 @@ Shares are of weight: faces count by number or by area. They are compared in int
 import heapq
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -27,6 +27,7 @@ from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
+from rastercov.mesh.groups import rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix
 from rastercov.placement.mounts import Mounts
@@ -48,13 +49,15 @@ class FewestCameras:
     coverage : float
         Share of the weight of all faces to cover, [0, 1].
     groups : mapping of str to float
-        Share to cover of the weight of single groups, by name.
+        Share to cover of the weight of single groups, or of parts in a `problem_of`, by name.
     of_reachable : bool
         True where shares are of the weight that all candidates together cover, not of the total.
     """
 
     coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
-    groups: Annotated[Shares, Doc("Share to cover of single groups.")] = field(default_factory=dict)
+    groups: Annotated[Shares, Doc("Share to cover of single groups and parts.")] = field(
+        default_factory=dict
+    )
     of_reachable: Annotated[
         bool, Doc("Whether shares are of what all candidates together cover.")
     ] = False
@@ -297,6 +300,36 @@ def _check(problem: Problem) -> None:
         raise ConfigError("face_group must index into groups, whose names must be unique")
 
 
+def grouped(problem: Problem, goal: Goal) -> Problem:
+    """The problem with another goal, of groups or of parts, which are its groups then.
+
+    Of a part with goals in it, the rest is a group, which has to reach what the part lacks where
+    these are just reached: enough for all goals, and at times more than they ask.
+    """
+    if isinstance(goal, BestCoverage):
+        return replace(problem, goal=goal)
+    is_counted = problem.reachable if goal.of_reachable else np.ones(problem.n_faces, np.bool_)
+    whole, owner = problem.by_group(is_counted), np.array(problem.groups, object)
+    rows = {place: rows_of(problem.groups, place) for place in sorted(goal.groups, key=len)}
+    for place, own in rows.items():  # the outer ones first
+        owner[own] = place
+    shares = dict[str, float]()
+    for place, own in reversed(rows.items()):
+        share, inner = goal.groups[place], [row for row in own if owner[row] != place]
+        lack = sum((share - shares[owner[row]]) * whole[row] for row in inner)
+        rest = max(1, whole[own].sum() - whole[inner].sum())
+        shares[place] = min(max(share + lack / rest, 0.0), 1.0)
+    known = dict.fromkeys([*owner, *(place for place, own in rows.items() if own)])
+    row_of = {name: row for row, name in enumerate(known)}
+    of_group = np.array([row_of[name] for name in owner], np.int32)
+    return replace(
+        problem,
+        goal=replace(goal, groups=shares),
+        groups=tuple(known),
+        face_group=of_group[problem.face_group],
+    )
+
+
 @typed
 def problem_of(
     matrix: VisibilityMatrix | BitMatrix,
@@ -318,8 +351,8 @@ def problem_of(
         The bits of a `BitMatrix` stay on the disk.
     mesh : Mesh or Cells
         Those that the matrix was made for; a problem of cells has them as its faces.
-    weight_by : {"area", "count"}
-        Weight of a face; only task faces count.
+    weight_by : {"area", "seeable", "count"}
+        Weight of a face; only task faces count. See `weights_of`.
     views : int or mapping of str to int, optional
         Cameras that must cover a face, for all or by group (1 for other groups);
         `matrix.task.views` unless given.
@@ -362,19 +395,20 @@ def problem_of(
         bits = matrix.bits(least, starts)
     else:
         bits = matrix.bits(least)
-    return Problem(
+    problem = Problem(
         bits=bits,
         starts=starts,
-        weights=weights_of(elements, weight_by),
+        weights=weights_of(mesh, weight_by),
         views=needed,
         costs=np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
-        goal=goal,
+        goal=BestCoverage(cameras=0),
         groups=tuple(group.name for group in elements.groups),
         face_group=elements.face_group,
         min_angle=angle,
         eyes=eyes,
         centroids=elements.centroids,
     )
+    return grouped(problem, goal)
 
 
 def _elements_of(matrix: VisibilityMatrix | BitMatrix, mesh: Mesh | Cells) -> Mesh:
@@ -391,11 +425,21 @@ def _elements_of(matrix: VisibilityMatrix | BitMatrix, mesh: Mesh | Cells) -> Me
     return mesh
 
 
-def weights_of(mesh: Mesh, weight_by: str) -> FloatArray:
-    """(F,) weight of each face, by "area" or "count"; 0 for faces that are not scored."""
-    if weight_by not in ("area", "count"):
-        raise ConfigError(f"weight_by must be area or count, got {weight_by!r}")
-    weights = mesh.areas if weight_by == "area" else np.ones(mesh.n_faces)
+def weights_of(on: Mesh | Cells, weight_by: str) -> FloatArray:
+    """(F,) weight of each face or cell; 0 where it is not scored.
+
+    By "area", by "count", or by "seeable", the area without what no camera can ever see.
+    """
+    if weight_by not in ("area", "seeable", "count"):
+        raise ConfigError(f"weight_by must be area, seeable or count, got {weight_by!r}")
+    mesh = on.elements if isinstance(on, Cells) else on
+    weights = np.ones(mesh.n_faces) if weight_by == "count" else mesh.areas
+    if weight_by == "seeable":
+        from rastercov.mesh.unseeable import unseeable_areas  # loads numba
+
+        whole, rows = (on.mesh, on.source_face) if isinstance(on, Cells) else (on, slice(None))
+        hidden = unseeable_areas(whole) / np.maximum(whole.areas, np.finfo(float).tiny)
+        weights = weights * (1 - hidden[rows])
     return np.where(mesh.task_mask, weights, 0.0)
 
 
