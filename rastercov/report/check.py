@@ -10,6 +10,7 @@ from rastercov.base.output import write_json
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, to_json
+from rastercov.placement.plan.network import HOLDS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_page_of, verdicts
@@ -46,6 +47,9 @@ def page_of(found: Checked) -> str:
     run = provenance_of(found.mesh, plan.rig, cameras.poses, found.task, options)
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements hold" if found.is_met else "The rig falls short"
+    worse = [] if found.against is None else found.against.lines()
+    if worse and all(each.status == HOLDS for each in found.requirements):
+        answer = worse[-1].capitalize()
     if len(short) == 1:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
     return shown.page(
@@ -53,7 +57,7 @@ def page_of(found: Checked) -> str:
         shown.pictures(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
-        lines=verdicts(found.requirements),
+        lines=[*verdicts(found.requirements), *((line, found.is_met) for line in worse[-1:])],
         notes=[*found.mesh.warnings, *found.lines()],
         summary=told | {"quarantined": {}},
         run=run,

@@ -1,0 +1,149 @@
+"""A check held against an earlier one: what is worse beyond the bounds of both, and where.
+
+Dead zones of two checks are one where their boxes touch and they have a group in common. A zone is
+new if it is none of the earlier ones, and larger if it is larger than those together that it is.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.files import UnreadableError, printable, read_json
+from rastercov.base.format import area, percent
+from rastercov.coverage.area.zones import zone_line
+from rastercov.mesh.groups import listed
+from rastercov.placement.plan.network import FAILS, status_of
+
+Told = Mapping[str, Any]
+Entry = dict[str, Any]
+NEEDED = {"task", "all", "groups", "size_m"}
+"""Entries of the `check.json` of an earlier check."""
+NO_CHECK = "no check.json of rastercov check, or of an earlier version; make one by --out"
+TOUCH_REL = 1e-6
+"""Distance of two boxes that touch, relative to the diagonal of the mesh."""
+
+
+@dataclass(frozen=True)
+class Against:
+    """Differences of a check from its baseline, beyond the bounds of both.
+
+    Attributes
+    ----------
+    file : str
+        The baseline.
+    shares : list of dict
+        For all, and for each of several groups: group, share, before, bound of the difference, and
+        status, "worse", "better" or "same".
+    zones : list of dict
+        Dead zones that are new or larger: row in `dead_zones`, status, more_m2, and line.
+    """
+
+    file: str
+    shares: list[Entry]
+    zones: list[Entry]
+
+    @property
+    def is_worse(self) -> bool:
+        """True where a share is worse, or a dead zone new or larger."""
+        return bool(self.zones) or any(each["status"] == "worse" for each in self.shares)
+
+    def lines(self) -> list[str]:
+        """The differences for people, the verdict last."""
+        differ = [each for each in self.shares if each["status"] != "same"]
+        said = [f"{each['status']}: {words(each)}" for each in differ]
+        said += [each["line"] for each in self.zones]
+        return [*said, f"{'' if self.is_worse else 'no '}worse than {self.file}"]
+
+
+def words(share: Told) -> str:
+    """A share and that of the baseline in one line."""
+    name = "all" if share["group"] is None else f"group {share['group']}"
+    more = share["share"] - share["before"]
+    points = f"{percent(abs(more)).removesuffix(' %')} ± {100 * share['bound']:.2g} points"
+    both = f"{percent(share['share'])} covered, {percent(share['before'])} before"
+    return f"{name}: {both}: {points} {'more' if more > 0 else 'less'}"
+
+
+def read_baseline(path: Path) -> Told:
+    """The outcome of an earlier check: `check.json`, or what `--json` printed.
+
+    Raises
+    ------
+    ConfigError
+        For another file.
+    """
+    try:
+        told = read_json(path)
+        fault = "" if isinstance(told, dict) and told.keys() >= NEEDED else NO_CHECK
+    except UnreadableError as error:
+        fault = str(error)
+    if fault:
+        raise ConfigError(f"{printable(str(path))}: {fault}")
+    return {**told, "file": printable(str(path))}
+
+
+def compare(before: Told, now: Told) -> Against:
+    """Hold an outcome, as `to_json` gives it, against that of an earlier check.
+
+    Raises
+    ------
+    ConfigError
+        For a baseline of another task or of other groups.
+    """
+    file = before["file"]
+    try:
+        for name, value in now["task"].items():
+            if (old := before["task"].get(name)) != value:
+                other = f"with {name} = {shown(old)}, and this one has {shown(value)}"
+                raise ConfigError(f"{file}: of a check {other}; make the baseline anew")
+        shares, earlier = (
+            {each["group"]: each for each in (told["all"], *told["groups"])}
+            for told in (now, before)
+        )
+        if shares.keys() != earlier.keys():
+            both = (listed([name for name in some if name]) for some in (earlier, shares))
+            raise ConfigError(
+                f"{file}: of the groups {' and this check of '.join(both)}; make the baseline anew"
+            )
+        groups = list(shares) if len(shares) > 2 else [None]
+        pairs = [_share(earlier[group], shares[group]) for group in groups]
+        return Against(file, pairs, _zones(before, now) if "dead_zones" in now else [])
+    except (LookupError, TypeError, AttributeError):
+        raise ConfigError(f"{file}: {NO_CHECK}") from None
+
+
+def _share(before: Told, now: Told) -> Entry:
+    """A share, that of the baseline, and their difference."""
+    is_worse = status_of(now["low"], now["high"], before["low"]) == FAILS
+    is_better = status_of(before["low"], before["high"], now["low"]) == FAILS
+    status = "worse" if is_worse else "better" if is_better else "same"
+    bound = sum(each["high"] - each["low"] for each in (before, now)) / 2
+    shares = {"share": now["share"], "before": before["share"]}
+    return {"group": now["group"], **shares, "bound": bound, "status": status}
+
+
+def _zones(before: Told, now: Told) -> list[Entry]:
+    """Dead zones that are new or larger."""
+    least = sum(told["covered_area"]["bound_m2"] for told in (before, now))
+    if before["other_dead_zones"]["zones"]:  # a small one may be of those that are not listed
+        least = max(least, min(zone["area_m2"] for zone in before["dead_zones"]))
+    slack, found = TOUCH_REL * float(np.linalg.norm(now["size_m"])), []
+    for row, zone in enumerate(now["dead_zones"]):
+        theirs = [old["area_m2"] for old in before["dead_zones"] if _is_one(zone, old, slack)]
+        if (more := zone["area_m2"] - sum(theirs)) > least:
+            status, by = ("larger", f" by {area(more)}") if theirs else ("new", "")
+            line = f"{status}{by}: {zone_line(zone)}"
+            found.append({"row": row, "status": status, "more_m2": more, "line": line})
+    return found
+
+
+def _is_one(zone: Told, other: Told, slack: float) -> bool:
+    """True where the boxes of two zones touch and they have a group in common."""
+    (low, high), (their_low, their_high) = np.array(zone["extent"]), np.array(other["extent"])
+    is_apart = ((low > their_high + slack) | (their_low > high + slack)).any()
+    return not is_apart and not set(zone["groups"]).isdisjoint(other["groups"])
