@@ -16,6 +16,8 @@ from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_page_of, verdicts
 from rastercov.report.printing import browser, write_page
 
+MOST_LINES = 6
+"""Differences from a baseline in the headline; the log has all."""
 CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
 
 
@@ -57,7 +59,13 @@ def page_of(found: Checked) -> str:
         shown.pictures(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
-        lines=[*verdicts(found.requirements), *((line, found.is_met) for line in worse[-1:])],
+        lines=[
+            *verdicts(found.requirements),
+            *(
+                (line, not line.startswith(("worse", "new", "larger")))
+                for line in worse[:MOST_LINES]
+            ),
+        ],
         notes=[*found.mesh.warnings, *found.lines()],
         summary=told | {"quarantined": {}},
         run=run,

@@ -1,31 +1,28 @@
 """A check held against an earlier one: what is worse beyond the bounds of both, and where.
 
-Dead zones of two checks are one where their boxes touch and they have a group in common. A zone is
-new if it is none of the earlier ones, and larger if it is larger than those together that it is.
+A face is the same in both checks if it has the same centroid, to the bit. Of a dead zone, that
+counts which its faces have more of than in the earlier check, and all of a face that was not there.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import area, percent
-from rastercov.coverage.area.zones import zone_line
+from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
 from rastercov.mesh.groups import listed
 from rastercov.placement.plan.network import FAILS, status_of
 
 Told = Mapping[str, Any]
 Entry = dict[str, Any]
-NEEDED = {"task", "all", "groups", "size_m"}
+NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
 NO_CHECK = "no check.json of rastercov check, or of an earlier version; make one by --out"
-TOUCH_REL = 1e-6
-"""Distance of two boxes that touch, relative to the diagonal of the mesh."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,8 @@ class Against:
         For all, and for each of several groups: group, share, before, bound of the difference, and
         status, "worse", "better" or "same".
     zones : list of dict
-        Dead zones that are new or larger: row in `dead_zones`, status, more_m2, and line.
+        Dead zones that are new or larger, by more than `LEAST_PERCENT`: row in `dead_zones`,
+        status, more_m2, and line.
     """
 
     file: str
@@ -113,7 +111,9 @@ def compare(before: Told, now: Told) -> Against:
         groups = list(shares) if len(shares) > 2 else [None]
         pairs = [_share(earlier[group], shares[group]) for group in groups]
         return Against(file, pairs, _zones(before, now) if "dead_zones" in now else [])
-    except (LookupError, TypeError, AttributeError):
+    except ConfigError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError):
         raise ConfigError(f"{file}: {NO_CHECK}") from None
 
 
@@ -130,20 +130,18 @@ def _share(before: Told, now: Told) -> Entry:
 def _zones(before: Told, now: Told) -> list[Entry]:
     """Dead zones that are new or larger."""
     least = sum(told["covered_area"]["bound_m2"] for told in (before, now))
-    if before["other_dead_zones"]["zones"]:  # a small one may be of those that are not listed
-        least = max(least, min(zone["area_m2"] for zone in before["dead_zones"]))
-    slack, found = TOUCH_REL * float(np.linalg.norm(now["size_m"])), []
+    least = max(least, LEAST_PERCENT / 100 * now["covered_area"]["of_m2"])
+    dead: Counter[tuple[float, ...]] = Counter()
+    for *centroid, _, square_metres in before["dead_faces"]:
+        dead[tuple(centroid)] += square_metres
+    more, found = [0.0] * len(now["dead_zones"]), []
+    for *centroid, row, square_metres in now["dead_faces"]:
+        if row < len(more):
+            more[int(row)] += max(0.0, square_metres - dead[tuple(centroid)])
     for row, zone in enumerate(now["dead_zones"]):
-        theirs = [old["area_m2"] for old in before["dead_zones"] if _is_one(zone, old, slack)]
-        if (more := zone["area_m2"] - sum(theirs)) > least:
-            status, by = ("larger", f" by {area(more)}") if theirs else ("new", "")
+        if more[row] > least:
+            is_new = more[row] > zone["area_m2"] - least
+            status, by = ("new", "") if is_new else ("larger", f" by {area(more[row])}")
             line = f"{status}{by}: {zone_line(zone)}"
-            found.append({"row": row, "status": status, "more_m2": more, "line": line})
+            found.append({"row": row, "status": status, "more_m2": more[row], "line": line})
     return found
-
-
-def _is_one(zone: Told, other: Told, slack: float) -> bool:
-    """True where the boxes of two zones touch and they have a group in common."""
-    (low, high), (their_low, their_high) = np.array(zone["extent"]), np.array(other["extent"])
-    is_apart = ((low > their_high + slack) | (their_low > high + slack)).any()
-    return not is_apart and not set(zone["groups"]).isdisjoint(other["groups"])

@@ -44,6 +44,7 @@ from rastercov.placement.plan.network import (
     most_views,
     observer_of,
     summary_of,
+    views_by_group,
     with_areas,
 )
 from rastercov.placement.plan.prepare import Step, quiet
@@ -330,7 +331,19 @@ def to_json(checked: Checked) -> dict[str, Any]:
         | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
+        **({"dead_faces": _dead_faces(checked)} if zones else {}),
         **({} if checked.against is None else {"baseline": asdict(checked.against)}),
         "network": network,
         "left": checked.leftover.summary(),
     }
+
+
+def _dead_faces(checked: Checked) -> list[list[float]]:
+    """Centroid of each face, row of a dead zone, and the area of the face in it, m^2."""
+    assert checked.cameras.areas is not None
+    zones = checked.cameras.areas.zones(views_by_group(checked.plan, checked.asked_views))
+    pairs, pieces = np.unique((zones.zone, zones.face), axis=1, return_inverse=True)
+    square_metres = np.bincount(pieces.ravel(), zones.piece_area)
+    centroids = checked.mesh.centroids[pairs[1]]
+    rows: list[list[float]] = np.column_stack((centroids, pairs[0], square_metres)).tolist()
+    return rows
