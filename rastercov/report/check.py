@@ -10,14 +10,13 @@ from rastercov.base.output import write_json
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, to_json
-from rastercov.placement.plan.network import HOLDS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_page_of, verdicts
 from rastercov.report.printing import browser, write_page
 
-MOST_LINES = 6
-"""Differences from a baseline in the headline; the log has all."""
+MOST_LINES = 5
+"""Losses against a baseline in the headline; the log has all."""
 CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
 
 
@@ -49,9 +48,9 @@ def page_of(found: Checked) -> str:
     run = provenance_of(found.mesh, plan.rig, cameras.poses, found.task, options)
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements hold" if found.is_met else "The rig falls short"
-    worse = [] if found.against is None else found.against.lines()
-    if worse and all(each.status == HOLDS for each in found.requirements):
-        answer = worse[-1].capitalize()
+    losses = [] if found.against is None else found.against.losses()
+    if losses and not short:
+        answer = "Worse than the baseline"
     if len(short) == 1:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
     return shown.page(
@@ -59,13 +58,7 @@ def page_of(found: Checked) -> str:
         shown.pictures(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
-        lines=[
-            *verdicts(found.requirements),
-            *(
-                (line, not line.startswith(("worse", "new", "larger")))
-                for line in worse[:MOST_LINES]
-            ),
-        ],
+        lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
         notes=[*found.mesh.warnings, *found.lines()],
         summary=told | {"quarantined": {}},
         run=run,

@@ -15,14 +15,13 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import area, percent
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
-from rastercov.mesh.groups import listed
 from rastercov.placement.plan.network import FAILS, status_of
 
 Told = Mapping[str, Any]
 Entry = dict[str, Any]
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
-NO_CHECK = "no check.json of rastercov check, or of an earlier version; make one by --out"
+NO_CHECK = "no check.json of a check of the same groups by this version; make one by --out"
 
 
 @dataclass(frozen=True)
@@ -45,17 +44,16 @@ class Against:
     shares: list[Entry]
     zones: list[Entry]
 
-    @property
-    def is_worse(self) -> bool:
-        """True where a share is worse, or a dead zone new or larger."""
-        return bool(self.zones) or any(each["status"] == "worse" for each in self.shares)
+    def losses(self) -> list[str]:
+        """Lines on shares that are worse, and on dead zones that are new or larger."""
+        worse = [each for each in self.shares if each["status"] == "worse"]
+        return [f"worse: {words(each)}" for each in worse] + [each["line"] for each in self.zones]
 
     def lines(self) -> list[str]:
         """The differences for people, the verdict last."""
-        differ = [each for each in self.shares if each["status"] != "same"]
-        said = [f"{each['status']}: {words(each)}" for each in differ]
-        said += [each["line"] for each in self.zones]
-        return [*said, f"{'' if self.is_worse else 'no '}worse than {self.file}"]
+        better = [words(each) for each in self.shares if each["status"] == "better"]
+        verdict = f"{'' if self.losses() else 'no '}worse than {self.file}"
+        return [*(f"better: {each}" for each in better), *self.losses(), verdict]
 
 
 def words(share: Told) -> str:
@@ -75,14 +73,14 @@ def read_baseline(path: Path) -> Told:
     ConfigError
         For another file.
     """
+    file = printable(str(path))
     try:
         told = read_json(path)
-        fault = "" if isinstance(told, dict) and told.keys() >= NEEDED else NO_CHECK
     except UnreadableError as error:
-        fault = str(error)
-    if fault:
-        raise ConfigError(f"{printable(str(path))}: {fault}")
-    return {**told, "file": printable(str(path))}
+        raise ConfigError(f"{file}: {error}") from None
+    if not isinstance(told, dict) or not told.keys() >= NEEDED:
+        raise ConfigError(f"{file}: {NO_CHECK}")
+    return {**told, "file": file}
 
 
 def compare(before: Told, now: Told) -> Against:
@@ -104,10 +102,7 @@ def compare(before: Told, now: Told) -> Against:
             for told in (now, before)
         )
         if shares.keys() != earlier.keys():
-            both = (listed([name for name in some if name]) for some in (earlier, shares))
-            raise ConfigError(
-                f"{file}: of the groups {' and this check of '.join(both)}; make the baseline anew"
-            )
+            raise LookupError
         groups = list(shares) if len(shares) > 2 else [None]
         pairs = [_share(earlier[group], shares[group]) for group in groups]
         return Against(file, pairs, _zones(before, now) if "dead_zones" in now else [])

@@ -91,8 +91,8 @@ class Checked(InOneLine):
     @property
     def is_met(self) -> bool:
         """True where every requirement holds, and nothing is worse than in the baseline."""
-        is_worse = self.against is not None and self.against.is_worse
-        return not is_worse and all(each.status == HOLDS for each in self.requirements)
+        losses = self.against and self.against.losses()
+        return not losses and all(each.status == HOLDS for each in self.requirements)
 
     def lines(self) -> list[str]:
         """The outcome for people: each requirement with the reasons why it fails."""
