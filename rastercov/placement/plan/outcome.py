@@ -29,7 +29,7 @@ OURS = rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]|" + TITLE.encode()
 
 
 class Case(NamedTuple):
-    """What holds or fails: its name, its status, empty where it holds, and lines on it.
+    """A case: its name, its status, empty where it holds, and lines on it.
 
     Status "error" is of a check that could not be made.
     """
