@@ -9,7 +9,7 @@ from rastercov.base.format import percent
 from rastercov.base.output import write_json
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import provenance_of
-from rastercov.placement.plan.check import Checked, to_json
+from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_page_of, verdicts
@@ -27,7 +27,7 @@ def write(made: Callable[[], Checked], out: Path, *, pdf: bool = False) -> Check
             browser()  # none fails before the work
         found = made()
         write_page(folder, "check", page_of(found), pdf=pdf)
-        write_json(folder.file("check.json"), to_json(found))
+        write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
 

@@ -13,7 +13,7 @@ from commands import answer, call, refusal, write_part
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.placement.plan.baseline import compare
-from rastercov.placement.plan.check import check, to_json
+from rastercov.placement.plan.check import check, record
 from rastercov.placement.plan.file import plan_of
 
 SIDES = np.concatenate((np.eye(3), -np.eye(3)))
@@ -28,7 +28,7 @@ def told():
     entries = {"meshes": [{"built_in": "box"}], "camera": CAMERA}
     plan, every, found = plan_of(entries, Path("plan.toml")), range(6), {}
     for seen in (rows for n in range(1, 7) for rows in combinations(every, n)):
-        outcome = to_json(check(plan, Path("rig.json"), {}, poses=POSES[list(seen)]))
+        outcome = record(check(plan, Path("rig.json"), {}, poses=POSES[list(seen)]))
         found[frozenset(every) - set(seen)] = json.loads(json.dumps(outcome))
     return found
 

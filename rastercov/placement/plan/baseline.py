@@ -66,7 +66,7 @@ def words(share: Told) -> str:
 
 
 def read_baseline(path: Path) -> Told:
-    """The outcome of an earlier check: `check.json`, or what `--json` printed.
+    """The outcome of an earlier check, `check.json`.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def read_baseline(path: Path) -> Told:
 
 
 def compare(before: Told, now: Told) -> Against:
-    """Hold an outcome, as `to_json` gives it, against that of an earlier check.
+    """Hold an outcome, as `record` gives it, against that of an earlier check.
 
     Raises
     ------

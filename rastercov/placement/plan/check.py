@@ -259,7 +259,7 @@ def check(
     )
     if baseline is None:
         return found
-    return replace(found, against=compare(baseline, parsed_json(json_bytes(to_json(found)))))
+    return replace(found, against=compare(baseline, parsed_json(json_bytes(record(found)))))
 
 
 def _by_group(
@@ -331,19 +331,23 @@ def to_json(checked: Checked) -> dict[str, Any]:
         | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
-        **({"dead_faces": _dead_faces(checked)} if zones else {}),
         **({} if checked.against is None else {"baseline": asdict(checked.against)}),
         "network": network,
         "left": checked.leftover.summary(),
     }
 
 
-def _dead_faces(checked: Checked) -> list[list[float]]:
-    """Centroid of each face, row of a dead zone, and the area of the face in it, m^2."""
-    assert checked.cameras.areas is not None
+def record(checked: Checked) -> dict[str, Any]:
+    """The outcome with what a later check compares it by, for `check.json`.
+
+    Where the plan counts area, `dead_faces` has rows of the centroid of a face, the row of a dead
+    zone, and the area of the face in it, m^2.
+    """
+    told = to_json(checked)
+    if checked.cameras.areas is None:
+        return told
     zones = checked.cameras.areas.zones(views_by_group(checked.plan, checked.asked_views))
     pairs, pieces = np.unique((zones.zone, zones.face), axis=1, return_inverse=True)
     square_metres = np.bincount(pieces.ravel(), zones.piece_area)
-    centroids = checked.mesh.centroids[pairs[1]]
-    rows: list[list[float]] = np.column_stack((centroids, pairs[0], square_metres)).tolist()
-    return rows
+    rows = np.column_stack((checked.mesh.centroids[pairs[1]], pairs[0], square_metres))
+    return told | {"dead_faces": rows.tolist()}
