@@ -20,6 +20,7 @@ PUBLISHED = {  # degrees across the image by the makers, which the catalogue doe
     "rpi-hq-m12+rpi-25mm-m12": 14.4,
     "rpi-cm1": 53.5,
     "rpi-cm2": 62.2,
+    "oak-ffc-imx378": 66,
 }
 ACROSS_CORNERS = {"dji-phantom4rtk": 84, "hikvision-2143g2-28mm": 122, "hikvision-2143g2-4mm": 100}
 OWN = """
