@@ -20,8 +20,9 @@ PUBLISHED = {  # degrees across the image by the makers, which the catalogue doe
     "rpi-hq-m12+rpi-25mm-m12": 14.4,
     "rpi-cm1": 53.5,
     "rpi-cm2": 62.2,
+    "oak-ffc-imx378": 66,
 }
-ACROSS_CORNERS = {"dji-phantom4rtk": 84, "hikvision-2143g2-28mm": 122, "hikvision-2143g2-4mm": 99.7}
+ACROSS_CORNERS = {"dji-phantom4rtk": 84, "hikvision-2143g2-28mm": 122, "hikvision-2143g2-4mm": 100}
 OWN = """
 [cameras]
 ours = { width = 4000, height = 3000, pixel_size = 2e-6, mount = "C", price = 300 }
@@ -55,7 +56,7 @@ def test_every_model_has_its_source_and_every_pair_that_fits_is_a_camera():
 
 REFUSED = {
     'preset = "flir-bfs-u3-51s"': "among the cameras of the catalogue; there are flir-bfs-u3-51s5",
-    'preset = "sony-a7m4+rpi-16mm"': "the camera is E, that of the lens is C; .* sony-sel35f18f",
+    'preset = "sony-a7rm5+rpi-16mm"': "the camera is E, that of the lens is C; .* sony-sel35f18f",
     'preset = "flir-bfs-u3-244s8+fujinon-hf8xa-5m"': "11 mm is smaller than the sensor, 19.3 mm",
     'preset = "rpi-cm2+rpi-6mm"': "has a lens of its own",
     'preset = "rpi-hq"': "give rpi-hq.LENS or focal_length; lenses: .*",

@@ -55,6 +55,13 @@ def write_npz(path: str | Path, **arrays: NDArray[Any]) -> None:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type] # numpy's own flag is typed
 
 
+def check_place(path: Path) -> None:
+    """Raise ConfigError where no file can be written: at a folder, and in one that is not there."""
+    if path.is_dir() or not path.parent.is_dir():
+        fault = "is a folder" if path.is_dir() else "its folder does not exist"
+        raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[Path]:
     """Yield as `replacing` does; an error of the disk names `path`. For blocks that only write."""
@@ -69,9 +76,7 @@ def replacing(path: Path) -> Iterator[Path]:
     A link stays, and the file that it leads to is replaced. A pipe or a device such as /dev/null
     is written to directly.
     """
-    if path.is_dir() or not path.parent.is_dir():
-        fault = "is a folder" if path.is_dir() else "its folder does not exist"
-        raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
+    check_place(path)
     if path.exists() and not path.is_file():
         yield path
         return

@@ -56,7 +56,7 @@ def cameras(
         if (
             all(word.casefold() in text.casefold() for word in words or ())
             and (mount or "").upper() in ("", row.get("mount"))
-            and row.get("width", 0) * row.get("height", 0) >= min_pixels
+            and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
             and (max_price == math.inf or (row["price"] or math.inf) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
         ):

@@ -143,7 +143,13 @@ def check(
         int | None, typer.Option(min=1, help="Cameras a face; the plan's own unless given.")
     ] = None,
     junit: Annotated[
-        Path | None, typer.Option(help="Write JUnit XML, a test case for each requirement.")
+        Path | None, typer.Option(help="Write JUnit XML: a test a requirement and dead zone.")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="check.json of an earlier check: 1 also when it was better.")
+    ] = None,
+    summary: Annotated[
+        Path | None, typer.Option(help="Write a summary in Markdown, of goals and what fails.")
     ] = None,
     out: Annotated[
         Path | None, out_option("Folder for a page (check.html) and the figures (check.json).")
@@ -158,22 +164,24 @@ def check(
     Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
     from rastercov.placement.plan import check as plan_check
+    from rastercov.placement.plan import outcome
+    from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
     from rastercov.report.tables import camera_table
 
-    if junit is not None:
-        plan_check.refuse_junit(junit)
+    outcome.refuse_other(junit, "--junit")
+    outcome.refuse_other(summary, "--summary")
     if pdf and out is None:
         raise ConfigError("--pdf wants a folder for the page, got none; name it by --out")
     try:
         asked = read_plan(plan)
-        limits = plan_check.limits(asked, min_coverage, group)
+        limits = plan_check.limits(asked, min_coverage, group, may_be_none=baseline is not None)
+        before = None if baseline is None else read_baseline(baseline)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
         if camera and eyes.rig is not None:
             asked = asked.without_cameras()
-        made = partial(
-            plan_check.check, asked, Path(poses), limits, views, _step, poses=eyes
-        )  # fmt: skip
+        asks = (asked, Path(poses), limits, views, _step)
+        made = partial(plan_check.check, *asks, poses=eyes, baseline=before)
         if out is None:
             found = made()
         else:
@@ -181,12 +189,10 @@ def check(
 
             found = write(made, out, pdf=pdf)
     except (RastercovError, OSError) as error:
-        if junit is not None:
-            lines = getattr(error, "lines", [str(error)])
-            plan_check.write_junit_error(junit, plan, lines)
+        case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
+        outcome.write(junit, summary, plan, [case])
         raise
-    if junit is not None:
-        plan_check.write_junit(junit, found)
+    outcome.write(junit, summary, plan, outcome.cases(found))
     warn(eyes.notes)
     warn(found.mesh.warnings)
     warn(_doubts(found.plan, found.cameras))

@@ -9,12 +9,14 @@ from rastercov.base.format import percent
 from rastercov.base.output import write_json
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import provenance_of
-from rastercov.placement.plan.check import Checked, to_json
+from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_page_of, verdicts
 from rastercov.report.printing import browser, write_page
 
+MOST_LINES = 5
+"""Losses against a baseline in the headline; the log has all."""
 CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
 
 
@@ -25,7 +27,7 @@ def write(made: Callable[[], Checked], out: Path, *, pdf: bool = False) -> Check
             browser()  # none fails before the work
         found = made()
         write_page(folder, "check", page_of(found), pdf=pdf)
-        write_json(folder.file("check.json"), to_json(found))
+        write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
 
@@ -46,6 +48,9 @@ def page_of(found: Checked) -> str:
     run = provenance_of(found.mesh, plan.rig, cameras.poses, found.task, options)
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements hold" if found.is_met else "The rig falls short"
+    losses = [] if found.against is None else found.against.losses()
+    if losses and not short:
+        answer = "Worse than the baseline"
     if len(short) == 1:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
     return shown.page(
@@ -53,7 +58,7 @@ def page_of(found: Checked) -> str:
         shown.pictures(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
-        lines=verdicts(found.requirements),
+        lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
         notes=[*found.mesh.warnings, *found.lines()],
         summary=told | {"quarantined": {}},
         run=run,

@@ -5,21 +5,20 @@ fails when the possibly covered share does not, and is undecided, which does not
 Shares are of the exact area where the plan counts that, and of whole faces otherwise.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
+from rastercov.base.files import parsed_json
 from rastercov.base.format import InOneLine, plural
-from rastercov.base.output import write_bytes
+from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Views
@@ -29,6 +28,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
+from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
     HOLDS,
@@ -46,6 +46,7 @@ from rastercov.placement.plan.network import (
     observer_of,
     seeable_areas,
     summary_of,
+    views_by_group,
     with_areas,
 )
 from rastercov.placement.plan.prepare import Step, quiet
@@ -66,11 +67,15 @@ class Checked(InOneLine):
     ----------
     views : int or dict of str to int
         Cameras that a face needs.
+    whole : Requirement
+        Share covered of all, with limit 0 where nothing is required of it.
     groups : tuple of Requirement
         Share covered of every task group, with limit 0 where nothing is required of it; the least
         covered first.
     asked_views : int or None
         Cameras a face that replace those of the plan.
+    against : Against or None
+        Differences from an earlier check, where there is one to hold it against.
     """
 
     plan: Plan
@@ -79,21 +84,25 @@ class Checked(InOneLine):
     task: Task
     views: int | dict[str, int]
     requirements: tuple[Requirement, ...]
+    whole: Requirement
     groups: tuple[Requirement, ...]
     cameras: Measured
     leftover: Leftover
     asked_views: int | None = None
+    against: Against | None = None
 
     @property
     def is_met(self) -> bool:
-        """True where every requirement holds."""
-        return all(each.status == HOLDS for each in self.requirements)
+        """True where every requirement holds, and nothing is worse than in the baseline."""
+        losses = self.against and self.against.losses()
+        return not losses and all(each.status == HOLDS for each in self.requirements)
 
     def lines(self) -> list[str]:
         """The outcome for people: each requirement with the reasons why it fails."""
         said = [f"{each.status}: {each.words()}" for each in self.requirements]
         said += [f"  {line}" for each in self.requirements for line in self.reasons(each)]
-        return said + area_lines(self.summary())
+        said += area_lines(self.summary())
+        return said if self.against is None else said + self.against.lines()
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, with its covered area where the plan counts that."""
@@ -130,7 +139,7 @@ class Checked(InOneLine):
 
 
 def limits(
-    plan: Plan, min_coverage: float | None, groups: Sequence[str]
+    plan: Plan, min_coverage: float | None, groups: Sequence[str], *, may_be_none: bool = False
 ) -> dict[str | None, float]:
     """Required shares: those of the plan, replaced by those of the command line.
 
@@ -158,10 +167,10 @@ def limits(
                 f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}{share_meant(value)}"
             )
         found[name] = value
-    if not found:
+    if not found and not may_be_none:
         raise ConfigError(
-            f"{plan.name} asks for no coverage; give --min-coverage or --group, or a selection "
-            'with goal = "fewest_cameras"'
+            f"{plan.name} asks for no coverage; give --min-coverage or --group, --baseline, or a "
+            'selection with goal = "fewest_cameras"'
         )
     return found
 
@@ -174,6 +183,7 @@ def check(
     step: Step = quiet,
     *,
     poses: ArrayLike | Poses | Views | None = None,
+    baseline: Told | None = None,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
@@ -193,6 +203,8 @@ def check(
     poses : (P, 4, 4) array_like, Poses or Views, optional
         Poses of the rig, instead of reading the file; `Poses.camera` counts the cameras of the
         plan, and views are taken as those of a file.
+    baseline : mapping, optional
+        Outcome of an earlier check to hold it against, see `read_baseline`.
 
     Raises
     ------
@@ -202,7 +214,7 @@ def check(
         For a file that cannot be read, a row that is not a pose, and a pose of a camera that the
         plan does not have.
     ConfigError
-        For a limit of an unknown group, or of an occluder.
+        For a limit of an unknown group, or of an occluder, and for a baseline of another task.
     """
     given = read_views(poses_file) if poses is None else poses
     if isinstance(given, Views):
@@ -235,18 +247,23 @@ def check(
 
     alone = rows_at(mesh.groups)
     every = status_of({name: limits.get(name, 0.0) for name in alone}, alone)
-    return Checked(
+    (whole,) = status_of({None: limits.get(None, 0.0)})
+    found = Checked(
         plan=plan,
         poses_file=poses_file,
         mesh=mesh,
         task=task,
         views=counted["views"],
         requirements=status_of(limits),
+        whole=whole,
         groups=tuple(sorted(every, key=lambda each: each.share)),
         cameras=cameras,
         leftover=leftover,
         asked_views=views,
     )
+    if baseline is None:
+        return found
+    return replace(found, against=compare(baseline, parsed_json(json_bytes(record(found)))))
 
 
 def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str | None, float]:
@@ -311,68 +328,29 @@ def to_json(checked: Checked) -> dict[str, Any]:
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements
         ],
+        "all": asdict(checked.whole),
         "groups": [asdict(each) for each in checked.groups],
+        "task": asdict(checked.task)
+        | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
+        **({} if checked.against is None else {"baseline": asdict(checked.against)}),
         "network": network,
         "left": checked.leftover.summary(),
     }
 
 
-def write_junit(path: Path, checked: Checked) -> None:
-    """Write the outcome as JUnit XML: a test case for each requirement, for build servers."""
-    cases = []
-    for each in checked.requirements:
-        of = "all" if each.group is None else each.group
-        words = {"type": each.status, "message": each.words()}
-        kind = "failure" if each.status != HOLDS else "system-out"
-        lines = [each.words(), *checked.reasons(each)]
-        cases.append((f"coverage of {of}", kind, words if kind == "failure" else {}, lines))
-    _write(path, checked.plan.path, cases)
+def record(checked: Checked) -> dict[str, Any]:
+    """The outcome with what a later check compares it by, for `check.json`.
 
-
-def write_junit_error(path: Path, plan: Path, lines: Sequence[str]) -> None:
-    """Write JUnit XML with one test case, an error: the check could not be made."""
-    words = {"type": "error", "message": lines[0]}
-    _write(path, plan, [("input", "error", words, lines)])
-
-
-def _write(
-    path: Path, plan: Path, cases: Sequence[tuple[str, str, dict[str, str], Sequence[str]]]
-) -> None:
-    """Write test cases, each with its name, kind of outcome, attributes of it, and lines."""
-    kinds = [kind for _, kind, _, _ in cases]
-    counts = {"tests": str(len(cases)), "failures": str(kinds.count("failure"))}
-    counts["errors"] = str(kinds.count("error"))
-    suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
-    words = {"name": _xml(f"rastercov check {plan.name}"), "skipped": "0"}
-    suite = ElementTree.SubElement(suites, "testsuite", words | counts)
-    for name, kind, outcome, lines in cases:
-        words = {"classname": _xml(f"rastercov.{plan.stem}"), "name": _xml(name)}
-        case = ElementTree.SubElement(suite, "testcase", words)
-        outcome = {key: _xml(text) for key, text in outcome.items()}
-        ElementTree.SubElement(case, kind, outcome).text = _xml("\n".join(lines))
-    ElementTree.indent(suites)
-    document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
-    write_bytes(path, document + b"\n")
-
-
-def refuse_junit(path: Path) -> None:
-    """Refuse to replace a file that is not the output of an earlier check, such as an input."""
-    if path.is_dir() or not path.parent.is_dir():
-        fault = "is a folder" if path.is_dir() else "its folder does not exist"
-        raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
-    if not path.is_file():
-        return
-    with path.open("rb") as file:
-        start = file.read(200)
-    if start and not re.match(rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]", start):
-        raise ConfigError(
-            f"{path}: not of an earlier check, and --junit would replace it; name another file, "
-            "or move it away or delete it"
-        )
-
-
-def _xml(text: str) -> str:
-    """`text` without characters that XML 1.0 cannot represent."""
-    return "".join(c if c in "\n\t" or c.isprintable() else "?" for c in text)
+    Where the plan counts area, `dead_faces` has rows of the centroid of a face, the row of a dead
+    zone, and the area of the face in it, m^2.
+    """
+    told = to_json(checked)
+    if checked.cameras.areas is None:
+        return told
+    zones = checked.cameras.areas.zones(views_by_group(checked.plan, checked.asked_views))
+    pairs, pieces = np.unique((zones.zone, zones.face), axis=1, return_inverse=True)
+    square_metres = np.bincount(pieces.ravel(), zones.piece_area)
+    rows = np.column_stack((checked.mesh.centroids[pairs[1]], pairs[0], square_metres))
+    return told | {"dead_faces": rows.tolist()}

@@ -1,0 +1,142 @@
+"""A check held against an earlier one: what is worse beyond the bounds of both, and where.
+
+A face is the same in both checks if it has the same centroid, to the bit. Of a dead zone, that
+counts which its faces have more of than in the earlier check, and all of a face that was not there.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.files import UnreadableError, printable, read_json
+from rastercov.base.format import area, percent
+from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
+from rastercov.placement.plan.network import FAILS, status_of
+
+Told = Mapping[str, Any]
+Entry = dict[str, Any]
+NEEDED = {"task", "all", "groups"}
+"""Entries of the `check.json` of an earlier check."""
+NO_CHECK = "no check.json of a check of the same groups by this version; make one by --out"
+
+
+@dataclass(frozen=True)
+class Against:
+    """Differences of a check from its baseline, beyond the bounds of both.
+
+    Attributes
+    ----------
+    file : str
+        The baseline.
+    shares : list of dict
+        For all, and for each of several groups: group, share, before, bound of the difference, and
+        status, "worse", "better" or "same".
+    zones : list of dict
+        Dead zones that are new or larger, by more than `LEAST_PERCENT`: row in `dead_zones`,
+        status, more_m2, and line.
+    """
+
+    file: str
+    shares: list[Entry]
+    zones: list[Entry]
+
+    def losses(self) -> list[str]:
+        """Lines on shares that are worse, and on dead zones that are new or larger."""
+        worse = [each for each in self.shares if each["status"] == "worse"]
+        return [f"worse: {words(each)}" for each in worse] + [each["line"] for each in self.zones]
+
+    def lines(self) -> list[str]:
+        """The differences for people, the verdict last."""
+        better = [words(each) for each in self.shares if each["status"] == "better"]
+        verdict = f"{'' if self.losses() else 'no '}worse than {self.file}"
+        return [*(f"better: {each}" for each in better), *self.losses(), verdict]
+
+
+def words(share: Told) -> str:
+    """A share and that of the baseline in one line."""
+    name = "all" if share["group"] is None else f"group {share['group']}"
+    more = share["share"] - share["before"]
+    points = f"{percent(abs(more)).removesuffix(' %')} ± {100 * share['bound']:.2g} points"
+    both = f"{percent(share['share'])} covered, {percent(share['before'])} before"
+    return f"{name}: {both}: {points} {'more' if more > 0 else 'less'}"
+
+
+def read_baseline(path: Path) -> Told:
+    """The outcome of an earlier check, `check.json`.
+
+    Raises
+    ------
+    ConfigError
+        For another file.
+    """
+    file = printable(str(path))
+    try:
+        told = read_json(path)
+    except UnreadableError as error:
+        raise ConfigError(f"{file}: {error}") from None
+    if not isinstance(told, dict) or not told.keys() >= NEEDED:
+        raise ConfigError(f"{file}: {NO_CHECK}")
+    return {**told, "file": file}
+
+
+def compare(before: Told, now: Told) -> Against:
+    """Hold an outcome, as `record` gives it, against that of an earlier check.
+
+    Raises
+    ------
+    ConfigError
+        For a baseline of another task or of other groups.
+    """
+    file = before["file"]
+    try:
+        for name, value in now["task"].items():
+            if (old := before["task"].get(name)) != value:
+                other = f"with {name} = {shown(old)}, and this one has {shown(value)}"
+                raise ConfigError(f"{file}: of a check {other}; make the baseline anew")
+        shares, earlier = (
+            {each["group"]: each for each in (told["all"], *told["groups"])}
+            for told in (now, before)
+        )
+        if shares.keys() != earlier.keys():
+            raise LookupError
+        groups = list(shares) if len(shares) > 2 else [None]
+        pairs = [_share(earlier[group], shares[group]) for group in groups]
+        return Against(file, pairs, _zones(before, now) if "dead_zones" in now else [])
+    except ConfigError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError):
+        raise ConfigError(f"{file}: {NO_CHECK}") from None
+
+
+def _share(before: Told, now: Told) -> Entry:
+    """A share, that of the baseline, and their difference."""
+    is_worse = status_of(now["low"], now["high"], before["low"]) == FAILS
+    is_better = status_of(before["low"], before["high"], now["low"]) == FAILS
+    status = "worse" if is_worse else "better" if is_better else "same"
+    bound = sum(each["high"] - each["low"] for each in (before, now)) / 2
+    shares = {"share": now["share"], "before": before["share"]}
+    return {"group": now["group"], **shares, "bound": bound, "status": status}
+
+
+def _zones(before: Told, now: Told) -> list[Entry]:
+    """Dead zones that are new or larger."""
+    least = sum(told["covered_area"]["bound_m2"] for told in (before, now))
+    least = max(least, LEAST_PERCENT / 100 * now["covered_area"]["of_m2"])
+    dead: Counter[tuple[float, ...]] = Counter()
+    for *centroid, _, square_metres in before["dead_faces"]:
+        dead[tuple(centroid)] += square_metres
+    more, found = [0.0] * len(now["dead_zones"]), []
+    for *centroid, row, square_metres in now["dead_faces"]:
+        if row < len(more):
+            more[int(row)] += max(0.0, square_metres - dead[tuple(centroid)])
+    for row, zone in enumerate(now["dead_zones"]):
+        if more[row] > least:
+            is_new = more[row] > zone["area_m2"] - least
+            status, by = ("new", "") if is_new else ("larger", f" by {area(more[row])}")
+            line = f"{status}{by}: {zone_line(zone)}"
+            found.append({"row": row, "status": status, "more_m2": more[row], "line": line})
+    return found
