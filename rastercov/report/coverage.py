@@ -320,8 +320,7 @@ def _draw_network(
     )  # fmt: skip
     with interrupts_held():
         for name, image in drawn.items():
-            if name != "left":  # the page alone has the reasons of faces
-                save_picture(image, folder.file(f"{name}.png"))
+            save_picture(image, folder.file(f"{name}.png"))
         if shown.view is not None:
             write_text(folder.file("view.html"), shown.view)
         write_page(folder, "report", page, pdf=options.pdf)
