@@ -46,8 +46,11 @@ def percent(share: float) -> str:
 def with_bound(value: float, bound: float) -> str:
     """A percentage with its bound, such as "97.138 ± 0.001 %": up to three digits after the point.
 
-    The bound is that of the figure as it is shown, rounded up; neither 0 nor 100 is rounded to.
+    The bound is that of the figure as it is shown, rounded up; neither 0 nor 100 is rounded to,
+    which have no bound beside them where it is below that of doubles.
     """
+    if value in (0, 100) and bound <= 1e-9:
+        return f"{value:.0f} %"
     digits = min(max(1, -math.floor(math.log10(max(bound, 1e-9)))), 3)
     unit = 10.0**-digits
     shown = round(value, digits)

@@ -305,9 +305,10 @@ def _draw_network(
 ) -> None:
     """Draw what all cameras cover together and what they leave, and write the pages."""
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
-    names, title = [str(row) for row in poses.ids.tolist()], folder.path.resolve().name
+    names = [str(row) for row in poses.ids.tolist()]
+    title = f"Coverage of {title_of(summary['run'], folder.path)}"
     shown = NetworkPage(
-        f"Coverage: {title}", mesh, found.camera, poses, "pose", names, network,
+        title, mesh, found.camera, poses, "pose", names, network,
         network.covered, np.full(mesh.n_faces, found.task.views), summary, areas,
         None if areas is None else areas.zones(), parts,
     )  # fmt: skip
@@ -324,6 +325,13 @@ def _draw_network(
         if shown.view is not None:
             write_text(folder.file("view.html"), shown.view)
         write_page(folder, "report", page, pdf=options.pdf)
+
+
+def title_of(run: Mapping[str, Any], path: Path) -> str:
+    """Names of the files of the mesh; without any, as of a built-in one, that of the folder."""
+    names = [each["name"] for each in run["mesh"] if "sha256" in each]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more or path.resolve().name
 
 
 def table_of(mesh: Mesh, poses: Poses) -> str:

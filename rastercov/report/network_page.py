@@ -270,10 +270,9 @@ class NetworkPage:
             f"({percent(whole['percent'] / 100)}) are covered as a whole"
         )
         if exact is not None:
-            _, *by_fewer = in_words(exact).split(" of it", 1)
-            first = (
-                f"{area(exact['m2'])} of {area(exact['of_m2'])} are covered{by_fewer[0]}; {first}"
-            )
+            some = area(exact["m2"]) if exact["m2"] else "None"
+            by_fewer = in_words(exact).partition(" of it")[2]
+            first = f"{some} of {area(exact['of_m2'])} is covered{by_fewer}; {first}"
         said = [f"{first}."]
         zones, found = self.dead
         entries, reasons = found["dead_zones"], figures["not_covered_because"]
@@ -292,14 +291,10 @@ class NetworkPage:
             )
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
+            rest = f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
             said.append(
                 f"{self.noun.capitalize()} {self.names[best]} adds most: {area(lost[best])} that "
-                f"would not be covered without it."
-                + (
-                    f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
-                    if spare
-                    else ""
-                )
+                f"would not be covered without it.{rest if spare else ''}"
             )
         return said
 
