@@ -55,7 +55,7 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
-from rastercov.report.network_page import NetworkPage, pictures_of
+from rastercov.report.network_page import NetworkPage
 from rastercov.report.panorama import seen
 from rastercov.report.printing import browser, write_page
 
@@ -313,15 +313,16 @@ def _draw_network(
         None if areas is None else areas.zones(), parts,
     )  # fmt: skip
     drawn = shown.drawn()
-    pictures = pictures_of(drawn | ({} if sheet is None else {"contact_sheet": sheet}))
+    images = drawn | ({} if sheet is None else {"contact_sheet": sheet})
     page = shown.page(
-        "network.html", pictures, answer=shown.answer, lines=(), summary=summary,
+        "network.html", images, answer=shown.answer, lines=(), summary=summary,
         run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
         files="summary.json and coverage.parquet", has_view=shown.view is not None,
     )  # fmt: skip
     with interrupts_held():
-        for name, image in drawn.items():
-            save_picture(image, folder.file(f"{name}.png"))
+        for name in ("overview", "zones"):
+            if name in drawn:
+                save_picture(drawn[name], folder.file(f"{name}.png"))
         if shown.view is not None:
             write_text(folder.file("view.html"), shown.view)
         write_page(folder, "report", page, pdf=options.pdf)

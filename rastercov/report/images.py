@@ -144,7 +144,7 @@ def png(image: Image.Image, choice: Image.Quantize | None = None) -> bytes:
     file = io.BytesIO()
     if choice is not None:
         image = image.quantize(255, choice, dither=Image.Dither.NONE)
-    image.save(file, format="PNG", optimize=True)
+    image.save(file, format="PNG", compress_level=6)  # a seventh of the time of 9, 6 % larger
     return file.getvalue()
 
 

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rastercov.base.format import area, length, percent, plural, with_bound
+from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, names_of
 from rastercov.coverage.area import polygons
@@ -32,7 +33,6 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
 from rastercov.mesh import Mesh
-from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import (
     Overview,
@@ -183,6 +183,8 @@ class NetworkPage:
         pose = some[rows[best : best + 1]]
         hider, before = None, ""
         if name == "occluded":
+            from rastercov.placement.uncovered import in_front  # loads all of placement
+
             shares = in_front(mesh, pose.world_from_camera[:, :3, 3], np.array([face]))[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
             before = hider or ""
@@ -203,19 +205,24 @@ class NetworkPage:
         return mode_picture(mode, self.mesh, self.values[mode], self.eyes)
 
     def drawn(self, progress: Progress = lambda done, total: None) -> dict[str, Image.Image]:
-        """Overview, and what is not covered: dead zones, or by face the reason of each."""
-        progress(0, 2)
-        images = {"overview": self.overview()}
-        progress(1, 2)
+        """Overview, and if there are dead zones a picture of all and of each of the worst."""
         zones, said = self.dead
+        tasks: dict[str, Callable[[], Image.Image | None]] = {"overview": self.overview}
         if zones:
-            images["zones"] = zones_picture(zones, said, self.eyes)
-        progress(2, 2)
-        return images
+            tasks["zones"] = partial(zones_picture, zones, said, self.eyes)
+        for row in range(len(numbered(said)[:MOST_CLOSE_UPS])):
+            tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, self.eyes)
+        names, found = list(tasks), {}
 
-    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
-        """The same for the page."""
-        return pictures_of(self.drawn(progress))
+        def work(turn: slice) -> None:
+            for name in names[turn]:
+                found[name] = tasks[name]()
+                progress(len(found), len(tasks))
+
+        progress(0, len(tasks))
+        share_poses(len(tasks), [work] * thread_count(None))
+        images = ((name, found[name]) for name in names)
+        return {name: image for name, image in images if image is not None}
 
     @cached_property
     def view(self) -> str | None:
@@ -229,8 +236,11 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
         )  # fmt: skip
 
-    def page(self, template: str, pictures: Mapping[str, Picture], **values: Any) -> str:
-        """The page, by a template that extends `report.html`, and the values that it wants."""
+    def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
+        """The page with images as of `drawn`, by a template that extends `report.html`.
+
+        `values` are those that the template wants.
+        """
         rows, more = self.camera_table(values.pop("columns", {}))
         by_area = "covered_area" in self.figures
         return rendered(
@@ -238,8 +248,12 @@ class NetworkPage:
             heading=self.title,
             title=self.title,
             sentences=self.sentences(),
-            pictures=pictures,
-            zone_cards=self._cards(),
+            pictures={
+                name: Picture.of(text, images[name])
+                for name, text in ALTERNATIVES.items()
+                if name in images
+            },
+            zone_cards=self._cards(images),
             zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,
             camera_headings=more,
@@ -334,12 +348,11 @@ class NetworkPage:
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
-    def _cards(self) -> list[dict[str, Any]]:
+    def _cards(self, images: Mapping[str, Image.Image]) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
-        found, (zones, said) = [], self.dead
-        for row, zone in enumerate(numbered(said)[:MOST_CLOSE_UPS]):
-            reason = zone_reason(zone)
-            drawn = zone_close_up(zones, said, row, self.eyes)
+        found = []
+        for row, zone in enumerate(numbered(self.dead[1])[:MOST_CLOSE_UPS]):
+            reason, drawn = zone_reason(zone), images.get(f"zone_{row + 1}")
             share = percent(round(zone["percent"] / 100, 9))
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
@@ -354,11 +367,6 @@ class NetworkPage:
                 "picture": drawn and Picture.of(f"{heading}, {reason}", drawn),
             })  # fmt: skip
         return found
-
-
-def pictures_of(images: Mapping[str, Image.Image]) -> dict[str, Picture]:
-    """Pictures of a page by their names in `ALTERNATIVES`."""
-    return {name: Picture.of(ALTERNATIVES[name], image) for name, image in images.items()}
 
 
 def lost_without(parts: Regions, need: NDArray[np.int64]) -> FloatArray:
