@@ -11,6 +11,7 @@ from pages import read_alone
 
 import rastercov as rc
 from rastercov.base.format import percent, with_bound
+from rastercov.coverage.area.zones import face_zones
 from rastercov.mesh import shapes
 from rastercov.reference.pages import Axis
 from rastercov.report import placement as page_module
@@ -196,3 +197,38 @@ def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):
     monkeypatch.setattr("rastercov.report.pages.MOST_OF_REPORT", 11)
     poses = rc.Poses.of(POSES)
     assert view_page("box", shapes.box(), CAMERA, poses, list("abcd"), {}, {}) is None
+
+
+def test_zones_of_faces_are_connected_have_one_reason_and_hold_all_that_is_left():
+    mesh, rng = shapes.torus(24, 12), np.random.default_rng(7)
+    why = rng.integers(-1, 3, mesh.n_faces)
+    zones = face_zones(mesh, why, np.zeros(mesh.n_faces, np.int64))
+    assert np.array_equal(zones.face, np.flatnonzero(why >= 0))
+    assert zones.area.sum() == pytest.approx(mesh.areas[why >= 0].sum(), rel=1e-12)
+    assert (np.diff(zones.area) <= 0).all()
+    of_face = np.full(mesh.n_faces, -1)
+    of_face[zones.face] = zones.zone
+    one, other = mesh.topology.neighbours.T
+    is_linked = (why[one] == why[other]) & (why[one] >= 0)
+    assert ((of_face[one] == of_face[other])[is_linked]).all()
+    assert len(np.unique(np.stack((zones.zone, why[zones.face])), axis=1).T) == len(zones)
+    assert len(zones.places(5)) == 5
+
+
+def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
+    task = rc.Task(min_pixels=400)
+    told = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
+    assert told["covered"]["faces"] < told["task_faces"]
+    words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
+    assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m; 400 px needs [\d.]+ m or", words)
+    assert (tmp_path / "zones.png").exists()
+
+
+def test_a_percentage_is_within_the_bound_beside_it():
+    rng = np.random.default_rng(3)
+    values, bounds = rng.uniform(0, 100, 500), 10.0 ** rng.uniform(-9, 1, 500)
+    for value, bound in zip([*values, 99.99999, 1e-7], [*bounds, 1e-9, 1e-9], strict=True):
+        shown, beside = map(float, with_bound(value, bound).removesuffix(" %").split(" ± "))
+        assert abs(shown - value) + bound <= beside + 1e-9
+        assert 0 < shown < 100
+    assert with_bound(100.0, 1e-12) == "100 %"
