@@ -320,7 +320,7 @@ def _draw_network(
         files="summary.json and coverage.parquet", has_view=shown.view is not None,
     )  # fmt: skip
     with interrupts_held():
-        for name in ("overview", "zones"):
+        for name in ("overview",) if areas is None else ("overview", "zones"):
             if name in drawn:
                 save_picture(drawn[name], folder.file(f"{name}.png"))
         if shown.view is not None:

@@ -165,7 +165,7 @@ class NetworkPage:
         return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
 
     def _advice_for(self, face: int, name: str) -> dict[str, Any]:
-        """What hides a face, and advice for the pose that comes nearest to covering it."""
+        """Group that hides a face, and advice for the pose that comes nearest to covering it."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
         if name in ("too_few_views", "no_cameras"):
             return {"nearest": None, "advice": REASONS[name].advice}

@@ -409,9 +409,9 @@ def _nearest(
 
 
 def nearest_to(poses: Poses, point: FloatArray) -> Poses:
-    """The nearest `MOST_NEAREST` of some poses to a point, the nearest first."""
+    """The nearest `MOST_NEAREST` of some poses to a point, in their own order."""
     away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - point, axis=1)
-    return poses[np.argsort(away, kind="stable")[:MOST_NEAREST]]
+    return poses[np.sort(np.argsort(away, kind="stable")[:MOST_NEAREST])]
 
 
 def nearest_row(name: str, figures: Sequence[Mapping[str, float]], task: Task) -> int:
