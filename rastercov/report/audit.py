@@ -31,6 +31,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import cameras_of, names_of
 from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.area.zones import DeadZones, face_zones
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import UNFINISHED, remove
@@ -114,7 +115,7 @@ def write(
         pictures, view, files = shown.pictures(), shown.view, _suggested_files(found)
         summary |= {"answer": shown.answer, "sentences": shown.sentences()}
         html = shown.page(
-            "audit.html", pictures, answer=shown.answer, lines=(), summary=summary, run=header,
+            "audit.html", {}, answer=shown.answer, lines=(), summary=summary, run=header,
             notes=notes, has_view=view is not None, unit=found.unit, drawn=pictures,
             weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
         )  # fmt: skip
@@ -203,6 +204,12 @@ class AuditPage(NetworkPage):
     def lost_m2(self) -> FloatArray:
         """(P,) area that is not covered any more without each image."""
         return self.found.lost_m2
+
+    @cached_property
+    def dead(self) -> tuple[DeadZones, Mapping[str, Any]]:
+        """No dead zones: weak ones take their place."""
+        zones = face_zones(self.mesh, np.full(self.mesh.n_faces, -1), self.network.views)
+        return zones, {"dead_zones": [], "other_dead_zones": zones.others()}
 
     @cached_property
     def up(self) -> FloatArray:

@@ -55,7 +55,7 @@ def page_of(found: Checked) -> str:
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
     return shown.page(
         "network.html",
-        shown.pictures(),
+        shown.drawn(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
         lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],

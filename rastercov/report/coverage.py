@@ -55,7 +55,7 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
-from rastercov.report.network_page import NetworkPage, pictures_of
+from rastercov.report.network_page import NetworkPage
 from rastercov.report.panorama import FINE, seen
 from rastercov.report.printing import browser, write_page
 
@@ -298,26 +298,34 @@ def _draw_network(
 ) -> None:
     """Draw what all cameras cover together and what they leave, and write the pages."""
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
-    names, title = [str(row) for row in poses.ids.tolist()], folder.path.resolve().name
+    names = [str(row) for row in poses.ids.tolist()]
+    title = f"Coverage of {title_of(summary['run'], folder.path)}"
     shown = NetworkPage(
-        f"Coverage: {title}", mesh, found.camera, poses, "pose", names, network,
+        title, mesh, found.camera, poses, "pose", names, network,
         network.covered, np.full(mesh.n_faces, found.task.views), summary, areas,
         None if areas is None else areas.zones(), parts,
     )  # fmt: skip
     drawn = shown.drawn()
-    pictures = pictures_of(drawn | ({} if sheet is None else {"contact_sheet": sheet}))
+    images = drawn | ({} if sheet is None else {"contact_sheet": sheet})
     page = shown.page(
-        "network.html", pictures, answer=shown.answer, lines=(), summary=summary,
+        "network.html", images, answer=shown.answer, lines=(), summary=summary,
         run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
         files="summary.json and coverage.parquet", has_view=shown.view is not None,
     )  # fmt: skip
     with interrupts_held():
-        for name, image in drawn.items():
-            if name != "left":  # the page alone has the reasons of faces
-                save_picture(image, folder.file(f"{name}.png"))
+        for name in ("overview",) if areas is None else ("overview", "zones"):
+            if name in drawn:
+                save_picture(drawn[name], folder.file(f"{name}.png"))
         if shown.view is not None:
             write_text(folder.file("view.html"), shown.view)
         write_page(folder, "report", page, pdf=options.pdf)
+
+
+def title_of(run: Mapping[str, Any], path: Path) -> str:
+    """Names of the files of the mesh; without any, as of a built-in one, that of the folder."""
+    names = [each["name"] for each in run["mesh"] if "sha256" in each]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more or path.resolve().name
 
 
 def table_of(mesh: Mesh, poses: Poses) -> str:

@@ -58,7 +58,7 @@ def pages_of(
         f"Placement of cameras: {plan.name}", prepared.mesh, plan, cameras, prepared.task, figures,
         plan.task.views,
     )  # fmt: skip
-    pictures = shown.pictures(progress)
+    drawn = shown.drawn(progress)
     owner = cameras.owner
     columns = {
         "from": [placement.origin[row] for row in owner],
@@ -68,7 +68,7 @@ def pages_of(
         columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]
     page = shown.page(
         "placement.html",
-        pictures,
+        drawn,
         answer=shown.answer,
         passed=placement.is_met if placement.requirements else None,
         lines=verdicts(placement.requirements),

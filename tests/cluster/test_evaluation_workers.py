@@ -45,7 +45,7 @@ def content(out):
     for name in TIMES:
         summary.pop(name)
     summary["run"].pop("options")
-    title = f"Coverage: {out.name}".encode()  # a page has the name of its folder
+    title = f"Coverage of {out.name}".encode()  # a page has the name of its folder
     bytes_of = {
         path.name: path.read_bytes().replace(title, b"")
         for path in out.iterdir()

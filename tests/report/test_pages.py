@@ -10,7 +10,8 @@ from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every 
 from pages import read_alone
 
 import rastercov as rc
-from rastercov.base.format import percent
+from rastercov.base.format import percent, with_bound
+from rastercov.coverage.area.zones import face_zones
 from rastercov.mesh import shapes
 from rastercov.reference.pages import Axis
 from rastercov.report import placement as page_module
@@ -62,7 +63,7 @@ def pages(placement):
     texts = page_module.pages_of(
         placement, summary(placement), ["a <note> for the top"], lambda *done: calls.append(done)
     )
-    assert calls == [(0, 2), (1, 2), (2, 2)]
+    assert calls == [(done, 5) for done in range(6)]
     return texts
 
 
@@ -77,7 +78,7 @@ def page_of(placement, **changes):
 
 def test_every_figure_that_counts_is_told(placement, pages):
     page = read_alone(pages["page.html"])
-    assert len(page.loads) == 2  # the cameras, and what is left
+    assert len(page.loads) == 5  # the cameras, what is left, and the worst of it
     words, told = " ".join(page.words), summary(placement)
     network, kept_out = told["network"], told["candidates"]["dropped"]["kept_out"]
     for figure in (
@@ -113,7 +114,8 @@ def test_by_area_dead_zones_are_listed_and_drawn(tmp_path):
     found = rc.place(plan(tmp_path, task=task))
     texts = page_module.pages_of(found, told := summary(found), [], lambda *done: None)
     words = " ".join(read_alone(texts["page.html"]).words)
-    assert f"cover {percent(told['covered_area']['percent'] / 100)} of the area" in words
+    exact = told["covered_area"]
+    assert f"cover {with_bound(exact['percent'], exact['bound_percent'])} of the area" in words
     assert "Dead zones" in words
     data = data_of(texts["view.html"])
     assert len(data["zones"]) == len(told["dead_zones"]) > 0
@@ -195,3 +197,34 @@ def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):
     monkeypatch.setattr("rastercov.report.pages.MOST_OF_REPORT", 11)
     poses = rc.Poses.of(POSES)
     assert view_page("box", shapes.box(), CAMERA, poses, list("abcd"), {}, {}) is None
+
+
+def test_zones_of_faces_are_connected_have_one_reason_and_hold_all_that_is_left():
+    mesh, rng = shapes.torus(24, 12), np.random.default_rng(7)
+    why = rng.integers(-1, 3, mesh.n_faces)
+    zones = face_zones(mesh, why, np.zeros(mesh.n_faces, np.int64))
+    assert np.array_equal(zones.face, np.flatnonzero(why >= 0))
+    assert zones.area.sum() == pytest.approx(mesh.areas[why >= 0].sum(), rel=1e-12)
+    assert (np.diff(zones.area) <= 0).all()
+    of_face = np.full(mesh.n_faces, -1)
+    of_face[zones.face] = zones.zone
+    one, other = mesh.topology.neighbours.T
+    assert (of_face[one] == of_face[other])[(why[one] == why[other]) & (why[one] >= 0)].all()
+    assert len(np.unique(np.stack((zones.zone, why[zones.face])), axis=1).T) == len(zones)
+
+
+def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
+    task = rc.Task(min_pixels=400)
+    run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
+    words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
+    assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m; 400 px needs [\d.]+ m or", words)
+
+
+def test_a_percentage_is_within_the_bound_beside_it():
+    rng = np.random.default_rng(3)
+    values, bounds = rng.uniform(0, 100, 500), 10.0 ** rng.uniform(-9, 1, 500)
+    for value, bound in zip([*values, 99.99999, 1e-7], [*bounds, 1e-9, 1e-9], strict=True):
+        shown, beside = map(float, with_bound(value, bound).removesuffix(" %").split(" ± "))
+        assert abs(shown - value) + bound <= beside + 1e-9
+        assert 0 < shown < 100
+    assert with_bound(100.0, 1e-12) == "100 %"
