@@ -31,6 +31,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
@@ -86,6 +87,7 @@ def _environment(package: str) -> "Environment":
         "number": number,
         "percent": percent,
         "plural": plural,
+        "task_in_words": task_in_words,
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
     environment.globals |= {"light": LIGHT, "dark": DARK, "part_rows": part_rows}
