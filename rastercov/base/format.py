@@ -43,6 +43,23 @@ def percent(share: float) -> str:
     return f"{text} %"
 
 
+def with_bound(value: float, bound: float) -> str:
+    """A percentage with its bound, such as "97.138 ± 0.001 %": up to three digits after the point.
+
+    The bound is that of the figure as it is shown, rounded up; neither 0 nor 100 is rounded to,
+    which have no bound beside them where it is below that of doubles.
+    """
+    if value in (0, 100) and bound <= 1e-9:
+        return f"{value:.0f} %"
+    digits = min(max(1, -math.floor(math.log10(max(bound, 1e-9)))), 3)
+    unit = 10.0**-digits
+    shown = round(value, digits)
+    if 0 < value < 100:
+        shown = min(max(shown, unit), 100 - unit)
+    steps = math.ceil((bound + abs(shown - value)) / unit - 1e-6)
+    return f"{shown:.{digits}f} ± {max(1, steps) * unit:.{digits}f} %"
+
+
 def length(metres: float) -> str:
     """A coordinate to a tenth of a millimetre, or in eight digits from 100 m on."""
     return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"

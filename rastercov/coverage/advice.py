@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import length, number, percent
+from rastercov.base.format import number, percent
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import EDITIONS, density_text
@@ -72,12 +72,13 @@ def advice(
     if reason == Reason.TOO_COARSE and short is None:
         return "come nearer, or take a longer lens"
     z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
-    furthest = "any depth" if math.isinf(z_f) else f"{length(z_f)} m"
+    reach = "or more" if math.isinf(z_f) else f"to {number(z_f)} m"
+    near, far = number(float(depth.min())), number(float(depth.max()))
     factor, found, wanted = short or Short(1.0, "", "")
     return REASONS[reason.name.lower()].advice.format(
         wider=", or take a wider lens" if (depth > 0).all() else "",
-        depth=f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
-        in_focus=f"{length(z_n)} m to {furthest}",
+        depth=f"{near} m" if near == far else f"{near} to {far} m",
+        in_focus=f"{number(z_n)} m {reach}",
         found=found,
         wanted=wanted,
         distance=f"{number(distance)} m",

@@ -76,7 +76,7 @@ REASONS = {
     "out_of_focus": Words(
         "out of focus",
         "are out of focus",
-        "it is {depth} deep, in focus are {in_focus}: focus on it",
+        "it is {depth} away, and in focus is what is {in_focus} away: focus on it, or move",
         (86, 180, 233),
         8,
     ),

@@ -305,9 +305,10 @@ def _draw_network(
 ) -> None:
     """Draw what all cameras cover together and what they leave, and write the pages."""
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
-    names, title = [str(row) for row in poses.ids.tolist()], folder.path.resolve().name
+    names = [str(row) for row in poses.ids.tolist()]
+    title = f"Coverage of {title_of(summary['run'], folder.path)}"
     shown = NetworkPage(
-        f"Coverage: {title}", mesh, found.camera, poses, "pose", names, network,
+        title, mesh, found.camera, poses, "pose", names, network,
         network.covered, np.full(mesh.n_faces, found.task.views), summary, areas,
         None if areas is None else areas.zones(), parts,
     )  # fmt: skip
@@ -320,11 +321,17 @@ def _draw_network(
     )  # fmt: skip
     with interrupts_held():
         for name, image in drawn.items():
-            if name != "left":  # the page alone has the reasons of faces
-                save_picture(image, folder.file(f"{name}.png"))
+            save_picture(image, folder.file(f"{name}.png"))
         if shown.view is not None:
             write_text(folder.file("view.html"), shown.view)
         write_page(folder, "report", page, pdf=options.pdf)
+
+
+def title_of(run: Mapping[str, Any], path: Path) -> str:
+    """Names of the files of the mesh; without any, as of a built-in one, that of the folder."""
+    names = [each["name"] for each in run["mesh"] if "sha256" in each]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more or path.resolve().name
 
 
 def table_of(mesh: Mesh, poses: Poses) -> str:

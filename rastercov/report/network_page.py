@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.base.format import area, length, percent, plural
+from rastercov.base.format import area, length, percent, plural, with_bound
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, names_of
 from rastercov.coverage.area import polygons
@@ -20,10 +20,19 @@ from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.regions import Regions, covering_poses
 from rastercov.coverage.area.union import unite
-from rastercov.coverage.area.zones import DeadZones, zone_reason
-from rastercov.coverage.network import Network, share_of_faces
-from rastercov.coverage.reasons import REASONS, reason_rows
+from rastercov.coverage.area.zones import (
+    DeadZones,
+    advised,
+    face_zones,
+    nearest_row,
+    nearest_to,
+    zone_reason,
+)
+from rastercov.coverage.job import evaluate
+from rastercov.coverage.network import Network
+from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
 from rastercov.mesh import Mesh
+from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import (
     Overview,
@@ -34,7 +43,6 @@ from rastercov.report.overview import (
     zones_picture,
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
-from rastercov.report.panorama import best_directions
 from rastercov.report.tables import camera_rows, heading_and_tilt
 
 FloatArray = NDArray[np.float64]
@@ -44,10 +52,11 @@ MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = 3
 """Zones with a picture of their own."""
+OF_A_FACE = ("drawn_pixels", "incidence", "pixel_density", "facing_density")
+"""Figures of a face that its advice wants."""
 ALTERNATIVES = {
     "overview": "The surface in the colours of its cameras, from two sides",
     "zones": "Dead zones by number and reason, from two sides",
-    "left": "Faces that are not covered, by reason, from two sides",
     "contact_sheet": "The images of the poses side by side",
 }
 """Words for pictures of pages."""
@@ -134,6 +143,56 @@ class NetworkPage:
         areas = self.mesh.areas[alone]
         return np.bincount(best[alone], areas, len(self.poses)).astype(np.float64)
 
+    @cached_property
+    def dead(self) -> tuple[DeadZones, Mapping[str, Any]]:
+        """Dead zones, and their entries as of `zones.summary_of`.
+
+        By face those of whole faces; only the worst have advice.
+        """
+        if self.zones is not None:
+            return self.zones, self.figures
+        left, count = self.mesh.task_mask & ~self.covered, len(self.poses)
+        why = reason_rows(self.network.reason, self.covered, count)
+        zones = face_zones(self.mesh, np.where(left, why.astype(np.int64), -1), self.network.views)
+        entries = zones.places(zones.listed())
+        for row, entry in enumerate(entries):
+            faces = zones.face[zones.zone == row].astype(np.int64)
+            away = np.linalg.norm(self.mesh.centroids[faces] - entry["centroid"], axis=1)
+            face = int(faces[away.argmin()])  # the one in the middle
+            entry |= {"reason": NAMES[why[face]], "hidden_by": None}
+            if row < MOST_CLOSE_UPS:
+                entry |= self._advice_for(face, entry["reason"])
+        return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
+
+    def _advice_for(self, face: int, name: str) -> dict[str, Any]:
+        """What hides a face, and advice for the pose that comes nearest to covering it."""
+        mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
+        if name in ("too_few_views", "no_cameras"):
+            return {"nearest": None, "advice": REASONS[name].advice}
+        middle = mesh.centroids[face]
+        some = nearest_to(self.poses, middle)
+        found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE))
+        own = found.reason[:, face] == Reason[name.upper()]
+        rows = np.flatnonzero(own if own.any() else ~own)
+        figures = [
+            {key: float(getattr(found, key)[row, face]) for key in OF_A_FACE}
+            | {"distance": float(np.linalg.norm(some.world_from_camera[row, :3, 3] - middle))}
+            for row in rows
+        ]
+        best = nearest_row(name, figures, task)
+        pose = some[rows[best : best + 1]]
+        hider, before = None, ""
+        if name == "occluded":
+            shares = in_front(mesh, pose.world_from_camera[:, :3, 3], np.array([face]))[0]
+            hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
+            before = hider or ""
+            if hider == mesh.groups[mesh.face_group[face]].name:
+                before = "another part of it"
+        corners = mesh.vertices[mesh.faces[face]]
+        return {"hidden_by": hider} | advised(
+            self.camera, task, pose, figures[best], corners, name, before
+        )
+
     def overview(self) -> Image.Image:
         """The surface by the camera that covers it; of very many, by what they cover together."""
         if len(self.poses) <= MOST_COLOURS:
@@ -148,12 +207,9 @@ class NetworkPage:
         progress(0, 2)
         images = {"overview": self.overview()}
         progress(1, 2)
-        if self.zones is None and (self.mesh.task_mask & ~self.covered).any():
-            images["left"] = left_picture(
-                self.mesh, self.network.reason, self.covered, len(self.poses), self.eyes
-            )
-        elif self.zones:
-            images["zones"] = zones_picture(self.zones, self.figures, self.eyes)
+        zones, said = self.dead
+        if zones:
+            images["zones"] = zones_picture(zones, said, self.eyes)
         progress(2, 2)
         return images
 
@@ -183,14 +239,15 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             pictures=pictures,
-            zone_cards=[] if self.zones is None else self._cards(),
-            zone_rows=zone_rows(self.figures) if by_area else None,
+            zone_cards=self._cards(),
+            zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures),
             figures=self.figures,
             reasons=REASONS,
+            view=self.view,
             **values,
         )
 
@@ -200,8 +257,9 @@ class NetworkPage:
         covered = self.figures.get("covered_area")
         share = self.figures["covered"]["area_percent"] if covered is None else covered["percent"]
         who = plural(len(self.poses), self.noun, "cover")
-        said = f"{who} {percent(share / 100)} of the area"
-        return said if covered is None else f"{said}, ± {covered['bound_percent']:.1g} %"
+        if covered is not None:
+            return f"{who} {with_bound(share, covered['bound_percent'])} of the area"
+        return f"{who} {percent(share / 100)} of the area"
 
     def sentences(self) -> list[str]:
         """Sentences on the covered area with its bound, on dead zones, and on single cameras."""
@@ -212,30 +270,31 @@ class NetworkPage:
             f"({percent(whole['percent'] / 100)}) are covered as a whole"
         )
         if exact is not None:
-            first = (
-                f"Exact: {in_words(exact)}. {area(exact['m2'])} of {area(exact['of_m2'])} are "
-                f"covered; {first}"
-            )
+            some = area(exact["m2"]) if exact["m2"] else "None"
+            by_fewer = in_words(exact).partition(" of it")[2]
+            first = f"{some} of {area(exact['of_m2'])} is covered{by_fewer}; {first}"
         said = [f"{first}."]
-        zones = figures.get("dead_zones", ())
-        reasons = figures["not_covered_because"]
-        if zones and self.zones is not None:
-            total = area(float(self.zones.area.sum()))
-            worst = f"{area(zones[0]['area_m2'])} of {zones[0]['groups'][0]}"
-            left = plural(self.zones.count(), "dead zone", "are")
-            largest = f", {total} in all. The largest" if len(zones) > 1 else ""
-            said.append(f"{left} left{largest}: {worst}, {zone_reason(zones[0])}.")
-        elif reasons and exact is None:
+        zones, found = self.dead
+        entries, reasons = found["dead_zones"], figures["not_covered_because"]
+        if reasons and exact is None:
             parts = [
                 f"{each['faces']:,} {REASONS[name].sentence}" for name, each in reasons.items()
             ]
-            said.append(f"Of those that are left, {', '.join(parts)}.")
+            said[0] += f" Of those that are left, {', '.join(parts)}."
+        if entries:
+            total, worst = area(float(zones.area.sum())), area(entries[0]["area_m2"])
+            largest = f", {total} in all. The largest" if len(entries) > 1 else ""
+            where = f" of {entries[0]['groups'][0]}" if len(self.mesh.groups) > 1 else ""
+            said.append(
+                f"{plural(zones.count(), 'dead zone', 'are left')}{largest}: {worst}{where}, "
+                f"{zone_reason(entries[0])}."
+            )
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
+            rest = f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
             said.append(
                 f"{self.noun.capitalize()} {self.names[best]} adds most: {area(lost[best])} that "
-                f"would not be covered without it. {spare} of {len(lost)} could be left out, one "
-                "at a time, with no loss."
+                f"would not be covered without it.{rest if spare else ''}"
             )
         return said
 
@@ -277,11 +336,10 @@ class NetworkPage:
 
     def _cards(self) -> list[dict[str, Any]]:
         """The worst zones: heading, picture, reason and advice."""
-        assert self.zones is not None
-        found = []
-        for row, zone in enumerate(numbered(self.figures)[:MOST_CLOSE_UPS]):
+        found, (zones, said) = [], self.dead
+        for row, zone in enumerate(numbered(said)[:MOST_CLOSE_UPS]):
             reason = zone_reason(zone)
-            drawn = zone_close_up(self.zones, self.figures, row, self.eyes)
+            drawn = zone_close_up(zones, said, row, self.eyes)
             share = percent(round(zone["percent"] / 100, 9))
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
@@ -290,7 +348,8 @@ class NetworkPage:
                 advice = f"{self.noun} {self.names[place]} comes nearest: {advice}"
             found.append({
                 "heading": heading,
-                "reason": f"{zone['groups'][0]}: {reason}",
+                "reason": f"{zone['groups'][0]}: {reason}" if len(self.mesh.groups) > 1
+                else f"{reason[:1].upper()}{reason[1:]}",
                 "advice": f"{advice[:1].upper()}{advice[1:]}.",
                 "picture": drawn and Picture.of(f"{heading}, {reason}", drawn),
             })  # fmt: skip
@@ -300,24 +359,6 @@ class NetworkPage:
 def pictures_of(images: Mapping[str, Image.Image]) -> dict[str, Picture]:
     """Pictures of a page by their names in `ALTERNATIVES`."""
     return {name: Picture.of(ALTERNATIVES[name], image) for name, image in images.items()}
-
-
-def left_picture(
-    mesh: Mesh,
-    reason: NDArray[np.uint8],
-    covered: NDArray[np.bool_],
-    n_cameras: int,
-    eyes: Any = (),
-) -> Image.Image:
-    """Faces that are not covered by reason, from the directions that show most of them."""
-    left = mesh.task_mask & ~covered
-    share = share_of_faces(mesh, left, mesh.task_mask)
-    return mode_picture(
-        "reason", mesh, reason_rows(reason, ~left, n_cameras), eyes,
-        title=f"Not covered: {plural(int(share['faces']), 'face')}, "
-        f"{percent(share['area_percent'] / 100)} of the area",
-        directions=best_directions(mesh, left, eyes=eyes),
-    )  # fmt: skip
 
 
 def lost_without(parts: Regions, need: NDArray[np.int64]) -> FloatArray:

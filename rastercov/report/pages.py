@@ -87,11 +87,21 @@ def _environment(package: str) -> "Environment":
         "number": number,
         "percent": percent,
         "plural": plural,
+        "srcdoc": _srcdoc,
         "task_in_words": task_in_words,
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
-    environment.globals |= {"light": LIGHT, "dark": DARK, "part_rows": part_rows}
+    environment.globals |= {
+        "light": LIGHT, "dark": DARK, "part_rows": part_rows, "most_embedded": MOST_EMBEDDED,
+    }  # fmt: skip
     return environment
+
+
+def _srcdoc(page: str) -> str:
+    """A page as the value of an attribute in single quotes, which few of its characters are."""
+    from markupsafe import Markup
+
+    return Markup(page.replace("&", "&amp;").replace("'", "&#39;"))
 
 
 def _base64(data: Any) -> str:
@@ -102,6 +112,8 @@ MOST_FACES = 1_500_000
 """Faces of an exported page: 36 bytes each, a third more as text."""
 MOST_OF_REPORT = 300_000
 """Faces up to which a report has the page: 15 MB."""
+MOST_EMBEDDED = 2_200_000
+"""Characters of the scene inside a page of a report: 35,000 faces, and 3 MB with all pictures."""
 MOST_STATIONS = 5_000
 """Cameras that a page shows."""
 MOST_FACES_OF_ZONE = 5_000

@@ -17,14 +17,13 @@ from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.zones import zones_at
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import overview, panorama, theme
 from rastercov.report.images import place_labels
 from rastercov.report.modes import mode_picture
-from rastercov.report.network_page import left_picture
 from rastercov.report.overview import (
     Overview,
     best_covering,
@@ -331,7 +330,7 @@ def test_faces_that_are_left_have_the_colour_of_their_reason():
 
     def drawn(poses):
         left = what_is_left((mesh, CAMERA), poses)
-        return left_picture(mesh, left.reason, ~left.left, left.n_cameras)
+        return mode_picture("reason", mesh, reason_rows(left.reason, ~left.left, left.n_cameras))
 
     nothing = drawn(np.zeros((0, 4, 4)))
     assert share_of_hue(nothing, REASONS["no_cameras"].colour) > 0.1

@@ -10,7 +10,7 @@ from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every 
 from pages import read_alone
 
 import rastercov as rc
-from rastercov.base.format import percent
+from rastercov.base.format import percent, with_bound
 from rastercov.mesh import shapes
 from rastercov.reference.pages import Axis
 from rastercov.report import placement as page_module
@@ -77,7 +77,7 @@ def page_of(placement, **changes):
 
 def test_every_figure_that_counts_is_told(placement, pages):
     page = read_alone(pages["page.html"])
-    assert len(page.loads) == 2  # the cameras, and what is left
+    assert len(page.loads) == 5  # the cameras, what is left, and the worst of it
     words, told = " ".join(page.words), summary(placement)
     network, kept_out = told["network"], told["candidates"]["dropped"]["kept_out"]
     for figure in (
@@ -113,7 +113,8 @@ def test_by_area_dead_zones_are_listed_and_drawn(tmp_path):
     found = rc.place(plan(tmp_path, task=task))
     texts = page_module.pages_of(found, told := summary(found), [], lambda *done: None)
     words = " ".join(read_alone(texts["page.html"]).words)
-    assert f"cover {percent(told['covered_area']['percent'] / 100)} of the area" in words
+    exact = told["covered_area"]
+    assert f"cover {with_bound(exact['percent'], exact['bound_percent'])} of the area" in words
     assert "Dead zones" in words
     data = data_of(texts["view.html"])
     assert len(data["zones"]) == len(told["dead_zones"]) > 0

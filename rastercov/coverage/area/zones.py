@@ -9,7 +9,7 @@ the criterion that fails last, in the order of `rastercov.Reason`, in any camera
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,7 @@ from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.topology import components_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -165,10 +166,38 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     root = np.empty_like(parent)
     kernels.find_roots(parent, root)
     _, zone = np.unique(root, return_inverse=True)
+    return DeadZones(mesh, xy, starts, face, number, *_largest_first(zone, areas), areas)
+
+
+def face_zones(mesh: Mesh, why: IntArray, views: IntArray) -> DeadZones:
+    """Zones of whole faces that share edges and a reason, where a result is by face.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    why : (F,) int
+        Number of the reason of each face, -1 for those of no zone.
+    views : (F,) int
+        Cameras that cover each face.
+    """
+    face = np.flatnonzero((why >= 0) & (frames_of(mesh).areas > 0)).astype(np.int32)
+    row = np.full(mesh.n_faces, -1)
+    row[face] = np.arange(len(face))
+    near = row[mesh.topology.neighbours]
+    near = near[(near >= 0).all(axis=1)]
+    near = near[np.equal(*why[face[near]].T)]
+    areas = frames_of(mesh).areas[face]
+    ranked = _largest_first(components_of(len(face), near), areas)
+    xy, starts = frames_of(mesh).corners[face].reshape(-1, 2), 3 * np.arange(len(face) + 1)
+    return DeadZones(mesh, xy, starts, face, views[face].astype(np.int32), *ranked, areas)
+
+
+def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Zone of each piece, (N,), numbered by falling area, and the areas of zones."""
     sums: FloatArray = np.asarray(np.bincount(zone, weights=areas), np.float64)
-    order = np.argsort(-sums, kind="stable")  # the largest first
-    rank = np.argsort(order)
-    return DeadZones(mesh, xy, starts, face, number, rank[zone], sums[order], areas)
+    order = np.argsort(-sums, kind="stable")
+    rank: IntArray = np.argsort(order)
+    return rank[zone], sums[order]
 
 
 def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> NDArray[np.int64]:
@@ -367,32 +396,53 @@ def _nearest(
     camera: Cameras, task: Task, poses: Poses, point: FloatArray, normal: FloatArray, name: str,
     hider: str,
 ) -> dict[str, Any]:  # fmt: skip
-    """The pose that comes nearest to covering a point, its figures, and what would help.
-
-    Of poses that fail for the same reason: that with the least missing factor, or seen least
-    flatly, of the nearest `MOST_NEAREST`.
-    """
+    """`advised` for a point, by the nearest `MOST_NEAREST` of poses that fail for one reason."""
     if name == "too_few_views" or not len(poses):
         return {"nearest": None, "advice": REASONS[name].advice}
+    some, cameras = nearest_to(poses, point), cameras_of(camera)
+    figures = [
+        figures_of_point(cameras[of], pose, point, normal)
+        for pose, of in zip(some.world_from_camera, some.camera, strict=True)
+    ]
+    row = nearest_row(name, figures, task)
+    return advised(camera, task, some[row : row + 1], figures[row], point[None], name, hider)
+
+
+def nearest_to(poses: Poses, point: FloatArray) -> Poses:
+    """The nearest `MOST_NEAREST` of some poses to a point, the nearest first."""
     away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - point, axis=1)
-    cameras, known = cameras_of(camera), []
-    for row in np.argsort(away, kind="stable")[:MOST_NEAREST].tolist():
-        pose, eye = poses.world_from_camera[row], cameras[poses.camera[row]]
-        figures = figures_of_point(eye, pose, point, normal)
-        short = short_of(figures, task) if name == "too_coarse" else None
-        flat = figures["incidence"] if name == "too_oblique" else 0.0
-        known.append((short.factor if short else flat, row, figures))
-    _, row, figures = min(known, key=lambda each: each[:2])
-    depth = to_camera(point[None], poses.world_from_camera[row])[:, 2]
-    words = advice(Reason[name.upper()], figures, depth, task, cameras[poses.camera[row]], hider)
+    return poses[np.argsort(away, kind="stable")[:MOST_NEAREST]]
+
+
+def nearest_row(name: str, figures: Sequence[Mapping[str, float]], task: Task) -> int:
+    """Row of the figures of the pose that comes nearest to covering, of those of one reason.
+
+    That with the least missing factor, or seen least flatly; the first of equals.
+    """
+
+    def missing(row: int) -> float:
+        short = short_of(figures[row], task) if name == "too_coarse" else None
+        flat = figures[row]["incidence"] if name == "too_oblique" else 0.0
+        return short.factor if short else flat
+
+    return min(range(len(figures)), key=missing)
+
+
+def advised(
+    camera: Cameras, task: Task, pose: Poses, figures: Mapping[str, float], points: FloatArray,
+    name: str, hider: str,
+) -> dict[str, Any]:  # fmt: skip
+    """`nearest`, a pose with its figures, and `advice` for it to cover points (N, 3)."""
+    depth, eye = to_camera(points, pose.world_from_camera[0])[:, 2], cameras_of(camera)
+    more = {key: each for key, each in figures.items() if key not in ("distance", "incidence")}
     return {
         "nearest": {
-            "pose": int(poses.ids[row]),
-            "distance_m": figures.pop("distance"),
-            "incidence_deg": math.degrees(figures.pop("incidence")),
-            **figures,
+            "pose": int(pose.ids[0]),
+            "distance_m": figures["distance"],
+            "incidence_deg": math.degrees(figures["incidence"]),
+            **more,
         },
-        "advice": words,
+        "advice": advice(Reason[name.upper()], figures, depth, task, eye[pose.camera[0]], hider),
     }
 
 
