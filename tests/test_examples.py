@@ -3,9 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from notices import without_notices
 from processes import python
+
+import rastercov as rc
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
@@ -25,3 +28,25 @@ def test_the_example_runs(path, tmp_path):
     assert all(0 < share <= 100 for share in shares)
     assert "nan" not in result.stdout.lower()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_return_of_an_episode_is_what_its_views_cover(monkeypatch):
+    env_checker = pytest.importorskip("gymnasium.utils.env_checker")
+    monkeypatch.syspath_prepend(FOLDER)
+    from next_best_view import NextBestView
+
+    mesh, camera = rc.shapes.torus(20, 10), rc.Camera.load("khepra")
+    environment = NextBestView(mesh, camera, rc.Task(max_incidence_deg=70), 4.0, views=4)
+    env_checker.check_env(environment, skip_render_check=True)
+    environment.reset()
+    actions = np.random.default_rng(3).uniform(-1, 1, (4, 3))
+    steps = [environment.step(action) for action in actions]
+    eyes = 4 * actions / np.linalg.norm(actions, axis=1, keepdims=True) + mesh.bounds.mean(axis=0)
+    poses = rc.look_at(eyes, mesh.bounds.mean(axis=0))
+    found = rc.evaluate(mesh, camera, poses, environment.task, by="face")
+    share = mesh.areas @ found.network.best / mesh.areas.sum()
+    assert sum(step[1] for step in steps) == pytest.approx(share, abs=1e-12)
+    assert 0 < share < 1
+    assert steps[-1][3]
+    environment.close()

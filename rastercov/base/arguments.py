@@ -98,6 +98,19 @@ def finite_points(
     return points
 
 
+def as_array(values: Any) -> NDArray[Any]:
+    """Array of `values`; of a tensor that numpy does not convert, through DLPack, also of a GPU."""
+    has_dlpack = hasattr(values, "__dlpack__")
+    try:
+        array = np.asarray(values)
+        if array.dtype != object or not has_dlpack:
+            return array
+    except TypeError:  # what tensors of a GPU raise
+        if not has_dlpack:
+            raise
+    return np.from_dlpack(values, device="cpu")
+
+
 def checked_array(
     name: str, values: ArrayLike, kinds: str, wanted: str, error: type[RastercovError]
 ) -> NDArray[Any]:
@@ -106,7 +119,7 @@ def checked_array(
     Nothing is copied: an array that repeats one row without storing it stays small.
     """
     try:
-        array = np.asarray(values)
+        array = as_array(values)
     except MemoryError:
         raise ResourceError(
             f"{name} take more than the memory of this machine; pass fewer"

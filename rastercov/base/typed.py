@@ -24,7 +24,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_room
+from rastercov.base.arguments import as_array, check_room
 from rastercov.base.checks import finite_number, is_inf, is_number, shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError
 
@@ -239,7 +239,7 @@ def _is_array_like(hint: Any) -> bool:
 def _is_numeric(value: Any) -> bool:
     """True when numpy makes numbers of a value, without reading texts or losing a mask."""
     try:
-        array = np.asarray(value)
+        array = as_array(value)
     except Exception:  # whatever conversion an object brings
         return False
     is_real = array.dtype.kind in "biuf" and array.dtype.itemsize <= 8  # longer ones overflow

@@ -1,15 +1,17 @@
-"""Advice for a camera to cover a face or a point: the words of `REASONS` with its figures."""
+"""Words on a task, and advice to cover a face or a point: those of `REASONS` with its figures."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import number
+from rastercov.base.format import number, percent
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
+from rastercov.coverage.densities import EDITIONS, density_text
 from rastercov.coverage.reasons import REASONS, Reason
 from rastercov.coverage.task import Task
 
@@ -38,8 +40,8 @@ def short_of(figures: Mapping[str, Any], task: Task) -> Short | None:
     """Least value of a task that figures miss by most; None where they miss none."""
     missed = [
         Short(
-            (least / figures[name]) ** power, _with_unit(figures[name], unit),
-            _with_unit(least, unit),
+            (least / figures[name]) ** power, density_text(figures[name], unit),
+            density_text(least, unit),
         )
         for name, of_task, power, unit in LIMITS
         if 0 < figures.get(name, 0.0) < (least := float(getattr(task, of_task)))
@@ -113,9 +115,37 @@ def figures_of_point(
     }
 
 
-def _with_unit(value: float, unit: str) -> str:
-    """A figure of `LIMITS` as text: "1.3 px/mm"."""
-    for power, name in ((1, "px/m"), (2, "px/m²")):
-        if unit == name and value >= 10 ** (3 * power):
-            value, unit = value / 10 ** (3 * power), name.replace("/m", "/mm")
-    return f"{number(value)} {unit}"
+_NAMES = {value: name for name, value in EDITIONS["EN 62676-4:2015"].items()}
+WORDS: dict[str, Callable[[Any], str]] = {
+    "min_pixel_density": lambda value: f"with {density_text(value)} or more on the surface",
+    "min_facing_density": lambda value: (
+        f"with {density_text(value)} or more on what faces the camera"
+        + (f" ({_NAMES[value]})" if value in _NAMES else "")
+    ),
+    "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",
+    "max_incidence_deg": lambda value: f"within {value:g}° of its normal",
+    "max_blur": lambda value: f"with a blur of {value:g} px or less",
+    "focus_rule": lambda value: "with the centroid of its face in focus",
+    "min_visibility": lambda value: f"where {percent(value)} or more of its face is visible",
+    "min_pixels": lambda value: f"with full resolution from {value:g} px of its face",
+    "cap_resolution": lambda value: "with resolutions above 1",
+    "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
+}
+"""Thresholds other than the usual, in `task_in_words`."""
+
+
+def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = None) -> str:
+    """Sentence on what counts as covered by thresholds, those that `asdict` gives.
+
+    `views` are the cameras that some groups need, in place of those of the task.
+    """
+    usual, wanted = asdict(Task()), task["views"] if views is None else views
+    few = 2 if task["min_angle_deg"] else 1  # to have an angle between them
+    named = wanted if isinstance(wanted, Mapping) else {"": wanted}
+    n = max(few, named.get("", 1))
+    said = ["a camera sees" if n == 1 else f"{n} cameras see"]
+    said += [f"{max(few, n)} of {name}" for name, n in named.items() if name]
+    if task["min_angle_deg"]:
+        said.append(f"{task['min_angle_deg']:g}° apart")
+    more = [words(task[name]) for name, words in WORDS.items() if task[name] != usual[name]]
+    return f"Covered is what {', '.join(said + more)}."

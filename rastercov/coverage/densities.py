@@ -10,6 +10,7 @@ import re
 
 from rastercov.base.arguments import Reads
 from rastercov.base.checks import shown
+from rastercov.base.format import number
 
 EDITIONS = {
     "EN 62676-4:2015": {
@@ -75,3 +76,11 @@ def density_in_words(density: float) -> str:
 
 PX_PER_M = Reads(pixels_per_metre, tuple(_BY_NAME), _QUANTITY.pattern, "PX/M|NAME")
 """Metadata of a field that is a density, px/m."""
+
+
+def density_text(value: float, unit: str = "px/m") -> str:
+    """A density, or another figure with a unit, as text: "1.3 px/mm"."""
+    for power, name in ((1, "px/m"), (2, "px/m²")):
+        if unit == name and value >= 10 ** (3 * power):
+            value, unit = value / 10 ** (3 * power), name.replace("/m", "/mm")
+    return f"{number(value)} {unit}"

@@ -32,6 +32,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.camera.viewpoints import upwards
+from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
@@ -89,6 +90,7 @@ def _environment(package: str) -> "Environment":
         "plural": plural,
         "sampling": sampling,
         "srcdoc": _srcdoc,
+        "task_in_words": task_in_words,
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
     environment.globals |= {

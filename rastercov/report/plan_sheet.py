@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -30,11 +31,11 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import cameras_of
+from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
-from rastercov.coverage.densities import EDITIONS, density_in_words
+from rastercov.coverage.densities import EDITIONS
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.sections import section, solid
 from rastercov.report.pages import rendered
@@ -59,6 +60,8 @@ LEVELS = ("identify", "recognise", "observe", "detect")
 """Levels of `EDITION` that have a band, the nearest first."""
 MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
+LETTERS = 84
+"""In a line of the title block."""
 LONGEST_BAR = 60.0
 """Length of the scale bar at most, mm."""
 HATCH = 1.6
@@ -208,7 +211,10 @@ def plan_sheet(
         levels=[(level, EDITIONS[EDITION][level]) for level in LEVELS],
         mesh=shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60),
         covered=words if found.areas is None else in_words(found.areas.summary(views)),
-        wanted=shortened(wanted_text(found.task, views), 80),
+        task_rows=[
+            ("" if row else "Task", line)
+            for row, line in enumerate(wrap(task_in_words(asdict(found.task), views), LETTERS))
+        ],
         date=date or datetime.date.today().isoformat(), version=version("rastercov"),
         project=shortened(project, 44),
     )  # fmt: skip
@@ -311,20 +317,6 @@ def lens_text(camera: Camera) -> str:
         return f"f {min(camera.fx, camera.fy):.0f} px"
     stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
     return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
-
-
-def wanted_text(task: Task, views: Mapping[str, int] | None = None) -> str:
-    """Thresholds of a task that are not the usual ones, and the cameras that groups need."""
-    usual, texts = (
-        asdict(Task()),
-        [f"{n} cameras for {group}" for group, n in (views or {}).items()],
-    )
-    for name, value in asdict(task).items():
-        if value != usual[name] and not (name == "views" and views):
-            text = f"{value:g}" if isinstance(value, float) else str(value)
-            text = density_in_words(value) if name.endswith("density") else text
-            texts.append(f"{name.replace('_', ' ')} {text}")
-    return ", ".join(texts) or "seen by a camera"
 
 
 def check_sheet_name(path: Path) -> None:
