@@ -87,20 +87,20 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 # Code lines of each package, without blank lines, comments, docstrings and imports. A feature that
 # needs more says what it retires.
 BUDGET = {
-    "base": 900,
+    "base": 930,
     "camera": 4_680,
-    "cli": 1_520,
+    "cli": 1_500,
     "cluster": 670,
-    "coverage": 2_740,
+    "coverage": 2_800,
     "exact": 720,
     "kernels": 10_180,
-    "mesh": 3_380,
-    "placement": 6_980,
+    "mesh": 3_560,
+    "placement": 7_290,
     "raster": 2_350,
-    "report": 3_430,
-    "viewer": 1_630,
+    "report": 3_550,
+    "viewer": 1_640,
 }
-MOST_FILES = 267
+MOST_FILES = 271
 
 
 def code_lines(path):

@@ -68,12 +68,6 @@ def pixels_per_metre(text: str) -> float:
     )
 
 
-def density_in_words(density: float) -> str:
-    """Density with its unit, px/m, after its name in EN 62676-4:2015 where it has one."""
-    names = [name for name, level in EDITIONS["EN 62676-4:2015"].items() if level == density]
-    return " ".join([*names, f"{density:g} px/m"])
-
-
 PX_PER_M = Reads(pixels_per_metre, tuple(_BY_NAME), _QUANTITY.pattern, "PX/M|NAME")
 """Metadata of a field that is a density, px/m."""
 
