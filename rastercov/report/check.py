@@ -63,5 +63,6 @@ def page_of(found: Checked) -> str:
         summary=told | {"quarantined": {}},
         run=run,
         files="check.json",
+        views=found.asked_views or plan.task.views,
         has_view=False,
     )

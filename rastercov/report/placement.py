@@ -78,6 +78,7 @@ def pages_of(
         summary=summary,
         run=summary["made_from"],
         files="plan.json",
+        views=plan.task.views,
         has_view=shown.view is not None,
         is_best=isinstance(prepared.problem.goal, BestCoverage),
         mounts=[
