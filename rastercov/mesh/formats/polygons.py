@@ -502,6 +502,10 @@ class Assembly:
                 continue
             if matrix is None:
                 raise MeshError(f"{element.title} {element.why_none}")
+            if isinstance(piece, _Node) and len(piece.pieces) == 1:
+                [(place, only)] = piece.pieces
+                if isinstance(only, _Node):
+                    matrix, piece = matrix @ place, only
             pieces.append((matrix, piece))
             n_faces += piece.n_faces
             n_vertices += piece.n_vertices if isinstance(piece, _Node) else len(piece.points)
