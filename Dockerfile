@@ -1,5 +1,5 @@
 # docker build -t rastercov .
-# docker run --rm --user "$(id -u)" -v "$PWD:/work" rastercov check plan.toml --poses rig.json
+# docker run --rm --user "$(id -u)" -v "$PWD:/data" rastercov check plan.toml --poses rig.json
 FROM python:3.13-slim-trixie
 
 # Mesa's OpenGL, for pictures and methods that draw; check needs none of it.
@@ -23,5 +23,5 @@ RUN rastercov check /src/examples/plans/audit_rig.toml --poses /src/examples/pla
  && chmod --recursive a+rwX /var/cache/rastercov/* \
  && rm -r /tmp/check
 
-WORKDIR /work
+WORKDIR /data
 ENTRYPOINT ["rastercov"]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gymnasium.utils import env_checker
 from notices import without_notices
 from processes import python
 
@@ -32,7 +33,6 @@ def test_the_example_runs(path, tmp_path):
 
 @pytest.mark.filterwarnings("error")
 def test_the_return_of_an_episode_is_what_its_views_cover(monkeypatch):
-    env_checker = pytest.importorskip("gymnasium.utils.env_checker")
     monkeypatch.syspath_prepend(FOLDER)
     from next_best_view import NextBestView
 
