@@ -42,9 +42,6 @@ def test_a_page_does_what_it_says(page, tmp_path):
 
 @pytest.mark.slow
 def test_the_site_is_whole_and_asks_nothing_of_the_network(tmp_path):
-    pytest.importorskip(
-        "sphinx", reason="the documentation's packages are not installed: make docs"
-    )
     done = python(
         "-m", "sphinx", "-q", "-W", "--keep-going", "-d", tmp_path / "d", DOCS, tmp_path / "site"
     )
