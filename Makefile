@@ -3,11 +3,17 @@
 #              more examples
 # make quick   the same without the slow ones
 # make lint    formatting, style, types
+# make native  compile what has changed of the loops in C++, as all of the above do
+# make wheel   dist/: a wheel with the loops for every processor of this kind
+# make sanitize  tests of the loops with checked indices, under address, undefined and thread
+#              sanitizers; TESTS=tests/mesh takes some
+# make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
 # make docs    the documentation as a site, docs/_build/html, without a network
 # make bench   exactness and speed, side by side with a ray tracer
 #
-# All of it lives in .venv; Mesa's OpenGL comes from the system, through apt when it is missing. So
-# does OSMesa for the tests, where the system still has it: Mesa 25.1 was the last. Chromium, which
+# All of it lives in .venv and build/native; Mesa's OpenGL and a compiler of C++20 come from the
+# system, through apt when they are missing; without root the compiler comes from PyPI. Through apt
+# comes OSMesa for the tests, too, where the system still has it: Mesa 25.1 was the last. Chromium, which
 # tests of the viewer drive, comes from Debian's package.
 
 PYTHON ?= python3
@@ -23,6 +29,8 @@ MESA := libegl1 libgl1 libgl1-mesa-dri
 OSMESA := libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
 APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -qq
+HAS_EGL = $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")'
+INSTALL_MESA = $(APT) update; $(APT) install -y --no-install-recommends $(MESA)
 HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context().release()'
 HAS_OSMESA = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context("osmesa").release()'
 OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-9]'
@@ -30,35 +38,89 @@ OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-
 # the modules compiled, wherever the environment forbids Python to keep them.
 TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-# Two pips must not work on one environment.
-.NOTPARALLEL:
-.PHONY: demo test quick lint docs bench opengl osmesa chromium clean
+# What compiles the loops, and the options for CMake that .ci/compiler found.
+BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
+NATIVE := build/native
+CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
+CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python $$(cat $(VENV)/compiler)
+CPP := $(wildcard rastercov/native/*.?pp rastercov/native/*/*.?pp benchmarks/*.cpp)
+# The target of CMake: the processor's own level, all that it can run, or all known ones.
+LEVELS ?= own
+# Of `make sanitize`.
+TESTS ?= tests
+# Sources that changed since clang-tidy last found nothing.
+TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" $$([ ! -e $(NATIVE)/tidied ] || echo -newer $(NATIVE)/tidied) -print0 \
+	| xargs -0 -r -n 1 -P $$(nproc) $(BIN)/clang-tidy -p $(NATIVE) --quiet'
+# The target `native` compiles the loops, and shows how far it is.
+INSTALL := $(PIP) install --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
 
-# The demo counts on the CPU where there is no GPU, so missing OpenGL does not stop it.
-demo: $(VENV)/installed
+# Two pips must not work on one environment. `demo` asks for what apt and pip install in one call.
+ifndef TOGETHER
+.NOTPARALLEL:
+endif
+.PHONY: demo test quick lint native wheel sanitize stubs docs bench opengl osmesa chromium clean
+
+test quick: LEVELS := runnable
+wheel: LEVELS := known
+
+# From nothing, apt and pip work at once, then the compiler and, for Mesa, apt. The demo counts on the
+# CPU where there is no GPU, so missing OpenGL does not stop it.
+demo: $(BIN)/python
+	@[ -e $(VENV)/installed ] || echo "installing what is missing by apt and pip at once, under a minute"
+	@$(MAKE) -s --no-print-directory -j 2 --output-sync=target TOGETHER=1 $(VENV)/compiler $(VENV)/installed
+	@{ $(HAS_EGL) || sh -c "$(INSTALL_MESA)"; } >>$(LOG) 2>&1 </dev/null & \
+	$(MAKE) --no-print-directory native && wait
 	@$(MAKE) --no-print-directory opengl || true
 	@echo "rastercov demo --out report"
 	@$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev opengl osmesa chromium
+test: $(VENV)/installed-dev native opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=20
 
-quick: $(VENV)/installed-dev opengl osmesa chromium
+quick: $(VENV)/installed-dev native opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: $(VENV)/installed-dev
+lint: stubs
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
+	$(BIN)/clang-format --dry-run --Werror $(CPP)
+	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	$(BIN)/mypy
 
+# Ninja says what it compiles, and nothing where nothing has changed.
+native: $(NATIVE)/build.ninja
+	@rm -f $(NATIVE)/failed; { $(CMAKE) --build $(NATIVE) --target $(LEVELS) || touch $(NATIVE)/failed; } \
+	| { grep --line-buffered -v -e 'no work to do' -e 'Re-checking globbed' -e '^\[.*\(Linking\|nanobind\|_pch\)' || true; }; [ ! -e $(NATIVE)/failed ]
+
+$(NATIVE)/build.ninja: $(VENV)/tools $(VENV)/compiler
+	@$(STEP) "configuring the build of the loops in C++" $(CMAKE) -B $(NATIVE) $(CONFIGURED)
+
+wheel: native
+	@$(STEP) "packing a wheel, some seconds" env PATH="$(CURDIR)/$(BIN):$$PATH" \
+	CMAKE_ARGS="$$(cat $(VENV)/compiler) -DRASTERCOV_BUILT=$(CURDIR)/rastercov/native" \
+	$(PIP) wheel --no-deps --no-build-isolation -w dist .
+	@ls dist/*.whl
+
+sanitize: $(VENV)/installed-dev $(VENV)/compiler
+	@for kind in address,undefined thread; do \
+	$(STEP) "configuring the loops for the sanitizers $$kind" $(CMAKE) -B build/$$kind \
+	-DRASTERCOV_SANITIZE=$$kind -DRASTERCOV_CHECKED=ON $(CONFIGURED) && \
+	step "compiling them" $(CMAKE) --build build/$$kind --target own && \
+	. build/$$kind/sanitizer && $(TEST_ENV) RASTERCOV_MODULES=build/$$kind/modules \
+	$(BIN)/python -m pytest -q -s -m native $(TESTS) || exit 2; \
+	done
+
+stubs: $(VENV)/installed-dev native
+	$(BIN)/python .ci/stubs
+
 # A warning, a link that leads nowhere or a misspelt word ends it.
-docs: $(VENV)/installed-docs
-	$(BIN)/codespell README.md docs examples rastercov reference benchmarks
+docs: $(VENV)/installed-docs native
+	$(BIN)/codespell *.md docs examples rastercov reference benchmarks
 	$(BIN)/python -m sphinx -q -W --keep-going -j auto -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
 # Open3D's wheel leaves libusb to the system.
-bench: $(VENV)/installed-bench opengl
+bench: $(VENV)/installed-bench native opengl
 	@ldconfig -p | grep -q libusb-1.0.so.0 || \
 	{ $(STEP) "installing libusb, some seconds" $(APT) install -y libusb-1.0-0; } || \
 	{ echo "error: Open3D needs libusb; as root: apt-get install -y libusb-1.0-0"; exit 2; }
@@ -66,34 +128,41 @@ bench: $(VENV)/installed-bench opengl
 	$(BIN)/python benchmarks/throughput.py
 
 $(BIN)/python:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12), (3, 13)))' || \
-	{ echo "error: rastercov wants Python 3.11 to 3.13; pass one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12), (3, 13), (3, 14)))' || \
+	{ echo "error: rastercov wants Python 3.11 to 3.14; pass one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
 	@$(STEP) "making $(VENV), some seconds" $(PYTHON) -m venv $(VENV) || \
 	{ package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
 	rm -rf $(VENV)/bin; step "installing $$package and making $(VENV), about 20 s" \
 	sh -c "$(APT) update; $(APT) install -y $$package && $(PYTHON) -m venv $(VENV)" || \
 	{ rm -rf $(VENV)/bin; echo "error: $(PYTHON) makes no virtual environment; as root: apt-get install -y $$package"; exit 2; }; }
 
-$(VENV)/installed: $(BIN)/python pyproject.toml
-	@$(STEP) "installing rastercov and what it needs in $(VENV), about a minute" $(PIP) install -e .
+$(VENV)/tools: $(BIN)/python pyproject.toml
+	@$(STEP) "installing CMake, Ninja and nanobind in $(VENV), some seconds" $(PIP) install $(BUILD_TOOLS)
 	@touch $@
 
-$(VENV)/installed-dev: $(BIN)/python pyproject.toml
-	@$(STEP) "installing rastercov and what its tests need in $(VENV), about 2 minutes" $(PIP) install -e '.[dev]'
+$(VENV)/compiler: $(BIN)/python .ci/compiler
+	@TOGETHER=$(TOGETHER) sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
+
+$(VENV)/installed: $(VENV)/tools pyproject.toml
+	@$(STEP) "installing rastercov and what it needs in $(VENV), about a minute" $(INSTALL) .
+	@touch $@
+
+$(VENV)/installed-dev: $(VENV)/tools pyproject.toml
+	@$(STEP) "installing rastercov and what its tests need in $(VENV), about 2 minutes" $(INSTALL) '.[dev]'
 	@touch $@ $(VENV)/installed
 
-$(VENV)/installed-docs: $(BIN)/python pyproject.toml
-	@$(STEP) "installing rastercov and what its documentation needs in $(VENV), about a minute" $(PIP) install -e '.[docs]'
+$(VENV)/installed-docs: $(VENV)/tools pyproject.toml
+	@$(STEP) "installing rastercov and what its documentation needs in $(VENV), about a minute" $(INSTALL) '.[docs]'
 	@touch $@ $(VENV)/installed
 
-$(VENV)/installed-bench: $(BIN)/python pyproject.toml
-	@$(STEP) "installing rastercov and its peers in $(VENV), about 2 minutes" $(PIP) install -e '.[bench]'
+$(VENV)/installed-bench: $(VENV)/tools pyproject.toml
+	@$(STEP) "installing rastercov and its peers in $(VENV), about 2 minutes" $(INSTALL) '.[bench]'
 	@touch $@ $(VENV)/installed
 
 opengl: $(VENV)/installed
 	@$(HAS_OPENGL) 2>/dev/null || \
 	{ $(STEP) "installing Mesa ($(MESA)), about 30 s" \
-	sh -c "$(APT) update; $(APT) install -y --no-install-recommends $(MESA)" && $(HAS_OPENGL) 2>>$(LOG) || \
+	sh -c "$(INSTALL_MESA)" && $(HAS_OPENGL) 2>>$(LOG) || \
 	{ echo "error: no OpenGL; as root: apt-get install -y $(MESA); then ask: $(BIN)/rastercov doctor"; exit 2; }; }
 
 # Without it its tests are skipped, which the end of the run says.

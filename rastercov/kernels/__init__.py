@@ -1,1 +1,0 @@
-"""Compiled loops over arrays, and the compiler's settings; they import only one another."""

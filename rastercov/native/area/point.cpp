@@ -1,0 +1,132 @@
+// Single points of the surface: why they are not covered, and the pieces they lie in.
+//
+// Occlusion is a segment from the near plane to the point, traced through a tree of triangles in a
+// scene of diagonal 1 about the origin.
+//
+// Twins: rastercov.reference.regions, which judges points without a tree.
+#include "area/polygon.hpp"
+#include "bind.hpp"
+#include "coverage/decision.hpp"
+#include "mesh/tree.hpp"
+
+namespace rastercov {
+namespace area {
+namespace {
+
+// Points, their unit normals, and their triangles in the order of the tree, -1 for none there;
+// either side of some of them counts.
+struct Judged {
+    Array<const double, Any, 3> points, normals;
+    Array<const bool, Any> two_sided;
+    Array<const int64_t, Any> own;
+};
+
+// Sets `reason` to the first criterion that each point fails in one pose, and `hider` to the
+// triangle that hides it or -1.
+//
+// `rotation` is that of world_from_camera; `eye`, `rules`, `near`, the depth of the near plane, and
+// `margin`, the distance from a point up to which a surface hides nothing, are of the scene of
+// diagonal 1. Where `is_nearest` the triangle is the first of all, also of points beyond the
+// largest angle of incidence; otherwise any.
+template <class Camera>
+void judge_points(Judged points, Camera camera, Rules rules, Array<const double, 3, 3> rotation,
+                  Array<const double, 3> eye, double near, double margin, bool is_nearest,
+                  mesh::Corners corners, mesh::Nodes nodes, Array<uint8_t, Any> reason,
+                  Array<int64_t, Any> hider) {
+    const int64_t n = points.points.rows();
+    require(points.normals.rows() == n && points.two_sided.rows() == n && points.own.rows() == n &&
+                reason.rows() == n && hider.rows() == n,
+            "normals, two_sided, own, reason and hider must have one row for each point");
+    require_lens(camera);
+    mesh::require_tree(corners, nodes);
+    mesh::Hits hits = {corners, nodes, is_nearest};
+    for (int64_t i = 0; i < n; i++) {
+        const double x = points.points(i, 0) - eye[0], y = points.points(i, 1) - eye[1],
+                     z = points.points(i, 2) - eye[2];
+        const auto normal = points.normals[i];
+        const auto [found, depth] =
+            coverage::judge_point(camera, rules, rotation, near, {x, y, z},
+                                  {normal[0], normal[1], normal[2]}, points.two_sided[i]);
+        reason[i] = found, hider[i] = -1;
+        if (found != coverage::COVERED && !(is_nearest && found == coverage::TOO_OBLIQUE)) continue;
+        const double length = std::sqrt(x * x + y * y + z * z), share = near / depth;
+        const double reach = length * (1.0 - share) - margin;
+        if (!(reach > 0.0)) continue;
+        hider[i] = hits.first({{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
+                               {x / length, y / length, z / length},
+                               reach},
+                              points.own[i]);
+        if (hider[i] >= 0) reason[i] = coverage::OCCLUDED;
+    }
+}
+
+// True if a point lies in a convex polygon, counter-clockwise, or beyond a side by `slack` at most.
+bool is_inside(double x, double y, const Array<const double, Any, 2> &corners, int64_t first,
+               int64_t last, double slack) {
+    int64_t p = last - 1;
+    for (int64_t q = first; q < last; p = q++) {
+        const double along_x = corners(q, U) - corners(p, U),
+                     along_y = corners(q, V) - corners(p, V);
+        const double value = along_x * (y - corners(p, V)) - along_y * (x - corners(p, U));
+        if (value < -slack * (std::abs(along_x) + std::abs(along_y))) return false;
+    }
+    return true;
+}
+
+// Marks, in `out`, the poses that cover points: `xy` in the planes of their faces, metres. Pieces
+// are given by `corners`, counter-clockwise, `starts`, `boxes` of least and most x, least and most
+// y, and the `row` of their pose; those of face f are order[of_face[f]] ... order[of_face[f + 1] -
+// 1]. A point is inside up to a distance `slack` beyond a side, metres.
+void find_covering(Array<const double, Any, 2> xy, Array<const int32_t, Any> face,
+                   Array<const int64_t, Any> order, Starts of_face,
+                   Array<const double, Any, 2> corners, Starts starts,
+                   Array<const double, Any, 4> boxes, Array<const int32_t, Any> row, double slack,
+                   Array<bool, Any, Any> out) {
+    const int64_t n = row.rows();
+    require(xy.rows() == face.rows() && out.rows() == face.rows(),
+            "xy and out must have one row for each point");
+    require(starts.rows() == n + 1 && boxes.rows() == n,
+            "starts and boxes must have one row for each piece, starts one more");
+    require_indices(face, of_face.rows() - 1, "face must hold faces");
+    require_indices(order, n, "order must hold pieces");
+    require_indices(row, out.extent(1), "row must hold columns of out");
+    for (int64_t i = 0; i < face.rows(); i++) {
+        const int64_t begin = of_face[face[i]], end = of_face[face[i] + 1];
+        const double x = xy(i, U), y = xy(i, V);
+        require(begin >= 0 && end <= order.rows(), "of_face must hold places in order");
+        for (int64_t at = begin; at < end; at++) {
+            const int64_t piece = order[at];
+            const auto box = boxes[piece];
+            if (x < box[0] - slack || x > box[1] + slack) continue;
+            if (y < box[2] - slack || y > box[3] + slack || out(i, row[piece])) continue;
+            const int64_t first = starts[piece], last = starts[piece + 1];
+            require(first >= 0 && first <= last && last <= corners.rows(),
+                    "pieces must lie within corners");
+            if (is_inside(x, y, corners, first, last, slack)) out(i, row[piece]) = true;
+        }
+    }
+}
+
+} // namespace
+} // namespace area
+
+template <> struct Record<area::Judged> {
+    using S = area::Judged;
+    static constexpr auto fields = Fields<&S::points, &S::normals, &S::two_sided, &S::own>();
+};
+
+void register_area_point(nanobind::module_ &m) {
+    using namespace area;
+    const auto judge = [&]<class Camera>(const Camera &) {
+        def(m, "judge_points", judge_points<Camera>,
+            "Set `reason` to the first criterion that each point fails in one pose, and `hider` "
+            "to the triangle that hides it or -1.",
+            "points", "camera", "rules", "rotation", "eye", "near", "margin", "is_nearest",
+            "corners", "nodes", "reason", "hider");
+    };
+    judge(Lens{}), judge(CurvedLens{});
+    def(m, "find_covering", find_covering, "Mark, in `out`, the poses that cover points.", "xy",
+        "face", "order", "of_face", "corners", "starts", "boxes", "row", "slack", "out");
+}
+
+} // namespace rastercov

@@ -1,0 +1,457 @@
+// Exact regions of the faces that a pose covers, in the planes of the faces.
+//
+// The visible pieces of the solver are brought to the plane of their face; a face that is wholly
+// visible in its part of the image is cut in its own plane.
+//
+// Through a lens, cut_regions finds what the pinhole of an ideal plane sees, within the largest
+// angle of incidence. Three steps of cut_pieces follow, each from a list of pieces to another one;
+// the first and the last run only where a task asks for them:
+//
+//   TO_DISCS      focus up to a distance
+//   TO_VIEW       the field of view of the lens, and focus by depth
+//   TO_DENSITIES  densities through the lens, and focus from a distance
+//
+// The curved borders of the field of view make most pieces, so discs come first. The field of view
+// is a tree of lines of an ideal plane. A line a x + b y + c = 0 there is the plane
+// a X + b Y + c Z = 0 through the camera, and so a line in the plane of the face: polygons need not
+// be projected.
+//
+// Twins: rastercov.reference.regions, point by point.
+#include "area/circle.hpp"
+#include "bind.hpp"
+#include <memory>
+#include <optional>
+#include <tuple>
+
+namespace rastercov {
+namespace area {
+namespace {
+
+// Depth up to which a corner is brought back, relative to the deepest corner of its face.
+constexpr double FARTHEST = 2.0;
+
+enum Step { TO_DISCS, TO_VIEW, TO_DENSITIES }; // of cut_pieces
+
+// Rows of Borders: before FOCUS_LINE and FAR_LINE a point is out of focus or too far away for its
+// pixels per m^2; the others bound the viewing pyramid.
+enum { NEAR_LINE, FOCUS_LINE, FAR_LINE, LEFT, N_LINES = LEFT + 4 };
+using Borders = Border[N_LINES];
+
+// --- regions of a pinhole ---
+
+// Sets `borders` to those of depth and of the viewing pyramid; returns the greatest depth.
+double set_borders(const Plane &plane, const Criteria &criteria, double near, double most,
+                   Borders &borders) {
+    const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
+    const double z = plane.origin.z, z_x = plane.x_axis.z, z_y = plane.y_axis.z;
+    const double error = plane.error, height = std::abs(plane.height);
+    borders[NEAR_LINE] = border_of(z - near, z_x, z_y, error);
+    borders[FOCUS_LINE] = border_of(z - rules.z_n, z_x, z_y, error);
+    double farthest = rules.z_f, its_error = error;
+    if (rules.min_facing_density > 0) {
+        // min(fx, fy) / z, a half plane of depth as the end of the depth of field is.
+        const double limit = std::min(camera.fx, camera.fy) / rules.min_facing_density;
+        farthest = std::min(farthest, limit);
+    }
+    if (rules.min_pixels_per_m2 > 0) {
+        const double limit =
+            std::pow(camera.fx * camera.fy * height / rules.min_pixels_per_m2, 1.0 / 3);
+        if (limit < farthest) {
+            farthest = limit;
+            its_error += limit * (height > error ? error / height : 1.0);
+        }
+    }
+    // Beyond the deepest corner there is nothing to cut, however far that is.
+    const double limit = std::min(farthest, 2 * std::abs(most) + 2 * its_error);
+    borders[FAR_LINE] = border_of(limit - z, -z_x, -z_y, its_error);
+    const auto side = [&](double sign, double f, double ahead, double at, double by_x,
+                          double by_y) {
+        return border_of(sign * f * at + ahead * z, sign * f * by_x + ahead * z_x,
+                         sign * f * by_y + ahead * z_y, error * (f + std::abs(ahead)));
+    };
+    for (int k = 0; k < 2; k++) {
+        const double sign = k == 0 ? 1.0 : -1.0;
+        borders[LEFT + k] = side(sign, camera.fx, k == 0 ? camera.cx : camera.width - camera.cx,
+                                 plane.origin.x, plane.x_axis.x, plane.y_axis.x);
+        borders[LEFT + 2 + k] =
+            side(sign, camera.fy, k == 0 ? camera.cy : camera.height - camera.cy, plane.origin.y,
+                 plane.x_axis.y, plane.y_axis.y);
+    }
+    return farthest + its_error;
+}
+
+// Brings a piece of the image to the plane of its face, counter-clockwise; its corner count.
+int64_t bring_back(const Kept &kept, int64_t piece, const Plane &plane, const Lens &camera,
+                   double deepest, Points out) {
+    const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
+    const bool is_reversed = plane.height > 0; // v points down, and the front is seen
+    for (int64_t p = 0; p < n; p++) {
+        const int64_t at = first + (is_reversed ? n - 1 - p : p);
+        const double x = (kept.corners(at, U) - camera.cx) / camera.fx;
+        const double y = (kept.corners(at, V) - camera.cy) / camera.fy;
+        const double slope = plane.normal.x * x + plane.normal.y * y + plane.normal.z;
+        // A corner near the horizon of the plane lies beyond the face.
+        double z = FARTHEST * deepest;
+        if (slope * plane.height < 0) z = std::min(z, -plane.height / slope);
+        const double along = plane.x_axis.x * x + plane.x_axis.y * y + plane.x_axis.z;
+        const double across = plane.y_axis.x * x + plane.y_axis.y * y + plane.y_axis.z;
+        out(p, U) = plane.foot_x + z * along, out(p, V) = plane.foot_y + z * across;
+    }
+    return n;
+}
+
+// True if a face meets all criteria of `borders` and of incidence by more than rounding. It is then
+// a piece as it is: most faces of a fine mesh are decided here.
+bool is_well_inside(Points corners, const Borders &borders, const Plane &plane,
+                    double tan_incidence) {
+    double reach = std::abs(plane.height) * tan_incidence * LEAST_INNER_REL;
+    reach -= plane.error * (2 + tan_incidence);
+    for (int64_t p = 0; p < 3; p++) {
+        const double u = corners(p, U), v = corners(p, V);
+        for (const auto &[line, error] : borders)
+            if (!(line.value(u, v) > error)) return false;
+        const double x = u - plane.foot_x, y = v - plane.foot_y;
+        if (tan_incidence > 0 && !(reach > 0 && x * x + y * y < reach * reach)) return false;
+    }
+    return true;
+}
+
+// What a pose says about a face.
+struct Image {
+    double visible, area, error; // px^2; the error is 0 for what is certified
+    bool is_whole() const { return visible >= area && visible > 0; }
+};
+
+// Regions of one face; `piece` is the first that is kept of it, -1 for none.
+void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const Seen &seen,
+              const Image &image, int64_t piece, Scratch &scratch, const Found &out) {
+    const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
+    const Kept &kept = seen.kept;
+    Plane &plane = scratch.plane;
+    double &bound = out.bound[f];
+    const auto [least, most] = set_plane(planes, f, seen, plane);
+    const double error = plane.error;
+    const double height = planes.two_sided[f] ? std::abs(plane.height) : plane.height;
+    if (height <= -error) return;
+    Borders borders;
+    const double farthest = set_borders(plane, criteria, seen.near, most, borders);
+    if (most < std::max(seen.near, rules.z_n) - error || least > farthest) return;
+    Polygon memory, other;
+    const Points base = memory.points(), part = other.points();
+    const auto corners = planes.corners[f];
+    copy_polygon(corners, 3, base);
+    if (image.is_whole() && image.error == 0 && height > error && rules.min_pixel_density == 0 &&
+        is_well_inside(base, borders, plane, rules.tan_incidence)) {
+        append_dense(f, base, 3, criteria, scratch, out);
+        bound = std::min(bound, planes.areas[f]);
+        return;
+    }
+    const auto [n, strips] = cut_by_lines(base, 3, borders, 0, N_LINES);
+    if (n < 3) {
+        bound = std::min(strips, planes.areas[f]);
+        return;
+    }
+    double deepest = 0.0, shallowest = INF;
+    for (int64_t p = 0; p < n; p++) {
+        const double depth = plane.depth_at(base(p, U), base(p, V));
+        deepest = std::max(deepest, depth), shallowest = std::min(shallowest, depth);
+    }
+    if (height + error < shallowest * rules.cos_incidence * (1 - POSITION_ERROR_REL)) return;
+    const double largest = std::min(twice_area(base, n) / 2 + strips, planes.areas[f]);
+    if (height <= error) {
+        bound = largest;
+        return;
+    }
+    // One px^2 of the image is z^3 / (fx fy h) m^2 of the plane.
+    bound = image.error * (deepest / camera.fx) * (deepest / camera.fy) * (deepest / height);
+    Circle circle(plane, rules.tan_incidence, criteria.gap);
+    if (image.is_whole()) {
+        bound += strips;
+        append_within_angle(f, base, n, circle, criteria, scratch, out);
+    } else if (image.visible > 0 && piece >= 0) {
+        double reach2 = 0.0;
+        for (int64_t p = 0; p < n; p++) {
+            const double x = base(p, U) - plane.foot_x, y = base(p, V) - plane.foot_y;
+            reach2 = std::max(reach2, x * x + y * y + height * height);
+        }
+        // Rounding of the position, the height and the ray, brought to the plane.
+        const double off =
+            (2 * POSITION_ERROR_REL + 2 * criteria.pixel_error / std::min(camera.fx, camera.fy)) *
+            (reach2 / height);
+        const auto row = kept.faces[piece];
+        const exact::Sides<Array<const double, 3, 2>> sides = {corners, 3};
+        for (; piece < kept.used[0] && kept.faces[piece] == row; piece++) {
+            int64_t m = bring_back(kept, piece, plane, camera, most, part);
+            for (int64_t s = 0; s < 3 && m >= 3; s++) {
+                Polygon spare;
+                m = exact::cut(part, m, exact::line_at(sides, s), spare.points());
+            }
+            if (m >= 3) {
+                const Cut cut = cut_by_lines(part, m, borders, FOCUS_LINE, LEFT);
+                m = cut.n;
+                bound += cut.undecided;
+            }
+            if (m >= 3) {
+                bound += off * perimeter_of(part, m);
+                append_within_angle(f, part, m, circle, criteria, scratch, out);
+            }
+        }
+    }
+    bound = std::min(bound, largest);
+}
+
+void require_planes(const Planes &planes, const Found &out) {
+    const int64_t n = planes.areas.rows();
+    require(planes.origin.rows() == n && planes.x_axis.rows() == n && planes.y_axis.rows() == n &&
+                planes.normal.rows() == n && planes.corners.rows() == n &&
+                planes.two_sided.rows() == n && planes.is_asked.rows() == n &&
+                out.area.rows() == n && out.bound.rows() == n,
+            "planes, and area and bound of out, must have one row for each face");
+    require(out.starts.rows() == out.face.rows() + 1, "starts must have one row more than face");
+}
+
+// Regions of all faces that one pose covers. Where `used` of `out` is more than there is room for,
+// call again with that much.
+void cut_regions(Planes planes, Criteria criteria, Seen seen, Found out) {
+    const auto &[rows, kept] = std::tie(seen.rows, seen.kept);
+    const int64_t n = planes.areas.rows(), n_rows = seen.state.rows(), n_kept = kept.used[0];
+    require_planes(planes, out);
+    require(rows.rows() == n && seen.visible.rows() == n_rows && seen.area.rows() == n_rows &&
+                seen.area_error.rows() == n_rows && seen.is_certified.rows() == n_rows,
+            "rows must have one row for each face, and the figures one each");
+    require_indices(rows, n_rows, "rows must hold rows of the figures");
+    require(n_kept >= 0 && n_kept <= kept.faces.rows() &&
+                kept.starts.rows() == kept.faces.rows() + 1,
+            "kept must have one row for each piece, starts one more");
+    std::vector<int64_t> first(n_rows, -1);
+    for (int64_t p = n_kept - 1; p >= 0; p--) {
+        const int64_t begin = kept.starts[p], end = kept.starts[p + 1], row = kept.faces[p];
+        require(row >= 0 && row < n_rows && begin >= 0 && begin <= end &&
+                    end <= kept.corners.rows() && end - begin <= PIECE_ROOM,
+                "pieces must be of the figures, and have up to 64 corners, within them");
+        first[row] = p;
+    }
+    const auto scratch = std::make_unique_for_overwrite<Scratch>();
+    out.used[0] = out.used[1] = 0;
+    for (int64_t f = 0; f < n; f++) {
+        const int64_t row = rows[f];
+        const int64_t state = seen.state[row];
+        out.area[f] = out.bound[f] = 0.0;
+        if (!planes.is_asked[f] || !(state & (exact::LIVE | exact::THIN | exact::DOUBTFUL)))
+            continue;
+        const Image image = {seen.visible[row], seen.area[row],
+                             seen.is_certified[row] ? 0.0 : seen.area_error[row]};
+        if ((state & exact::LIVE) && image.visible == 0 && image.error == 0) continue;
+        cut_face(f, planes, criteria, seen, image, first[row], *scratch, out);
+    }
+}
+
+// --- through a lens ---
+
+// Line of a node of the field of view in the plane of a face, and its error.
+struct NodeLine {
+    Affine line;
+    double error;
+};
+NodeLine line_of_node(int64_t node, const lens::Tree &tree, const Plane &plane) {
+    const double a = tree.lines(node, 0), b = tree.lines(node, 1), c = tree.lines(node, 2);
+    return {line_in_plane(a, b, c, plane), plane.error * (std::abs(a) + std::abs(b) + std::abs(c))};
+}
+
+// A child of a node: a later node or a leaf.
+int64_t child_of(int64_t node, int side, const lens::Tree &tree) {
+    const int64_t child = tree.children(node, side);
+    require(child < 0 || (child > node && child < tree.children.rows()),
+            "children of the field of view must follow their node");
+    return child;
+}
+
+// True if a polygon lies in one cell of the tree that is inside the image, without a cut.
+bool is_in_view(Points corners, int64_t n, const Plane &plane, const lens::Tree &tree) {
+    int64_t node = tree.root;
+    while (node >= 0) {
+        const auto [line, error] = line_of_node(node, tree, plane);
+        const auto [least, most] = least_and_most(corners, n, line);
+        if (!(least > error || most < -error)) return false;
+        node = child_of(node, least > error ? 0 : 1, tree);
+    }
+    return node == lens::INSIDE;
+}
+
+// Appends the part of a convex polygon that the image of the lens shows; the undecided cells of the
+// field of view go into the bound.
+void append_in_view(int64_t face, Points polygon, int64_t n, const LensCriteria &criteria,
+                    Scratch &scratch, const Found &out) {
+    const Plane &plane = scratch.plane;
+    const lens::Tree &tree = criteria.tree;
+    Stack &views = scratch.views;
+    double &bound = out.bound[face];
+    Polygon memory, spare;
+    const Points part = memory.points();
+    const double nearest = plane.nearest_corners();
+    if (is_in_view(polygon, n, plane, tree)) {
+        append_piece(face, polygon, n, nearest, out);
+        return;
+    }
+    views.push_parts(polygon, n, tree.root, 0);
+    while (views.top > 0) {
+        const Stack::Entry &entry = views.pop();
+        int64_t node = entry.one;
+        n = entry.n;
+        copy_polygon(views.next(), n, part);
+        while (node >= 0) {
+            const uint8_t kind = tree.kinds[node];
+            if (kind == lens::BAND && twice_area(part, n) / 2 <= criteria.gap * reach_of(part, n)) {
+                node = lens::UNDECIDED;
+                break;
+            }
+            const auto [line, error] = line_of_node(node, tree, plane);
+            const auto [least, most] = least_and_most(part, n, line);
+            if (kind == lens::BORDER && least < error && most > -error) {
+                const double slope = length2(line.x, line.y);
+                double strip = twice_area(part, n) / 2;
+                if (slope > 0) strip = std::min(strip, error / slope * perimeter_of(part, n));
+                bound += std::max(strip, 0.0);
+            }
+            if (least >= 0) {
+                node = child_of(node, 0, tree);
+                continue;
+            }
+            if (most <= 0) {
+                node = child_of(node, 1, tree);
+                continue;
+            }
+            const int64_t beyond = child_of(node, 1, tree);
+            if (beyond != lens::OUTSIDE) {
+                const int64_t m = keep_beyond(part, n, line, -1.0, views.next());
+                if (m >= 3 && (beyond == lens::UNDECIDED || !views.has_room(2)))
+                    bound += std::max(twice_area(views.next(), m) / 2, 0.0);
+                else if (m >= 3) views.push(m, beyond, 0);
+            }
+            n = keep_beyond(part, n, line, 1.0, spare.points());
+            copy_polygon(spare.points(), n, part);
+            if (n < 3) break;
+            node = child_of(node, 0, tree);
+            if (n > 2 * MOST_CORNERS && views.has_room(2)) {
+                // A chord divides what has many corners.
+                const int64_t m = exact::copy_second_half(part, n, views.next());
+                views.push(m, node, 0);
+                n = n / 2 + 1;
+            }
+        }
+        if (n < 3) continue;
+        if (node == lens::INSIDE) append_piece(face, part, n, nearest, out);
+        else if (node == lens::UNDECIDED) bound += std::max(twice_area(part, n) / 2, 0.0);
+    }
+}
+
+// Tangent of the angle up to which a face is in focus and not too oblique, 0 for any: both are
+// discs around the foot of the perpendicular from the camera; the smaller one counts. Of a disc
+// that is hardly there it is -1, and `undecided` the area within which it may be.
+struct Disc {
+    double slope, undecided;
+};
+Disc disc_of(const Rules &rules, Plane &plane) {
+    const double farthest = rules.z_f, slope = rules.tan_incidence;
+    const double height = std::abs(plane.height), square = farthest * farthest - height * height;
+    if (!(slope == 0 || square < slope * slope * height * height)) return {slope, 0.0};
+    if (square <= 16 * farthest * plane.error) {
+        const bool is_near = square > -16 * farthest * plane.error;
+        return {-1.0, is_near ? 128 * farthest * plane.error : 0.0};
+    }
+    // The radius of the circle at that distance is off by height / radius times the error of the
+    // height.
+    const double radius = std::sqrt(square);
+    plane.error *= 1 + height / radius;
+    return {radius / height, 0.0};
+}
+
+// Sets `borders` to those of the depths in focus; false where any depth is.
+bool set_depths(const LensCriteria &criteria, const Plane &plane, Border (&borders)[2]) {
+    const auto &[rules, axis] = std::tie(criteria.rules, criteria.axis);
+    const auto [z, z_x, z_y] = line_in_plane(axis[0], axis[1], axis[2], plane);
+    borders[0] = border_of(z - rules.z_n, z_x, z_y, plane.error);
+    // What is infinitely far away needs no line.
+    borders[1] = border_of(1.0, 0.0, 0.0, 0.0);
+    if (rules.z_f < INF) borders[1] = border_of(rules.z_f - z, -z_x, -z_y, plane.error);
+    return !criteria.by_distance && (rules.z_n > 0 || rules.z_f < INF);
+}
+
+// Cuts pieces in an ideal plane, by face, by one of the steps for lenses, see above. Where `used`
+// of `out` is more than there is room for, call again with that much.
+void cut_pieces(Planes planes, LensCriteria criteria, Seen seen, Found source, int64_t step,
+                Found out) {
+    require_planes(planes, out);
+    require(source.starts.rows() == source.face.rows() + 1 &&
+                source.bound.rows() == planes.areas.rows() && source.used[0] >= 0 &&
+                source.used[0] <= source.face.rows(),
+            "source must have one row for each piece, and bounds one for each face");
+    require(criteria.tree.children.rows() == criteria.tree.lines.rows() &&
+                criteria.tree.kinds.rows() == criteria.tree.lines.rows() &&
+                criteria.tree.root < criteria.tree.lines.rows(),
+            "the field of view must have one row for each node");
+    const Array<const int32_t, Any> face = {source.face.data, {source.used[0]}};
+    require_indices(face, planes.areas.rows(), "face must hold faces");
+    const auto scratch = std::make_unique_for_overwrite<Scratch>();
+    Plane &plane = scratch->plane;
+    Polygon memory;
+    const Points polygon = memory.points();
+    Border depths[2];
+    int64_t last = -1;
+    bool has_depths = false;
+    Disc disc = {0.0, 0.0};
+    std::optional<Circle> circle;
+    out.used[0] = out.used[1] = 0;
+    for (int64_t f = 0; f < out.area.rows(); f++) out.area[f] = 0.0, out.bound[f] = source.bound[f];
+    for (int64_t piece = 0; piece < face.rows(); piece++) {
+        const int64_t f = face[piece];
+        if (f != last) {
+            set_plane(planes, f, seen, plane);
+            last = f;
+            if (step == TO_DISCS) {
+                disc = disc_of(criteria.rules, plane);
+                circle.emplace(plane, disc.slope, criteria.pinhole.gap);
+            } else if (step == TO_VIEW) {
+                has_depths = set_depths(criteria, plane, depths);
+            }
+        }
+        const auto corners = piece_at(piece, source.starts, source.xy);
+        int64_t n = corners.rows();
+        copy_polygon(corners, n, polygon);
+        if (step == TO_DENSITIES) {
+            append_dense(f, polygon, n, criteria, *scratch, out);
+        } else if (step == TO_DISCS && disc.slope < 0) {
+            out.bound[f] += std::min(twice_area(polygon, n) / 2, disc.undecided);
+        } else if (step == TO_DISCS) {
+            append_within_angle(f, polygon, n, *circle, criteria.pinhole, *scratch, out);
+        } else {
+            if (has_depths) {
+                const Cut cut = cut_by_lines(polygon, n, depths, 0, 2);
+                n = cut.n;
+                out.bound[f] += cut.undecided;
+            }
+            if (n >= 3) append_in_view(f, polygon, n, criteria, *scratch, out);
+        }
+    }
+    for (int64_t f = 0; f < out.bound.rows(); f++)
+        out.bound[f] = std::min(out.bound[f], planes.areas[f]);
+}
+
+} // namespace
+} // namespace area
+
+void register_area_region(nanobind::module_ &m) {
+    using namespace area;
+    m.attr("TO_DISCS") = int(TO_DISCS);
+    m.attr("TO_VIEW") = int(TO_VIEW);
+    m.attr("TO_DENSITIES") = int(TO_DENSITIES);
+    def(m, "cut_regions", cut_regions,
+        "Regions of all faces that one pose covers; where `used` is more than there is room for, "
+        "call again with that much.",
+        "planes", "criteria", "seen", "out");
+    def(m, "cut_pieces", cut_pieces,
+        "Cut pieces in an ideal plane by a step for lenses: TO_DISCS, TO_VIEW or TO_DENSITIES.",
+        "planes", "criteria", "seen", "source", "step", "out");
+}
+
+} // namespace rastercov

@@ -1,0 +1,279 @@
+// Uncertainty of a point that several devices measure: a criterion of cuts, see area/criteria.hpp.
+//
+// Device i at c_i, at distance d_i in the direction u_i, gives the information
+//
+//   rays     (I - u u^T) / (sigma d)^2                        camera; sigma in radians
+//   stripes  m m^T / (sigma d)^2                              m the normal of the stripe, or sheet
+//   ranges   cos(i)^2 u u^T / s_0^2 + (I - u u^T) / (sigma d)^2   i the incidence
+//
+// and C = (sum M_i)^-1. C <= s^2 in all directions is M >= I / s^2, and n^T C n <= s^2 along the
+// normal is M >= n n^T / s^2 by Schur's complement. So g is the least eigenvalue of s^2 M - Q.
+//
+// With v the eigenvector at the middle, q = v^T (s^2 M - Q) v is smooth and not below g. Let E be
+// the change of s^2 M within r, |E| <= e = L r, and D the gap to the next eigenvalue. In the basis
+// of v the matrix is (q b; b^T B) with |b| <= f = |P (M' v)| r + K r^2 / 2, P across v, and B >= q
+// + D - 2 e, so that g >= q - f^2 / (D - 2 e). Also |g - g(0)| <= e, whatever the gap.
+//
+// Of two devices in all directions, rays of both, or rays and stripes, g has the sign of
+//
+//   (1 - A) (1 - B) - T,  A = (sigma d / s)^2, B likewise, T = (u . v)^2 or 1 - (u . m)^2,
+//
+// where A and B are below 1, and is negative elsewhere: (trace, det) = (w + w', w w' (1 - T)). That
+// needs no gap, and loses no digits where rays are nearly parallel.
+//
+// Sources: M. Henry, J. Christian. LOSTU: Fast, Scalable, and Uncertainty-Aware Triangulation.
+// 2023. F. Blais. Review of 20 Years of Range Sensor Development. 2004. S. Soudarissanane et al.
+// Incidence Angle Influence on the Quality of Terrestrial Laser Scanning Points. 2009.
+//
+// Twins: tests/area/test_uncertainty.py.
+#pragma once
+#include "area/criteria.hpp"
+
+namespace rastercov::area {
+
+constexpr Value FAILS = {-1.0, 0.0, 0.0, 0.0};
+
+using Symmetric = std::array<std::array<double, 3>, 3>;
+
+// Eigenvalues in ascending order, and the vector of the first, by Jacobi's rotations.
+struct Eigen {
+    std::array<double, 3> values;
+    Vector first;
+
+    explicit Eigen(Symmetric a) {
+        Symmetric v = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+        for (int sweep = 0; sweep < 12; sweep++)
+            for (int p = 0; p < 2; p++)
+                for (int q = p + 1; q < 3; q++) {
+                    if (a[p][q] == 0) continue;
+                    const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+                    const double sign = theta < 0 ? -1.0 : 1.0;
+                    const double t = sign / (std::abs(theta) + std::sqrt(theta * theta + 1));
+                    const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+                    for (int k = 0; k < 3; k++) {
+                        const double at = a[k][p], bt = a[k][q];
+                        a[k][p] = c * at - s * bt, a[k][q] = s * at + c * bt;
+                    }
+                    for (int k = 0; k < 3; k++) {
+                        const double at = a[p][k], bt = a[q][k];
+                        a[p][k] = c * at - s * bt, a[q][k] = s * at + c * bt;
+                        const double av = v[k][p], bv = v[k][q];
+                        v[k][p] = c * av - s * bv, v[k][q] = s * av + c * bv;
+                    }
+                }
+        int order[3] = {0, 1, 2};
+        for (int i = 0; i < 2; i++)
+            for (int k = 0; k < 2 - i; k++)
+                if (a[order[k]][order[k]] > a[order[k + 1]][order[k + 1]])
+                    std::swap(order[k], order[k + 1]);
+        for (int k = 0; k < 3; k++) {
+            values[k] = a[order[k]][order[k]];
+            first[k] = v[k][order[0]];
+        }
+    }
+};
+
+// Devices, n for each row of regions: noise in radians; axes of stripes, (0, 0, 0) for rays; range
+// noise at right angles, m, 0 for none.
+struct Devices {
+    Array<const double, Any, Any, 3> centre, axis;
+    Array<const double, Any, Any> noise, range;
+};
+
+struct Uncertainty {
+    Plane plane;
+    Vector normal;
+    Devices devices;
+    int64_t row, set;
+    double limit;
+    bool along_normal, is_closed;
+
+    // A device seen from a point within r.
+    struct Seen {
+        Vector u, m;                   // ray, normal of the stripe
+        double d, near, rho, near_rho; // distances from the centre and from the axis, less r
+        double scale;                  // (s / sigma)^2
+        double along;                  // (s h / s_0)^2, 0 where no range is measured
+        bool has_stripes;
+    };
+
+    bool see(int64_t i, const Vector &p, double r, Seen &out) const {
+        out.u = less(p, vector_of(devices.centre[row][i]));
+        const Vector a = vector_of(devices.axis[row][i]);
+        const double h = std::abs(dot(out.u, normal)), range = devices.range(row, i);
+        const double sigma = devices.noise(row, i) / limit;
+        out.d = std::sqrt(dot(out.u, out.u)), out.near = out.d - r;
+        out.scale = 1 / (sigma * sigma);
+        out.along = range > 0 ? h * h * (limit / range) * (limit / range) : 0.0;
+        out.has_stripes = dot(a, a) > 0;
+        if (!(out.near > 0)) return false;
+        const double along = dot(out.u, a);
+        Vector t;
+        for (int k = 0; k < 3; k++) t[k] = out.u[k] - along * a[k], out.u[k] /= out.d;
+        out.rho = std::sqrt(dot(t, t)), out.near_rho = out.rho - r;
+        if (!out.has_stripes) return true;
+        if (!(out.near_rho > 0)) return false;
+        out.m = cross(a, t);
+        for (double &each : out.m) each /= out.rho;
+        return true;
+    }
+
+    static Vector cross(const Vector &a, const Vector &b) {
+        return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    }
+
+    Value at(double x, double y, double r) const {
+        const Vector p = plane.point(x, y);
+        int64_t chosen[2] = {0, 0}, n = 0, n_stripes = 0;
+        bool has_range = false;
+        for (int64_t i = 0; i < devices.centre.extent(1); i++) {
+            if (!has(set, i)) continue;
+            if (n < 2) chosen[n] = i;
+            const Vector a = vector_of(devices.axis[row][i]);
+            n_stripes += dot(a, a) > 0, has_range = has_range || devices.range(row, i) > 0, n++;
+        }
+        if (is_closed && !along_normal && n == 2 && n_stripes < 2 && !has_range)
+            return of_two(p, r, chosen[0], chosen[1]);
+        return of_all(p, r);
+    }
+
+    Value of_two(const Vector &p, double r, int64_t i, int64_t j) const {
+        Seen one, two;
+        if (!see(i, p, r, one) || !see(j, p, r, two)) return UNKNOWN;
+        if (one.has_stripes) std::swap(one, two), std::swap(i, j);
+        const double a = 1 / one.scale, b = 1 / two.scale; // A = a d^2
+        if (a * one.near * one.near > 1 || b * two.near * two.near > 1) return FAILS;
+        const double big_a = a * one.d * one.d, big_b = b * two.d * two.d;
+        const double da = 2 * a * (one.d + r), db = 2 * b * (two.d + r); // |A'|, |B'|
+        const Vector &v = two.has_stripes ? two.m : two.u;
+        const double c = dot(one.u, v);
+        // Of c = u . v, or u . m.
+        const double across = two.has_stripes ? two.near_rho : two.near;
+        const double both = 1 / one.near + 1 / across;
+        double first = both, second = C * both * both;
+        const double near = std::min(one.near, two.near);
+        const double base =
+            length_between(vector_of(devices.centre[row][i]), vector_of(devices.centre[row][j])) /
+            near;
+        if (!two.has_stripes) {
+            first = std::min(first, 2 * base * base / near);
+            second = std::min(second, (4 * base * base + 2 * C * base) / (near * near));
+        }
+        const double far_a = a * (one.d + r) * (one.d + r), far_b = b * (two.d + r) * (two.d + r);
+        const double curvature = 2 * a * std::max(1.0, far_b - 1) +
+                                 2 * b * std::max(1.0, far_a - 1) + 2 * da * db +
+                                 2 * first * first + 2 * second;
+        const double sign = two.has_stripes ? 1.0 : -1.0;
+        const double rest = two.has_stripes ? 1 - c * c : c * c;
+        const double value = (1 - big_a) * (1 - big_b) - rest;
+        const auto slope_along = [&](const Vector &e) {
+            const double ue = dot(one.u, e), we = dot(two.u, e);
+            Vector du, dv;
+            for (int k = 0; k < 3; k++) du[k] = (e[k] - ue * one.u[k]) / one.d;
+            if (two.has_stripes) dv = turn_of(two, j, e);
+            else
+                for (int k = 0; k < 3; k++) dv[k] = (e[k] - we * two.u[k]) / two.d;
+            return -2 * a * one.d * ue * (1 - big_b) - 2 * b * two.d * we * (1 - big_a) +
+                   sign * 2 * c * (dot(du, v) + dot(one.u, dv));
+        };
+        const Value found = {value, slope_along(plane.x_axis), slope_along(plane.y_axis),
+                             curvature * r * r / 2};
+        if (far_a <= 1 && far_b <= 1) return found;
+        // Where A or B may be 1, what is not certainly negative is halved.
+        const double most = length2(found.along_x, found.along_y) * r + found.doubt;
+        return value + most < 0 ? FAILS : UNKNOWN;
+    }
+
+    // Derivative of the normal of the stripe along e.
+    Vector turn_of(const Seen &device, int64_t i, const Vector &e) const {
+        const Vector a = vector_of(devices.axis[row][i]), t = cross(device.m, a);
+        const double along = dot(a, e), radial = dot(t, e);
+        Vector out;
+        for (int k = 0; k < 3; k++) out[k] = (e[k] - along * a[k] - radial * t[k]) / device.rho;
+        return cross(a, out);
+    }
+
+    Value of_all(const Vector &p, double r) const {
+        Symmetric sum = {}, by_x = {}, by_y = {};
+        double first = 0.0, second = 0.0;
+        for (int64_t i = 0; i < devices.centre.extent(1); i++) {
+            if (!has(set, i)) continue;
+            Seen seen;
+            if (!see(i, p, r, seen)) return UNKNOWN;
+            const double w = seen.scale / (seen.d * seen.d), v = seen.along / (seen.d * seen.d);
+            const double k = (seen.scale + seen.along) / (seen.near * seen.near * seen.near);
+            const double turn = seen.has_stripes ? 1 / seen.near_rho : 1 / seen.near;
+            // |M'| and |M''| of d^-2 N, where |N'| <= turn and |N''| <= (2 C + 2) turn^2.
+            first += k * (2 + turn * seen.near);
+            second +=
+                k / seen.near *
+                (6 + 4 * turn * seen.near + (2 * C + 2) * turn * turn * seen.near * seen.near);
+            const Vector &u = seen.has_stripes ? seen.m : seen.u;
+            for (int along = 0; along < 2; along++) {
+                const Vector &e = along == 0 ? plane.x_axis : plane.y_axis;
+                Symmetric &out = along == 0 ? by_x : by_y;
+                const double ue = dot(seen.u, e), fall = -2 * ue / seen.d;
+                Vector du;
+                if (seen.has_stripes) du = turn_of(seen, i, e);
+                else
+                    for (int l = 0; l < 3; l++) du[l] = (e[l] - ue * u[l]) / seen.d;
+                for (int l = 0; l < 3; l++)
+                    for (int m = 0; m < 3; m++) {
+                        const double square = u[l] * u[m], change = du[l] * u[m] + u[l] * du[m];
+                        const double one = l == m ? 1.0 : 0.0;
+                        if (along == 0)
+                            sum[l][m] +=
+                                seen.has_stripes ? w * square : w * (one - square) + v * square;
+                        out[l][m] += seen.has_stripes ? w * (fall * square + change)
+                                                      : w * (fall * (one - square) - change) +
+                                                            v * (fall * square + change);
+                    }
+            }
+        }
+        for (int l = 0; l < 3; l++)
+            for (int m = 0; m < 3; m++)
+                sum[l][m] -= along_normal ? normal[l] * normal[m] : (l == m ? 1.0 : 0.0);
+        const Eigen eigen(sum);
+        const Vector &v = eigen.first;
+        const auto form = [&](const Symmetric &matrix) {
+            double total = 0.0;
+            for (int l = 0; l < 3; l++)
+                for (int m = 0; m < 3; m++) total += v[l] * matrix[l][m] * v[m];
+            return total;
+        };
+        // Length of the parts of both derivatives of M v that are across v.
+        double turn = 0.0;
+        for (const Symmetric *matrix : {&by_x, &by_y})
+            for (int l = 0; l < 3; l++) {
+                double across = -form(*matrix) * v[l];
+                for (int m = 0; m < 3; m++) across += (*matrix)[l][m] * v[m];
+                turn += across * across;
+            }
+        const double rest = second * r * r / 2, change = first * r;
+        const double gap = eigen.values[1] - eigen.values[0] - 2 * change;
+        const double bend = std::min(std::sqrt(turn) * r + rest, change);
+        double doubt = 2 * change;
+        if (gap > 0) doubt = std::min(doubt, rest + bend * bend / gap);
+        return {eigen.values[0], form(by_x), form(by_y), doubt};
+    }
+};
+
+struct Uncertainties {
+    Devices devices;
+    double limit;
+    bool along_normal, is_closed;
+    int64_t rows() const { return devices.centre.rows(); }
+    void check() const {
+        const auto is_like = [&](const auto &other) {
+            return other.rows() == rows() && other.extent(1) == devices.centre.extent(1);
+        };
+        require(is_like(devices.axis) && is_like(devices.noise) && is_like(devices.range),
+                "devices must have one row for each row of regions, of as many devices");
+        require(devices.centre.extent(1) <= 64, "devices must be 64 at most");
+    }
+    Uncertainty of(const Plane &plane, int64_t row, int64_t set) const {
+        return {plane, plane.normal(), devices, row, set, limit, along_normal, is_closed};
+    }
+};
+
+} // namespace rastercov::area

@@ -1,0 +1,299 @@
+// Faces that reach behind the camera or far out of the image, clipped in space.
+//
+// Where the camera centre lies on a face to the last digit, doubles do not determine the plane of
+// the face through it; pairs of doubles do, with about 106 bits. A pair (high, low) is the number
+// high + low, where high is that sum rounded.
+//
+// T. J. Dekker. A Floating-Point Technique for Extending the Available Precision. 1971.
+// M. Joldes, J.-M. Muller, V. Popescu. Tight and Rigorous Error Bounds for Basic Building Blocks of
+// Double-Word Arithmetic. 2017: the relative error of a sum is below 3 * 2^-106 of the greater
+// term, that of a product below 5 * 2^-106.
+//
+// Invariant: no operation here is contracted or reordered; tests hold that of the compiler's flags.
+//
+// Twins: tests/test_double_double.py, with fractions.
+#pragma once
+#include "exact/polygon.hpp"
+#include <tuple>
+
+namespace rastercov::exact {
+
+constexpr double INF = std::numeric_limits<double>::infinity();
+constexpr double SPLITTER = 0x1p27 + 1;
+// Largest rounding of a position in the image, relative to the largest number it is computed from;
+// of 1/z, relative to the longest ray: some ten operations of 2^-53 each, of which not all err one
+// way.
+constexpr double UNIT_ROUNDING = 4 * 0x1p-52;
+// Pixels of extent that may be wrong along the outline of a face, for each pixel of rounding and of
+// width and height: its perimeter is twice their sum at most. One part for its own image, one for
+// its visible part, one for corners that count as on a line, one for remainders that count as
+// nothing.
+constexpr double OUTLINE_ERROR_FACTOR = 8;
+// Relative to the size of the image: faces that reach farther out than this and a pixel are clipped
+// in space before they are projected.
+constexpr double CLIP_MARGIN = 0.25;
+// Relative error bound of the products of three vectors in pairs of doubles: 3 camera coordinates
+// of 12 * 2^-106 each, and 8 operations of 5 * 2^-106.
+constexpr double PAIR_ERROR_REL = 0x1p-98;
+constexpr double UNDERFLOW_ERROR = 0x1p-1000; // more than products of numbers up to 2 lose to it
+// A face is doubtful if its image has less than this many pixels of area for each pixel of extent
+// and of rounding: (u1 - u0)(v2 - v0) - (u2 - u0)(v1 - v0) is twice the area, each difference is
+// off by 2 roundings, and each side of the image is at most its extent.
+constexpr double EDGE_ON_FACTOR = 4;
+constexpr double W_ARITHMETIC_ERROR_REL = 1e-14; // of 1/z evaluated at the corner of a clipped face
+
+struct Pair {
+    double high, low;
+    Pair operator-() const { return {-high, -low}; }
+};
+
+// Pair equal to the sum of two doubles (Knuth's TwoSum).
+inline Pair exact_sum(double a, double b) {
+    const double total = a + b;
+    const double part = total - a;
+    return {total, (a - (total - part)) + (b - part)};
+}
+
+// Pair equal to the product of two doubles below 2^500 (Dekker), except for underflow.
+inline Pair exact_product(double a, double b) {
+    const double product = a * b;
+    double scaled = SPLITTER * a;
+    const double a_high = scaled - (scaled - a), a_low = a - a_high;
+    scaled = SPLITTER * b;
+    const double b_high = scaled - (scaled - b), b_low = b - b_high;
+    return {product,
+            ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low};
+}
+
+inline Pair operator+(Pair a, Pair b) {
+    auto [high, low] = exact_sum(a.high, b.high);
+    const auto [more, less] = exact_sum(a.low, b.low);
+    low += more;
+    const double total = high + low;
+    low += high - total;
+    low += less;
+    return exact_sum(total, low);
+}
+
+inline Pair operator*(Pair a, Pair b) {
+    auto [high, low] = exact_product(a.high, b.high);
+    low += a.high * b.low + a.low * b.high;
+    return exact_sum(high, low);
+}
+
+// Determinant a d - b c; exchanging its rows negates it to the bit.
+inline Pair minor_of(Pair a, Pair d, Pair b, Pair c) { return a * d + -(b * c); }
+
+// Corners of a face in camera axes, in pairs of doubles.
+struct Corners {
+    Pair at[3][3];
+};
+
+inline void to_camera(Array<const double, 3> point, const Pinhole &camera, Pair *corner) {
+    const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
+    const Pair a = exact_sum(point[0], -eye[0]);
+    const Pair b = exact_sum(point[1], -eye[1]);
+    const Pair c = exact_sum(point[2], -eye[2]);
+    for (int k = 0; k < 3; k++) {
+        const Pair x = a * Pair{rotation(0, k), 0.0}, y = b * Pair{rotation(1, k), 0.0};
+        corner[k] = x + y + c * Pair{rotation(2, k), 0.0};
+    }
+}
+
+// Normals of a face and of the planes through its edges and the camera centre: (p x q) . ray is
+// positive for a ray on the inner side of edge p q.
+struct Normals {
+    double side[3][3]; // p x q for each edge p q
+    Pair face[3];
+    double d;         // face . X
+    double errors[5]; // the largest of the four, as vectors, and of d
+};
+
+// `underflow` is what that may have taken from the corners.
+inline Normals normals_of_sides(const Corners &corners, double underflow) {
+    Normals n = {};
+    const auto &at = corners.at;
+    const auto far = [&](int p) { return length(at[p][0].high, at[p][1].high, at[p][2].high); };
+    Pair d = {0.0, 0.0};
+    for (int s = 0; s < 3; s++) {
+        const int p = s, q = s < 2 ? s + 1 : 0;
+        for (int k = 0; k < 3; k++) {
+            const int i = k < 2 ? k + 1 : 0, j = k > 0 ? k - 1 : 2;
+            const Pair x = minor_of(at[p][i], at[q][j], at[p][j], at[q][i]);
+            n.side[s][k] = x.high;
+            n.face[k] = n.face[k] + x;
+            if (s == 1) d = d + at[0][k] * x; // d = a . (b x c)
+        }
+        n.errors[s] = PAIR_ERROR_REL * far(p) * far(q) + underflow;
+    }
+    n.d = d.high;
+    n.errors[3] = n.errors[0] + n.errors[1] + n.errors[2];
+    n.errors[4] = far(0) * n.errors[1] + underflow;
+    return n;
+}
+
+// Visible side of a face that is out of sight, 1 or -1; 0 if it is not, or rounding decides.
+//
+// Out of sight: all of it before the near plane, or beyond one side of the image by CLIP_MARGIN,
+// which is more than any rounding.
+inline int8_t side_if_out_of_sight(Vertices vertices, const int64_t (&face)[3],
+                                   const Pinhole &camera) {
+    const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
+    const double wide = CLIP_MARGIN * camera.width + 1, high = CLIP_MARGIN * camera.height + 1;
+    bool before = true, left = true, right = true, above = true, below = true;
+    double most = 0.0, corner[3][3];
+    for (int s = 0; s < 3; s++) {
+        auto &p = corner[s];
+        for (int k = 0; k < 3; k++) p[k] = vertices(face[s], k) - eye[k];
+        const auto along = [&](int k) {
+            return p[0] * rotation(0, k) + p[1] * rotation(1, k) + p[2] * rotation(2, k);
+        };
+        const double u = camera.fx * along(0), v = camera.fy * along(1), depth = along(2);
+        before = before && depth < camera.near;
+        left = left && u + (camera.cx + wide) * depth < 0;
+        right = right && u + (camera.cx - camera.width - wide) * depth > 0;
+        above = above && v + (camera.cy + high) * depth < 0;
+        below = below && v + (camera.cy - camera.height - high) * depth > 0;
+        most = std::max(most, std::abs(p[0]) + std::abs(p[1]) + std::abs(p[2]));
+    }
+    if (!(before || left || right || above || below)) return 0;
+    // a . ((b - a) x (c - a)) is negative for the front.
+    auto &[a, b, c] = corner;
+    for (int k = 0; k < 3; k++) b[k] -= a[k], c[k] -= a[k];
+    const double nx = b[1] * c[2] - b[2] * c[1], ny = b[2] * c[0] - b[0] * c[2],
+                 nz = b[0] * c[1] - b[1] * c[0];
+    const double d = nx * a[0] + ny * a[1] + nz * a[2];
+    const double reach_b = std::abs(b[0]) + std::abs(b[1]) + std::abs(b[2]);
+    const double reach_c = std::abs(c[0]) + std::abs(c[1]) + std::abs(c[2]);
+    if (!(std::abs(d) > UNIT_ROUNDING * most * (reach_b * reach_c + most * (reach_b + reach_c))))
+        return 0;
+    return d > 0 ? -1 : 1;
+}
+
+// Image of a face that is clipped in space: lines with their errors in pixels that bound it, 1/z as
+// in Clipped.planes, at the principal point, and the polygon, clockwise.
+struct ClippedFace {
+    double lines[SIDES * 6], plane[7], polygon[CORNERS * 2], spare[CORNERS * 2];
+    Array<double, Any, 6> sides() { return {lines, {SIDES, 6}}; }
+    Points corners() { return {polygon, {CORNERS, 2}}; }
+    Points scratch() { return {spare, {CORNERS, 2}}; }
+};
+
+struct Side {
+    int64_t n; // corners of its image, 0 for none; negative if only lines moved outwards by their
+               // errors leave that many: the image rounds to nothing
+    int8_t front; // 1 or -1 for the front or the back, 0 if rounding decides
+};
+
+// Clips the image to the inner side of all lines; returns its corner count.
+inline int64_t image_within(const Pinhole &camera, ClippedFace &face) {
+    const Points polygon = face.corners();
+    const double corners[4][2] = {
+        {0.0, 0.0}, {camera.width, 0.0}, {camera.width, camera.height}, {0.0, camera.height}};
+    for (int p = 0; p < 4; p++) polygon(p, U) = corners[p][0], polygon(p, V) = corners[p][1];
+    return clip(polygon, 4, face.sides(), SIDES, face.scratch());
+}
+
+// Clips a face to the near plane and the image. Nothing is projected: a side of the image is the
+// plane through the camera centre and an edge of the face, and the near plane is the line in the
+// image where 1/z = 1/near. The camera centre may lie on the face or on an edge of it, so planes
+// are computed in pairs of doubles. The corners are scaled in place.
+inline Side clip_in_space(Corners &corners, const Pinhole &camera, ClippedFace &out) {
+    // In units of the face's own reach, so that no product under- or overflows; a power of two, so
+    // that nothing is rounded.
+    double reach = 0.0;
+    for (const auto &corner : corners.at)
+        for (const Pair &x : corner) reach = std::max(reach, std::abs(x.high));
+    reach = std::exp2(std::floor(std::log2(reach)));
+    if (!(reach > 0 && std::isfinite(1 / reach))) return {0, 0};
+    for (auto &corner : corners.at)
+        for (Pair &x : corner) x = {x.high / reach, x.low / reach};
+    const double near = camera.near / reach;
+    // The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
+    const Normals normals = normals_of_sides(corners, UNDERFLOW_ERROR * std::max(1.0, 1 / reach));
+    const double d = normals.d;
+    const auto &errors = normals.errors;
+    if (!(std::abs(d) > errors[4])) return {0, 0};
+    const int8_t front = d < 0 ? 1 : -1;
+    const auto &at = corners.at;
+    if (std::max(std::max(at[0][2].high, at[1][2].high), at[2][2].high) < near) return {0, front};
+    const double spread = camera.longest_ray;
+    const double across = std::max(std::abs(camera.cx), std::abs(camera.width - camera.cx));
+    const double down = std::max(std::abs(camera.cy), std::abs(camera.height - camera.cy));
+    auto &plane = out.plane;
+    const auto sides = out.sides();
+    plane[U] = camera.cx, plane[V] = camera.cy, plane[W] = normals.face[2].high / d;
+    plane[SLOPE_U] = normals.face[0].high / d / camera.fx;
+    plane[SLOPE_V] = normals.face[1].high / d / camera.fy;
+    for (int s = 0; s < SIDES; s++) {
+        double a, b, c, error;
+        if (s < 3) {
+            const auto &n = normals.side[s];
+            a = n[0] / camera.fx * -front, b = n[1] / camera.fy * -front, c = n[2] * -front;
+            error = errors[s] * spread;
+        } else {
+            a = -plane[SLOPE_U], b = -plane[SLOPE_V], c = 1 / near - plane[W];
+            error = (errors[3] * spread + errors[4] / near) / std::abs(d);
+            error += UNIT_ROUNDING * (1 / near + std::abs(plane[W]));
+        }
+        error += UNIT_ROUNDING * (std::abs(a) * across + std::abs(b) * down + std::abs(c));
+        const double scale = std::max(std::abs(a), std::abs(b));
+        if (scale > 0) a /= scale, b /= scale, c /= scale, error /= scale;
+        sides(s, U) = camera.cx, sides(s, V) = camera.cy;
+        sides(s, DU) = b, sides(s, DV) = -a, sides(s, OFFSET) = c, sides(s, LINE_ERROR) = error;
+    }
+    int64_t n = image_within(camera, out);
+    if (n < 3) {
+        for (int s = 0; s < SIDES; s++) sides(s, OFFSET) += sides(s, LINE_ERROR);
+        n = -image_within(camera, out);
+        if (n > -3) return {0, front};
+    }
+    // Only lines that touch its image matter, and 1/z within it.
+    const Points polygon = out.corners();
+    double most = plane[OUTLINE_ERROR] = 0.0;
+    for (int s = 0; s < SIDES; s++)
+        for (int64_t p = 0; p < std::abs(n); p++) {
+            const double u = polygon(p, U) - sides(s, U), v = polygon(p, V) - sides(s, V);
+            if (sides(s, DU) * v - sides(s, DV) * u + sides(s, OFFSET) <= sides(s, LINE_ERROR))
+                plane[OUTLINE_ERROR] = std::max(plane[OUTLINE_ERROR], sides(s, LINE_ERROR));
+            most = std::max(most, plane[W] + plane[SLOPE_U] * u + plane[SLOPE_V] * v);
+        }
+    plane[W_ERROR] = (errors[3] * spread + errors[4] * std::min(most, 1 / near)) / std::abs(d);
+    plane[W_ERROR] += UNIT_ROUNDING * (std::abs(plane[W]) + std::abs(plane[SLOPE_U]) * across +
+                                       std::abs(plane[SLOPE_V]) * down);
+    for (int k = W; k <= W_ERROR; k++) plane[k] /= reach;
+    return {n, front};
+}
+
+struct Box {
+    double u_min, u_max, v_min, v_max, w_min, w_max;
+};
+
+inline Box bounds_of_clipped(ClippedFace &face, int64_t n) {
+    double w_min = INF, w_max = -INF;
+    const Points polygon = face.corners();
+    const auto &plane = face.plane;
+    for (int64_t p = 0; p < n; p++) {
+        const double along_u = plane[SLOPE_U] * (polygon(p, U) - plane[U]);
+        const double along_v = plane[SLOPE_V] * (polygon(p, V) - plane[V]);
+        const double w = plane[W] + along_u + along_v;
+        const double size = std::abs(plane[W]) + std::abs(along_u) + std::abs(along_v);
+        const double error = plane[W_ERROR] + W_ARITHMETIC_ERROR_REL * size;
+        w_min = std::min(w_min, w - error), w_max = std::max(w_max, w + error);
+    }
+    const Bounds b = extent_of(polygon, n);
+    return {b.u_min, b.u_max, b.v_min, b.v_max, std::max(w_min, 0.0), w_max};
+}
+
+// Copies a clipped face to row s.
+inline void store_clipped(const Clipped &clipped, int64_t s, ClippedFace &face, int64_t n) {
+    clipped.n_corners[s] = int32_t(std::max(n, int64_t(0)));
+    copy_polygon(face.corners(), n, clipped.polygons[s]);
+    for (int q = 0; q < SIDES; q++)
+        for (int column = 0; column <= OFFSET; column++)
+            clipped.lines(s, q, column) = face.sides()(q, column);
+    for (int column = 0; column <= OUTLINE_ERROR; column++)
+        clipped.planes(s, column) = face.plane[column];
+}
+
+} // namespace rastercov::exact

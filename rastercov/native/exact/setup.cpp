@@ -1,0 +1,465 @@
+// Projection of vertices and set-up of faces, the first two passes over a pose.
+//
+// `project` is the first, and the second goes block by block. In most blocks all faces are wholly
+// inside the image, or wholly outside: `set_up_plain` measures them together. `set_up` measures the
+// others one by one; faces that reach behind the camera or far out of the image are clipped in
+// space before they are projected. Boxes of plain blocks are made by `lay_boxes` where they are
+// needed, which is near event edges.
+//
+// The patches of blocks depend on no camera: parts of a block whose faces are joined by edges that
+// two of them use in opposite directions.
+//
+// Twins: rastercov.reference.polygons for the images of faces; tests/exact/test_blocks.py.
+#include "exact/setup.hpp"
+#include "bind.hpp"
+#include "exact/forest.hpp"
+#include <nanobind/stl/pair.h>
+#include <tuple>
+
+namespace rastercov {
+namespace exact {
+namespace {
+
+// A face that has less than this many pixels of twice its area for each pixel of extent and of
+// rounding is measured by itself: more than three times THIN_TOLERANCE_REL of certificates.
+constexpr double NARROW_FACTOR = 0x1p25;
+
+// Fills `lowest` with the lowest face of the patch of each face.
+void find_patches(Edges edges, Array<int32_t, Any> lowest) {
+    require(edges.kind.rows() == edges.faces.rows(), "edges must have one kind each");
+    for (int64_t f = 0; f < lowest.rows(); f++) lowest[f] = int32_t(f);
+    for (int64_t e = 0; e < edges.kind.rows(); e++) {
+        const int64_t f = edges.faces(e, 0), g = edges.faces(e, 1);
+        require(0 <= f && std::max(f, g) < lowest.rows(), "edges must hold faces of lowest");
+        if (g >= 0 && edges.kind[e] == CONSISTENT && f / BLOCK == g / BLOCK) join(f, g, lowest);
+    }
+    for (int64_t f = 0; f < lowest.rows(); f++) lowest[f] = root_of(lowest, f);
+}
+
+// ValueError unless faces, edges and blocks are those of one surface: rows, faces, edges and
+// patches are where they are looked for. Asked once, when a surface is made; the kernels of poses,
+// which take the same arrays, do not ask again.
+void check_surface(int64_t n_vertices, Array<const int32_t, Any, 3> faces, Edges edges,
+                   Blocks blocks) {
+    const int64_t n = faces.rows(), n_edges = edges.kind.rows(), patches = blocks.lowest.rows();
+    const int64_t of_faces = (n + BLOCK - 1) / BLOCK, of_edges = (n_edges + BLOCK - 1) / BLOCK;
+    require_indices(faces, n_vertices, "faces must hold vertices");
+    require(edges.faces.rows() == n_edges && edges.vertices.rows() == n_edges,
+            "edges must have one row in each array");
+    require_indices(edges.vertices, n_vertices, "edges must hold vertices");
+    require_indices(edges.of_face, n_edges, "of_face must hold edges");
+    for (int64_t e = 0; e < n_edges; e++)
+        require(0 <= edges.faces(e, 0) && std::max(edges.faces(e, 0), edges.faces(e, 1)) < n,
+                "edges must hold faces");
+    require(blocks.has_flat.rows() == of_faces && blocks.patch.rows() == n &&
+                blocks.patch_starts.rows() == of_faces + 1 && blocks.of_patch.rows() == patches &&
+                blocks.is_plain.rows() == of_edges && blocks.starts.rows() == of_edges + 1,
+            "blocks must be those of the faces and edges");
+    require_indices(blocks.patch, patches, "patch must hold patches");
+    require_indices(blocks.patch_starts, patches + 1, "patch_starts must hold patches");
+    require_indices(blocks.of_patch, of_faces, "of_patch must hold blocks");
+    require_indices(blocks.of_edges, of_faces, "of_edges must hold blocks");
+    require_indices(blocks.starts, blocks.of_edges.rows() + 1, "starts must hold rows of of_edges");
+    for (int64_t k = 0; k < blocks.joins.rows(); k++) {
+        const int64_t one = blocks.joins(k, 0), other = blocks.joins(k, 1);
+        require(0 <= one && std::max(one, other < 0 ? ~other : other) < patches,
+                "joins must hold patches");
+    }
+}
+
+// Projects world points to `uvw`, pixels and 1/z. w is 0 for a vertex before the near plane or
+// beyond camera.u_min ... camera.v_max; returns the number of these.
+int64_t project(Vertices vertices, Pinhole camera, Array<double, Any, 3> uvw) {
+    require(uvw.rows() == vertices.rows(), "uvw must have one row for each vertex");
+    const auto &[r, eye] = std::tie(camera.rotation, camera.centre);
+    int64_t n_out = 0;
+    for (int64_t i = 0; i < vertices.rows(); i++) {
+        const double a = vertices(i, 0) - eye[0];
+        const double b = vertices(i, 1) - eye[1];
+        const double c = vertices(i, 2) - eye[2];
+        const double z = a * r(0, 2) + b * r(1, 2) + c * r(2, 2);
+        double w = z >= camera.near ? 1.0 / z : 0.0;
+        const double right = a * r(0, 0) + b * r(1, 0) + c * r(2, 0);
+        const double down = a * r(0, 1) + b * r(1, 1) + c * r(2, 1);
+        const double u = camera.fx * (right * w) + camera.cx;
+        const double v = camera.fy * (down * w) + camera.cy;
+        if (!(camera.u_min <= u && u <= camera.u_max && camera.v_min <= v && v <= camera.v_max))
+            w = 0.0;
+        n_out += w == 0;
+        uvw(i, U) = u, uvw(i, V) = v, uvw(i, W) = w;
+    }
+    return n_out;
+}
+
+void lay_boxes(Array<const int32_t, Any> faces, Projected projected) {
+    const int64_t n = projected.blocks.patch.rows();
+    require_indices(faces, n, "faces must be of the image");
+    require(projected.faces.rows() >= n && projected.box.rows() >= n &&
+                projected.has_boxes.rows() * BLOCK >= n,
+            "an image must have one row for each face");
+    for (const int32_t f : faces) lay_boxes_of_block(f / BLOCK, projected);
+}
+
+// --- blocks ---
+
+// Areas and bounds of the BLOCK faces of a block.
+struct Measures {
+    double twice[BLOCK], extent[BLOCK]; // twice the signed area of each face; width plus height
+    Bounds bounds;                      // of the corners
+    double least, most;                 // of twice the signed areas
+    double margin;                      // least of twice the areas less `narrow` times the extent
+    double widths, heights, areas;      // sums over the boxes of the faces
+};
+
+// A value in each lane.
+using Lane = std::array<double, AT_A_TIME>;
+constexpr Lane everywhere(double value) {
+    Lane all;
+    all.fill(value);
+    return all;
+}
+
+// One value of all lanes, by halves.
+template <class Operation> double reduce(Lane lanes, Operation of) {
+    for (size_t n = AT_A_TIME / 2; n; n /= 2)
+        for (size_t k = 0; k < n; k++) lanes[k] = of(lanes[k], lanes[k + n]);
+    return lanes[0];
+}
+
+// A face is wide enough where twice its area is at least `narrow` times its extent.
+void measure_block(int64_t first, const Projected &projected, double narrow, Measures &out) {
+    Lane least_u = everywhere(INF), least_v = least_u, least_twice = least_u, margin = least_u;
+    Lane most_u = everywhere(-INF), most_v = most_u, most_twice = most_u;
+    Lane widths = everywhere(0.0), heights = widths, areas = widths;
+    for (int64_t at = 0; at < BLOCK; at += AT_A_TIME) {
+        const Lanes p = corners_of(first + at, 0, projected),
+                    q = corners_of(first + at, 1, projected),
+                    r = corners_of(first + at, 2, projected);
+        for (size_t k = 0; k < AT_A_TIME; k++) {
+            const double twice =
+                (q.u[k] - p.u[k]) * (r.v[k] - p.v[k]) - (r.u[k] - p.u[k]) * (q.v[k] - p.v[k]);
+            const double low_u = least(p.u[k], q.u[k], r.u[k]);
+            const double high_u = greatest(p.u[k], q.u[k], r.u[k]);
+            const double low_v = least(p.v[k], q.v[k], r.v[k]);
+            const double high_v = greatest(p.v[k], q.v[k], r.v[k]);
+            const double width = high_u - low_u, height = high_v - low_v, extent = width + height;
+            const double spare = std::abs(twice) - extent * narrow;
+            out.twice[at + k] = twice, out.extent[at + k] = extent;
+            least_u[k] = low_u < least_u[k] ? low_u : least_u[k];
+            least_v[k] = low_v < least_v[k] ? low_v : least_v[k];
+            least_twice[k] = twice < least_twice[k] ? twice : least_twice[k];
+            margin[k] = spare < margin[k] ? spare : margin[k];
+            most_u[k] = high_u > most_u[k] ? high_u : most_u[k];
+            most_v[k] = high_v > most_v[k] ? high_v : most_v[k];
+            most_twice[k] = twice > most_twice[k] ? twice : most_twice[k];
+            widths[k] += width, heights[k] += height, areas[k] += width * height;
+        }
+    }
+    const auto lesser = [](double a, double b) { return a < b ? a : b; };
+    const auto greater = [](double a, double b) { return a > b ? a : b; };
+    const auto sum = [](double a, double b) { return a + b; };
+    out.bounds = {reduce(least_u, lesser), reduce(most_u, greater), reduce(least_v, lesser),
+                  reduce(most_v, greater)};
+    out.least = reduce(least_twice, lesser), out.most = reduce(most_twice, greater);
+    out.margin = reduce(margin, lesser);
+    out.widths = reduce(widths, sum), out.heights = reduce(heights, sum);
+    out.areas = reduce(areas, sum);
+}
+
+// Fills in block_state and block_side from the faces of a block, with some flags more.
+void describe_block(int64_t b, uint16_t flags, const Projected &projected) {
+    const auto &[state, side] = std::tie(projected.state, projected.side);
+    int8_t common = side[b * BLOCK];
+    for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
+        flags |= state[f];
+        if (!(state[f] & LIVE)) flags |= ABSENT;
+        if (side[f] != common) common = MIXED;
+    }
+    projected.block_state[b] = flags;
+    projected.block_side[b] = flags & DOUBTFUL ? MIXED : common;
+}
+
+// Least 1/z of the corners of a whole block: 0 where one of them has no image.
+double least_w_of_block(int64_t b, const Projected &projected) {
+    double found = INF;
+    for (int64_t f = b * BLOCK; f < (b + 1) * BLOCK; f++)
+        for (int s = 0; s < 3; s++)
+            found = std::min(found, projected.uvw(projected.faces(f, s), W));
+    return found;
+}
+
+// --- pairs of doubles, for tests ---
+
+using Two = std::pair<double, double>;
+Two two(Pair a) { return {a.high, a.low}; }
+Two sum_of(double a, double b) { return two(exact_sum(a, b)); }
+Two product_of(double a, double b) { return two(exact_product(a, b)); }
+Two add(Two a, Two b) { return two(Pair{a.first, a.second} + Pair{b.first, b.second}); }
+Two multiply(Two a, Two b) { return two(Pair{a.first, a.second} * Pair{b.first, b.second}); }
+Two determinant(double a, double d, double b, double c) {
+    return two(minor_of({a, 0.0}, {d, 0.0}, {b, 0.0}, {c, 0.0}));
+}
+
+// --- set-up ---
+
+void require_image(const Projected &projected, Array<double, Any> area_error) {
+    const int64_t n = projected.faces.rows(), blocks = (n + BLOCK - 1) / BLOCK;
+    require(projected.side.rows() == n && projected.state.rows() == n &&
+                projected.box.rows() == n && projected.area.rows() == n &&
+                projected.clipped_index.rows() == n && area_error.rows() == n &&
+                projected.blocks.patch.rows() == n,
+            "the arrays of an image must have one row for each face");
+    require(projected.blocks.has_flat.rows() == blocks && projected.block_box.rows() == blocks &&
+                projected.block_state.rows() == blocks && projected.block_side.rows() == blocks &&
+                projected.has_boxes.rows() == blocks,
+            "the blocks of an image must have one row for each 64 faces");
+    const Clipped &clipped = projected.clipped;
+    require(clipped.n_corners.rows() == clipped.polygons.rows() &&
+                clipped.lines.rows() == clipped.polygons.rows() &&
+                clipped.planes.rows() == clipped.polygons.rows(),
+            "clipped faces must have one row in each array");
+}
+
+// Measures the faces of blocks that lie wholly inside or wholly outside the image; n_out is that of
+// `project`. Out: what `set_up` fills in, of these blocks, and in `rest` the others, which `set_up`
+// is for. Returns the live faces, and the number of the other blocks.
+std::pair<int64_t, int64_t> set_up_plain(Pinhole camera, bool front_only, int64_t n_out,
+                                         Projected projected, Array<double, Any> area_error,
+                                         Array<double, 7> extent, Array<int32_t, Any> rest) {
+    require_image(projected, area_error);
+    const auto &[side, state, area] = std::tie(projected.side, projected.state, projected.area);
+    const Blocks &blocks = projected.blocks;
+    require(rest.rows() == blocks.has_flat.rows(), "rest must have one row for each block");
+    const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
+    const double narrow = NARROW_FACTOR * pixel_error, most_error = 2 * width * height;
+    for (double &value : extent) value = 0.0;
+    clear_box(extent);
+    int64_t n_live = 0, n_rest = 0;
+    Measures block;
+    for (int64_t b = 0; b < blocks.has_flat.rows(); b++) {
+        const int64_t first = b * BLOCK, last = end_of_block(b, projected);
+        bool is_plain = last - first == BLOCK && !blocks.has_flat[b], is_out = false;
+        if (is_plain) {
+            measure_block(first, projected, narrow, block);
+            const Bounds &of = block.bounds;
+            is_out = of.u_max <= -pixel_error || of.u_min >= width + pixel_error;
+            is_out = is_out || of.v_max <= -pixel_error || of.v_min >= height + pixel_error;
+            const bool is_in =
+                of.u_min >= 0 && of.v_min >= 0 && of.u_max <= width && of.v_max <= height;
+            is_plain = (is_in || is_out) && block.margin > 0;
+            is_plain = is_plain && (n_out == 0 || least_w_of_block(b, projected) > 0);
+        }
+        if (!is_plain) {
+            rest[n_rest++] = int32_t(b);
+            continue;
+        }
+        const bool is_mixed = block.least < 0 && 0 < block.most;
+        const bool is_culled = front_only && block.least > 0, is_live = !(is_out || is_culled);
+        const int8_t behind = front_only ? 0 : -1, common = block.least < 0 ? 1 : behind;
+        const uint16_t flags = is_live ? LIVE : 0;
+        const double some = is_out ? 0.0 : 0.5;
+        for (int64_t k = 0; k < BLOCK; k++) {
+            side[first + k] = common, state[first + k] = flags;
+            area_error[first + k] = 0.0;
+            area[first + k] = std::abs(block.twice[k]) * some;
+        }
+        if (is_mixed)
+            for (int64_t k = 0; k < BLOCK; k++) side[first + k] = block.twice[k] < 0 ? 1 : behind;
+        if (front_only && block.most > 0 && !is_out)
+            for (int64_t k = 0; k < BLOCK; k++) {
+                const double error = OUTLINE_ERROR_FACTOR * block.extent[k] * pixel_error;
+                area_error[first + k] = block.twice[k] > 0 ? std::min(error, most_error) : 0.0;
+                state[first + k] = block.twice[k] < 0 ? LIVE : 0;
+            }
+        const bool has_all = is_live && !(is_mixed && front_only);
+        projected.block_state[b] = has_all ? flags : uint16_t(flags | ABSENT);
+        projected.block_side[b] = is_mixed ? MIXED : common;
+        projected.has_boxes[b] = false;
+        clear_box(projected.block_box[b]);
+        if (is_live) {
+            widen_box(projected.block_box[b], block.bounds);
+            widen_box(extent, block.bounds);
+            n_live += BLOCK;
+            extent[SUM_OF_WIDTHS] += block.widths;
+            extent[SUM_OF_HEIGHTS] += block.heights;
+            extent[SUM_OF_AREAS] += block.areas;
+        }
+    }
+    return {n_live, n_rest};
+}
+
+// Measures the faces of some blocks, those that set_up_plain left in `rest`; returns how many are
+// live, and how many clipped. If more are clipped than projected.clipped has room for, nothing is
+// added to `extent`: call again with more room.
+//
+// `is_flat` are faces without area, which neither hide anything nor are visible. front_only leaves
+// out faces that are certainly seen from behind: they hide nothing. Out: all of `projected` but its
+// first arrays, `area` also of faces that are left out; area_error, px^2, of faces that are left
+// out, also where only rounding leaves them out, 0 for all others; extent, in and out, bounds of u
+// and v of all live faces, within the image, and the sums of the widths, heights and areas of their
+// boxes.
+std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_flat,
+                                   Array<const int32_t, Any> rest, Pinhole camera, bool front_only,
+                                   Projected projected, Array<double, Any> area_error,
+                                   Array<double, 7> extent) {
+    require_image(projected, area_error);
+    require(is_flat.rows() >= projected.blocks.patch.rows(),
+            "is_flat must have one row for each face");
+    require_indices(rest, projected.block_box.rows(), "rest must hold blocks");
+    const auto &[faces, uvw, side, state] =
+        std::tie(projected.faces, projected.uvw, projected.side, projected.state);
+    const auto &[box, area, clipped] = std::tie(projected.box, projected.area, projected.clipped);
+    const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
+    ClippedFace cut;
+    int64_t n_live = 0, n_clipped = 0;
+    double widths = 0.0, heights = 0.0, areas = 0.0;
+    double all[7];
+    std::copy(extent.begin(), extent.end(), all);
+    const Array<double, 7> bounds = {all, {7}};
+    for (const int32_t b : rest) {
+        projected.has_boxes[b] = true;
+        clear_box(projected.block_box[b]);
+        for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
+            state[f] = 0, side[f] = 0, area[f] = area_error[f] = 0.0;
+            const int64_t face[3] = {faces(f, 0), faces(f, 1), faces(f, 2)};
+            const auto [i, j, k] = face;
+            const double u0 = uvw(i, U), v0 = uvw(i, V), w0 = uvw(i, W);
+            const double u1 = uvw(j, U), v1 = uvw(j, V), w1 = uvw(j, W);
+            const double u2 = uvw(k, U), v2 = uvw(k, V), w2 = uvw(k, W);
+            Box around;
+            double inside, outline_error;
+            uint16_t flags;
+            bool is_culled;
+            if (w0 > 0 && w1 > 0 && w2 > 0) {
+                const double twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0);
+                around = {std::min(std::min(u0, u1), u2), std::max(std::max(u0, u1), u2),
+                          std::min(std::min(v0, v1), v2), std::max(std::max(v0, v1), v2),
+                          std::min(std::min(w0, w1), w2), std::max(std::max(w0, w1), w2)};
+                const auto [u_min, u_max, v_min, v_max, w_min, w_max] = around;
+                const bool is_out = u_max <= 0 || v_max <= 0 || u_min >= width || v_min >= height;
+                if ((is_out || is_flat[f]) &&
+                    !(u_max <= -pixel_error || v_max <= -pixel_error ||
+                      u_min >= width + pixel_error || v_min >= height + pixel_error)) {
+                    // Rounding may have moved it out of the image, or made it flat.
+                    const double inner = std::min(u_max, width) - std::max(u_min, 0.0) +
+                                         std::min(v_max, height) - std::max(v_min, 0.0);
+                    area_error[f] = 4 * EDGE_ON_FACTOR * (inner + 2 * pixel_error) * pixel_error;
+                }
+                if (is_flat[f]) continue;
+                const bool is_doubtful = std::abs(twice) <= EDGE_ON_FACTOR * pixel_error *
+                                                                (u_max - u_min + v_max - v_min);
+                is_culled = front_only && twice > 0 && !is_doubtful;
+                if (!is_culled) side[f] = twice < 0 ? 1 : twice > 0 ? -1 : 0;
+                if (is_out) continue;
+                inside = std::abs(twice) / 2, outline_error = pixel_error;
+                flags = is_doubtful ? LIVE | DOUBTFUL : LIVE;
+                if (inside > 0 && (u_min < 0 || v_min < 0 || u_max > width || v_max > height)) {
+                    flags |= PARTLY;
+                    const Points polygon = cut.corners();
+                    polygon(0, U) = u0, polygon(0, V) = v0;
+                    polygon(1, U) = u1, polygon(1, V) = v1;
+                    polygon(2, U) = u2, polygon(2, V) = v2;
+                    const int64_t n =
+                        clip(polygon, 3, camera.border, camera.border.rows(), cut.scratch());
+                    inside = n >= 3 ? std::abs(twice_area(polygon, n)) / 2 : 0.0;
+                }
+            } else {
+                Side seen = {0, side_if_out_of_sight(vertices, face, camera)};
+                if (is_flat[f]) {
+                    if (seen.front == 0)
+                        area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error;
+                    continue;
+                }
+                if (seen.front == 0) {
+                    Corners corners;
+                    for (int s = 0; s < 3; s++) to_camera(vertices[face[s]], camera, corners.at[s]);
+                    seen = clip_in_space(corners, camera, cut);
+                }
+                if (seen.front == 0) {
+                    // The camera centre is on its plane to 2^-98: nothing of it is wide enough to
+                    // count.
+                    state[f] = DOUBTFUL;
+                    area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error;
+                    continue;
+                }
+                is_culled = front_only && seen.front < 0;
+                if (!is_culled) side[f] = seen.front;
+                if (seen.n == 0) continue;
+                around = bounds_of_clipped(cut, std::abs(seen.n));
+                inside = seen.n >= 3 ? std::max(twice_area(cut.corners(), seen.n) / 2, 0.0) : 0.0;
+                outline_error = std::max(pixel_error, cut.plane[OUTLINE_ERROR]);
+                flags = LIVE | CLIPPED | PARTLY;
+                if (!is_culled) {
+                    if (n_clipped < clipped.polygons.rows()) {
+                        projected.clipped_index[f] = int32_t(n_clipped);
+                        store_clipped(clipped, n_clipped, cut, seen.n);
+                    }
+                    n_clipped++;
+                }
+            }
+            auto [u_min, u_max, v_min, v_max, w_min, w_max] = around;
+            if (is_culled) {
+                area[f] = inside;
+                const double extent_of_face =
+                    std::max(u_max - u_min + v_max - v_min, 2 * outline_error);
+                const double error = OUTLINE_ERROR_FACTOR * extent_of_face * outline_error;
+                area_error[f] = std::min(error, 2 * width * height);
+                continue;
+            }
+            box(f, U_MIN) = u_min, box(f, U_MAX) = u_max;
+            box(f, V_MIN) = v_min, box(f, V_MAX) = v_max;
+            box(f, W_MIN) = w_min, box(f, W_MAX) = w_max;
+            widen_box(projected.block_box[b], {u_min, u_max, v_min, v_max});
+            if (!(inside > 0)) {
+                state[f] = THIN | DOUBTFUL | (flags & CLIPPED);
+                continue;
+            }
+            state[f] = flags;
+            area[f] = inside;
+            n_live++;
+            u_min = std::max(u_min, 0.0), u_max = std::min(u_max, width);
+            v_min = std::max(v_min, 0.0), v_max = std::min(v_max, height);
+            widths += u_max - u_min, heights += v_max - v_min;
+            areas += (u_max - u_min) * (v_max - v_min);
+            widen_box(bounds, {u_min, u_max, v_min, v_max});
+        }
+        describe_block(b, UNEVEN, projected);
+    }
+    if (n_clipped <= clipped.polygons.rows()) {
+        std::copy(bounds.begin(), bounds.end(), extent.begin());
+        extent[SUM_OF_WIDTHS] += widths;
+        extent[SUM_OF_HEIGHTS] += heights;
+        extent[SUM_OF_AREAS] += areas;
+    }
+    return {n_live, n_clipped};
+}
+
+} // namespace
+} // namespace exact
+
+void register_exact_setup(nanobind::module_ &m) {
+    using namespace exact;
+    m.attr("CLIP_MARGIN") = CLIP_MARGIN;
+    m.attr("UNIT_ROUNDING") = UNIT_ROUNDING;
+    m.attr("OUTLINE_ERROR_FACTOR") = OUTLINE_ERROR_FACTOR;
+    def(m, "exact_sum", sum_of, "Sum of two doubles, as a pair.", "a", "b");
+    def(m, "exact_product", product_of, "Product of two doubles, as a pair.", "a", "b");
+    def(m, "add", add, "Sum of two pairs.", "a", "b");
+    def(m, "multiply", multiply, "Product of two pairs.", "a", "b");
+    def(m, "minor", determinant, "a d - b c, as a pair.", "a", "d", "b", "c");
+    def(m, "find_patches", find_patches, "Lowest face of the patch of each face.", "edges",
+        "lowest");
+    def(m, "check_surface", check_surface, "Hold that faces, edges and blocks are of one surface.",
+        "n_vertices", "faces", "edges", "blocks");
+    def(m, "project", project, "Pixels and 1/z of vertices; how many have no image.", "vertices",
+        "camera", "uvw");
+    def(m, "set_up_plain", set_up_plain,
+        "Measure blocks wholly inside or outside the image: live faces, and blocks in `rest`.",
+        "camera", "front_only", "n_out", "projected", "area_error", "extent", "rest");
+    def(m, "set_up", set_up, "Measure the faces of some blocks: how many are live, and clipped.",
+        "vertices", "is_flat", "rest", "camera", "front_only", "projected", "area_error", "extent");
+    def(m, "lay_boxes", lay_boxes,
+        "Fill in the boxes of some faces, and of others of their blocks.", "faces", "projected");
+}
+
+} // namespace rastercov

@@ -1,0 +1,83 @@
+// Pixels and derivatives of one ray of a lens.
+//
+// They do not look at the valid region; `is_valid` does. Nothing allocates; see formulas.hpp.
+//
+// Twin: rastercov.camera.lenses.formulas.
+#pragma once
+#include "lens/formulas.hpp"
+
+namespace rastercov::lens {
+
+constexpr int64_t SECTORS = 128; // sides of the polygon that replaces the disc of the valid region
+
+using Frame = Array<const double, 3, 3>; // lens_from_plane
+
+// Pixel (u, v) of a ray by the equations alone, wherever it is.
+inline Pixel<double> project(int64_t code, const Params &p, double X, double Y, double Z) {
+    return projected(code, p, X, Y, Z);
+}
+
+// Ray of the point (x, y, 1) of a plane.
+inline Ray ray_in_plane(const Frame &frame, double x, double y) {
+    return {frame(0, 0) * x + frame(0, 1) * y + frame(0, 2),
+            frame(1, 0) * x + frame(1, 1) * y + frame(1, 2),
+            frame(2, 0) * x + frame(2, 1) * y + frame(2, 2)};
+}
+
+// Derivative of the pixel by the ray.
+struct Jacobian {
+    double ux, uy, uz, vx, vy, vz;
+};
+
+inline Jacobian jacobian(int64_t code, const Params &p, double X, double Y, double Z) {
+    double u[3], v[3];
+    // In a loop the equations are compiled once: they are long.
+    for (int axis = 0; axis < 3; axis++) {
+        const auto pixel =
+            projected(code, p, Step(X, axis == 0 ? STEP : 0.0), Step(Y, axis == 1 ? STEP : 0.0),
+                      Step(Z, axis == 2 ? STEP : 0.0));
+        u[axis] = pixel.u.imag / STEP, v[axis] = pixel.v.imag / STEP;
+    }
+    return {u[0], u[1], u[2], v[0], v[1], v[2]};
+}
+
+// Derivatives of the pixel by the place (x, y) in a plane.
+struct PlaneSlopes {
+    double u_x, u_y, v_x, v_y;
+};
+
+inline PlaneSlopes plane_slopes(int64_t code, const Params &p, const Frame &frame, double x,
+                                double y) {
+    const Ray ray = ray_in_plane(frame, x, y);
+    double u[2], v[2];
+    for (int axis = 0; axis < 2; axis++) {
+        const auto pixel =
+            projected(code, p, Step(ray.X, STEP * frame(0, axis)),
+                      Step(ray.Y, STEP * frame(1, axis)), Step(ray.Z, STEP * frame(2, axis)));
+        u[axis] = pixel.u.imag / STEP, v[axis] = pixel.v.imag / STEP;
+    }
+    return {u[0], u[1], v[0], v[1]};
+}
+
+// True for a ray of the valid region, a cone with SECTORS flat sides around the z axis.
+//
+// m is the greatest product of (X, Y) with the normals of the sides. Where SLOPE > 0, the cone
+// m <= SLOPE Z is valid; where SLOPE <= 0, all but the cone m < SLOPE Z around -z.
+inline bool is_valid(const Params &p, double X, double Y, double Z) {
+    constexpr double PI = std::numbers::pi;
+    const double r = std::hypot(X, Y);
+    if (!(r < INFINITE && std::abs(Z) < INFINITE)) return false;
+    const double border = p[SLOPE] * Z, lowest = r * std::cos(PI / SECTORS);
+    if (p[SLOPE] > 0.0) {
+        if (!(lowest <= border) || !(Z > 0.0)) return false;
+        if (r <= border) return true;
+    } else {
+        if (!(r >= border) || (r == 0.0 && Z == 0.0)) return false;
+        if (lowest >= border) return true;
+    }
+    const double turn = std::atan2(Y, X) * (SECTORS / (2.0 * PI));
+    const double m = r * std::cos((turn - std::floor(turn) - 0.5) * (2.0 * PI / SECTORS));
+    return p[SLOPE] > 0.0 ? m <= border : m >= border;
+}
+
+} // namespace rastercov::lens

@@ -1,0 +1,101 @@
+// An ideal plane of a lens as the loops take it, and the images of its points.
+//
+// Rays are projected some at a time, lane by lane as one by one but for atan2, whose lanes are
+// those of formulas.hpp.
+//
+// Invariants: the image of a point depends on the point alone, not on its place in a list.
+//
+// Twin: rastercov.camera.lenses.formulas.
+#pragma once
+#include "lens/lens.hpp"
+#include "lens/rules.hpp"
+
+namespace rastercov {
+
+namespace lens {
+
+using Corners = Array<const double, Any, 2>; // of a polygon, in units of a plane
+
+// See rastercov.camera.lenses.records. Convex polygons are counter-clockwise in (x, y).
+struct PlaneRecord {
+    int64_t code;
+    Params params;
+    Frame frame;
+    double fx, fy, cx, cy; // of the pinhole, px
+    Corners region, hole, window;
+    Array<const double, TABLE> longest;
+    int64_t parts_of;
+    bool is_graded;
+    double width, height, bend, stretch, speed, tolerance;
+};
+
+inline void require_plane(const PlaneRecord &plane) {
+    require(plane.parts_of >= FEWEST && plane.parts_of <= MOST, "parts_of must be a rule");
+}
+
+// Columns of the places of vertices: in a plane, in its units, and in the image, px.
+enum { X, Y, U, V };
+constexpr int64_t GROUP = 8; // rays of a vector: lists have room for a multiple of it
+
+// Images of m points (x, y) of a plane, into u and v; all have room for a multiple of GROUP.
+template <class Code>
+void project_group(Code code, const Params &given, const Frame &frame, const double *x,
+                   const double *y, int64_t m, double *u, double *v) {
+    double own[SIZE]; // that no store to u and v can change
+    std::copy(given.begin(), given.end(), own);
+    const Params p = {own, {}};
+    const double f00 = frame(0, 0), f01 = frame(0, 1), f02 = frame(0, 2), f10 = frame(1, 0),
+                 f11 = frame(1, 1), f12 = frame(1, 2), f20 = frame(2, 0), f21 = frame(2, 1),
+                 f22 = frame(2, 2);
+    const auto project_each = [&](auto pixel_of) __attribute__((always_inline)) {
+        for (int64_t i = 0; i < m; i += AT_A_TIME<Lanes>) {
+            const Pixel<Lanes> pixel = pixel_of(Lanes::load(x + i), Lanes::load(y + i));
+            pixel.u.store(u + i), pixel.v.store(v + i);
+        }
+    };
+    if (code != EQUIRECT && f00 == 1.0 && f11 == 1.0 && f22 == 1.0) { // the plane ahead
+        project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
+            return projected(code, p, px, py, One());
+        });
+        return;
+    }
+    project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
+        const Lanes X = f00 * px + f01 * py + f02, Y = f10 * px + f11 * py + f12;
+        const Lanes Z = f20 * px + f21 * py + f22;
+        if constexpr (!is_planar(Code())) return projected(code, p, X, Y, Z);
+        const Lanes w = 1.0 / Z;
+        return projected(code, p, X * w, Y * w, One());
+    });
+}
+
+inline void project_lanes(const PlaneRecord &plane, const double *x, const double *y, int64_t m,
+                          double *u, double *v) {
+    const auto with = [&]<int64_t... codes>(std::integer_sequence<int64_t, codes...>) {
+        const auto one = [&]<int64_t code>(BaseIs<code> base) {
+            if (plane.code != code) return false;
+            project_group(base, plane.params, plane.frame, x, y, m, u, v);
+            return true;
+        };
+        return (one(BaseIs<codes>()) || ...);
+    };
+    if (!with(std::make_integer_sequence<int64_t, N_BASES>()))
+        project_group(BaseIs<PINHOLE>(), plane.params, plane.frame, x, y, m, u, v);
+}
+
+// Pixel (u, v) of a point of a plane.
+inline Pixel<double> plane_value(const PlaneRecord &plane, double x, double y) {
+    const Ray ray = ray_in_plane(plane.frame, x, y);
+    return project(plane.code, plane.params, ray.X, ray.Y, ray.Z);
+}
+
+} // namespace lens
+
+template <> struct Record<lens::PlaneRecord> {
+    using S = lens::PlaneRecord;
+    static constexpr auto fields =
+        Fields<&S::code, &S::params, &S::frame, &S::fx, &S::fy, &S::cx, &S::cy, &S::region,
+               &S::hole, &S::window, &S::longest, &S::parts_of, &S::is_graded, &S::width,
+               &S::height, &S::bend, &S::stretch, &S::speed, &S::tolerance>();
+};
+
+} // namespace rastercov

@@ -1,0 +1,208 @@
+// Image of one polygon of an ideal plane: its area, and the part of it inside the image.
+//
+// Most polygons are inside the image or outside it, and their area is the sum over their edges;
+// only those that may reach across the border are clamped to it (edges.hpp).
+//
+// Twin: tests/lenses/test_areas.py, by polygons of many corners.
+#pragma once
+#include "exact/polygon.hpp"
+#include "lens/edges.hpp"
+
+namespace rastercov::lens {
+
+using exact::Points, exact::copy_polygon, exact::keep_inside, exact::side_at;
+
+// Room for a polygon of up to 64 corners cut by a region of up to 132 sides.
+constexpr int64_t MOST_CORNERS = 256;
+
+// Signed area of an image, px^2, positive for corners counter-clockwise in (x, y), and of its part
+// inside the image of the lens; edges and parts of them that were integrated.
+struct Image {
+    double whole, inside;
+    int64_t rules;
+};
+
+// Whether an image is inside that of the lens, beyond one side of it, beyond u = W alone.
+struct Where {
+    bool is_in, is_out, is_right;
+};
+
+// Of an image of n + 1 nodes that leaves the chords between them by the stray at most.
+inline Where where_is(const PlaneRecord &plane, const double *u, const double *v, int64_t n,
+                      double stray) {
+    double low_u = u[0], high_u = u[0], low_v = v[0], high_v = v[0];
+    for (int64_t k = 1; k <= n; k++) {
+        low_u = std::min(low_u, u[k]), high_u = std::max(high_u, u[k]);
+        low_v = std::min(low_v, v[k]), high_v = std::max(high_v, v[k]);
+    }
+    const double W = plane.width, H = plane.height;
+    const bool is_in = low_u > stray && low_v > stray && high_u < W - stray && high_v < H - stray;
+    const bool is_beside = high_u < -stray || high_v < -stray || low_v > H + stray;
+    const bool is_right = !is_beside && low_u > W + stray;
+    return {is_in, is_beside || is_right, is_right};
+}
+
+// Integral of clamp(u, 0, W) d clamp(v, 0, H) along a part of an edge whose first node is `at`.
+//
+// An arc between two nodes leaves its chord by bend L^2 / 8 at most; so most parts are known to be
+// inside the image, or beyond one side of it. Beyond u = W the integral is W times the change of
+// the clamped v, beyond the other sides it is 0.
+inline Integral part_inside(const PlaneRecord &plane, int64_t part, int64_t at,
+                            EdgeScratch &scratch) {
+    const double *const u = scratch.u + at, *const v = scratch.v + at;
+    const Edge edge = scratch.ends[part];
+    const int64_t n = scratch.rules[part];
+    const double stray = plane.bend * length2_of(edge) * GAP[n] * GAP[n] / 8;
+    const auto [is_in, is_out, is_right] = where_is(plane, u, v, n, stray);
+    if (is_right) {
+        const double H = plane.height;
+        return {plane.width * (std::min(std::max(v[n], 0.0), H) - std::min(std::max(v[0], 0.0), H)),
+                1};
+    }
+    if (is_out) return {0.0, 1};
+    if (is_in) return {under_edge(n, u, v, 0.0), 1};
+    for (int64_t k = 0; k <= n; k++) scratch.U[k] = u[k], scratch.V[k] = v[k];
+    return clamped_edge(plane, edge, n, stray, scratch);
+}
+
+// Parts of edges that are listed in scratch, and all their nodes.
+struct Listed {
+    int64_t parts, nodes;
+    double longest;
+};
+
+// Lists a part of an edge, and its nodes but the last, behind those that are listed.
+inline void lay_part(const Edge &edge, int64_t n, Listed &listed, EdgeScratch &scratch) {
+    scratch.ends[listed.parts] = edge;
+    scratch.rules[listed.parts] = n;
+    for (int64_t k = 0; k < n; k++) {
+        const auto point = node_of(edge, n, k);
+        scratch.x[listed.nodes + k] = point.x, scratch.y[listed.nodes + k] = point.y;
+    }
+    listed.parts++, listed.nodes += n;
+}
+
+// Integrals along the parts of edges that are listed. `is_all` says that they are a whole polygon.
+// If not, they are a piece of its border, and the integral of u dv along it is a summand of both
+// areas.
+inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_all,
+                       bool is_whole_asked, EdgeScratch &scratch) {
+    const auto [parts, nodes, longest] = listed;
+    double *const u = scratch.u, *const v = scratch.v;
+    for (int64_t k = nodes; k < nodes + GROUP; k++)
+        scratch.x[k] = scratch.ends[parts - 1].bx, scratch.y[k] = scratch.ends[parts - 1].by;
+    project_lanes(plane, scratch.x, scratch.y, is_all ? nodes : nodes + 1, u, v);
+    if (is_all) u[nodes] = u[0], v[nodes] = v[0];
+    const Where all = where_is(plane, u, v, nodes, plane.bend * longest * longest / 8);
+    double whole = NOT_A_NUMBER;
+    if (all.is_in || is_whole_asked || !is_all) {
+        whole = 0.0;
+        for (int64_t part = 0, at = 0; part < parts; at += scratch.rules[part], part++)
+            whole += under_edge(scratch.rules[part], u + at, v + at, is_all ? u[0] : 0.0);
+    }
+    if (is_all && all.is_in) return {whole, whole, parts};
+    if (is_all && all.is_out) return {whole, 0.0, parts};
+    double inside = 0.0;
+    int64_t pieces = 0;
+    for (int64_t part = 0, at = 0; part < parts; at += scratch.rules[part], part++) {
+        const Integral own = part_inside(plane, part, at, scratch);
+        inside += own.value, pieces += own.pieces;
+    }
+    return {whole, inside, pieces};
+}
+
+// True where an edge of a plane with a pole is short for its distance from the pole.
+inline bool is_short(const Edge &edge, double longest, int64_t top) {
+    const auto [ax, ay, bx, by] = edge;
+    const double half = 0.5 * std::hypot(bx - ax, by - ay);
+    const double distance = 0.5 * std::hypot(ax + bx, ay + by);
+    return half <= longest * distance || half < 1e-15 || top >= MOST_WAITING - 2;
+}
+
+// Image of the polygon corners[first] ... corners[last - 1], in units of a plane, within its
+// region. Unless it is asked for, `whole` may be NaN at the border of the image and beyond it.
+inline Image polygon_image(const PlaneRecord &plane, const Corners &corners, int64_t first,
+                           int64_t last, EdgeScratch &scratch, bool is_whole_asked) {
+    auto &waiting = scratch.waiting;
+    Listed listed = {0, 0, 0.0};
+    Image all = {0.0, 0.0, 0};
+    bool is_first = true;
+    const auto sum_up = [&](bool is_all) {
+        const Image own = sum_parts(plane, listed, is_all, is_whole_asked, scratch);
+        all = {all.whole + own.whole, all.inside + own.inside, all.rules + own.rules};
+    };
+    for (int64_t i = first; i < last; i++) {
+        const int64_t j = i + 1 < last ? i + 1 : first;
+        const Edge edge = {corners(i, 0), corners(i, 1), corners(j, 0), corners(j, 1)};
+        const double length = std::sqrt(length2_of(edge));
+        if (length == 0.0) continue;
+        const auto [n, parts] = plane.is_graded
+                                    ? EdgeRule{plane.parts_of, 1}
+                                    : nodes_for(0.5 * length, plane.longest, plane.parts_of);
+        for (int64_t part = 0, n_laid = 0; part < parts; part++) {
+            int64_t top = 1;
+            waiting[0][0] = double(part) / double(parts);
+            waiting[0][1] = double(part + 1) / double(parts);
+            while (top > 0) {
+                top--;
+                const double s = waiting[top][0], e = waiting[top][1];
+                const Edge piece = part_of_edge(edge, s, e);
+                if (plane.is_graded && n_laid < MOST_EDGE_PARTS &&
+                    !is_short(piece, plane.longest[n], top)) {
+                    const double m = 0.5 * (s + e);
+                    waiting[top][0] = m, waiting[top][1] = e;
+                    waiting[top + 1][0] = s, waiting[top + 1][1] = m;
+                    top += 2;
+                    continue;
+                }
+                if (listed.parts == MOST_PARTS || listed.nodes + n > MOST_NODES) {
+                    sum_up(false);
+                    listed.parts = listed.nodes = 0, is_first = false;
+                }
+                lay_part(piece, n, listed, scratch);
+                listed.longest = std::max(listed.longest, (e - s) * length), n_laid++;
+            }
+        }
+    }
+    if (listed.parts > 0) sum_up(is_first);
+    return all;
+}
+
+// --- convex regions, counter-clockwise in (x, y) ---
+
+// True where all corners lie inside a region.
+template <class Source> bool is_in_region(const Source &polygon, int64_t n, const Corners &region) {
+    for (int64_t i = 0; i < region.rows(); i++) {
+        const auto [x0, y0, dx, dy, _] = side_at(region, region.rows(), i);
+        for (int64_t p = 0; p < n; p++)
+            if (dx * (polygon(p, 1) - y0) - dy * (polygon(p, 0) - x0) < 0) return false;
+    }
+    return true;
+}
+
+// Cuts a polygon in place to one side of a region; returns its corner count.
+inline int64_t cut_to_side_of(Points polygon, int64_t n, const Corners &region, int64_t i,
+                              Points spare) {
+    n = keep_inside(polygon, n, side_at(region, region.rows(), i), spare);
+    copy_polygon(spare, n, polygon);
+    return n;
+}
+
+// Cuts a polygon in place to a region; returns its corner count.
+inline int64_t cut_to_region(Points polygon, int64_t n, const Corners &region, Points spare) {
+    for (int64_t i = 0; i < region.rows(); i++) {
+        n = cut_to_side_of(polygon, n, region, i, spare);
+        if (n < 3) return 0;
+    }
+    return n;
+}
+
+// Copies the part of a polygon beyond one side of a region; returns its corner count. Its corners
+// on that side are those of cut_to_side_of, bit for bit.
+inline int64_t beyond_side_of(Points polygon, int64_t n, const Corners &region, int64_t i,
+                              Points out) {
+    const exact::Line side = side_at(region, region.rows(), i);
+    return keep_inside(polygon, n, {side.u0, side.v0, -side.du, -side.dv, 0.0}, out);
+}
+
+} // namespace rastercov::lens

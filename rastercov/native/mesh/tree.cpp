@@ -1,0 +1,244 @@
+// Loops of `rastercov.mesh.contacts.TriangleTree`: Morton order, boxes, and three queries.
+//
+// tree.hpp has the tree, and the segment that is traced through it. triangles.hpp
+// finds the nearest point of one. A winding number is found by the signed crossings of a ray along
+// +z.
+//
+// Twins: tests/mesh/test_triangle_tree.py asks single triangles; rastercov.reference.regions and
+// rastercov.reference.models.line_of_sight trace segments without a tree.
+#include "bind.hpp"
+#include "mesh/triangles.hpp"
+
+namespace rastercov {
+namespace mesh {
+namespace {
+
+constexpr double CELLS = 1048575.0; // 2^20 - 1: highest cell of the curve along each axis
+
+template <class I> using Faces = Array<const I, Any, 3>;
+
+// Moves bit i of a number below 2^21 to bit 3 i.
+uint64_t spread_bits(uint64_t v) {
+    v = (v | v << 32) & 0x001F00000000FFFF;
+    v = (v | v << 16) & 0x001F0000FF0000FF;
+    v = (v | v << 8) & 0x100F00F00F00F00F;
+    v = (v | v << 4) & 0x10C30C30C30C30C3;
+    return (v | v << 2) & 0x1249249249249249;
+}
+
+template <class I> double box_centre(Points points, Faces<I> faces, int64_t f, int k) {
+    const double p = points(faces(f, 0), k), q = points(faces(f, 1), k), r = points(faces(f, 2), k);
+    return 0.5 * (least(p, q, r) + greatest(p, q, r));
+}
+
+template <class I> void order_keys(Points points, Faces<I> faces, Array<uint64_t, Any> keys) {
+    require(keys.rows() == faces.rows(), "keys must have one row for each face");
+    require_indices(faces, points.rows(), "faces must hold rows of points");
+    double low[3] = {INF, INF, INF}, high[3] = {-INF, -INF, -INF};
+    for (int64_t f = 0; f < faces.rows(); f++)
+        for (int k = 0; k < 3; k++) {
+            const double centre = box_centre(points, faces, f, k);
+            low[k] = std::min(low[k], centre), high[k] = std::max(high[k], centre);
+        }
+    const double size = std::max(std::numeric_limits<double>::min(),
+                                 greatest(high[0] - low[0], high[1] - low[1], high[2] - low[2]));
+    for (int64_t f = 0; f < faces.rows(); f++) {
+        uint64_t key = 0;
+        for (int k = 0; k < 3; k++) {
+            const double cell = (box_centre(points, faces, f, k) - low[k]) / size * CELLS;
+            key |= spread_bits(cell >= 0.0 && cell <= CELLS ? uint64_t(cell) : 0) << k;
+        }
+        keys[f] = key;
+    }
+}
+
+template <class I, class B>
+void grow_boxes(Points points, Faces<I> faces, double margin, Array<B, Any, 6> boxes,
+                Array<B, Any, 6> nodes) {
+    const int64_t leaves = nodes.rows() / 2;
+    require(boxes.rows() == faces.rows(), "boxes must have one row for each face");
+    require(nodes.rows() >= 2 && nodes.rows() % 2 == 0 && faces.rows() <= leaves * LEAF,
+            "nodes must have two rows for each leaf, of 4 triangles");
+    require_indices(faces, points.rows(), "faces must hold rows of points");
+    std::fill(nodes.begin(), nodes.end(), B(INF));
+    for (int64_t f = 0; f < faces.rows(); f++) {
+        const int64_t leaf = leaves + f / LEAF;
+        for (int k = 0; k < 3; k++) {
+            const double p = points(faces(f, 0), k), q = points(faces(f, 1), k),
+                         r = points(faces(f, 2), k);
+            boxes(f, k) = B(least(p, q, r) - margin);
+            boxes(f, 3 + k) = B(-greatest(p, q, r) - margin);
+        }
+        for (int k = 0; k < 6; k++) nodes(leaf, k) = std::min(nodes(leaf, k), boxes(f, k));
+    }
+    for (int64_t n = leaves - 1; n > 0; n--)
+        for (int k = 0; k < 6; k++) nodes(n, k) = std::min(nodes(2 * n, k), nodes(2 * n + 1, k));
+}
+
+void first_hits(Points origins, Points directions, Array<const double, Any> reaches,
+                Array<const int64_t, Any> own, bool is_nearest, Corners corners, Nodes nodes,
+                Array<int64_t, Any> hit) {
+    const int64_t n = origins.rows();
+    require(directions.rows() == n && reaches.rows() == n && own.rows() == n && hit.rows() == n,
+            "directions, reaches, own and hit must have one row for each origin");
+    require_tree(corners, nodes);
+    Hits hits = {corners, nodes, is_nearest};
+    for (int64_t i = 0; i < n; i++) {
+        hit[i] = -1;
+        if (!(reaches[i] > 0.0)) continue;
+        hit[i] = hits.first({{origins(i, 0), origins(i, 1), origins(i, 2)},
+                             {directions(i, 0), directions(i, 1), directions(i, 2)},
+                             reaches[i]},
+                            own[i]);
+    }
+}
+
+// --- nearest point ---
+
+// Squared distance of a point from a box; 0 inside.
+double box_distance(Point p, Array<const double, 6> box) {
+    double total = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const double gap = std::max(std::max(box[k] - p[k], p[k] + box[3 + k]), 0.0);
+        total += gap * gap;
+    }
+    return total;
+}
+
+void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squared,
+             Array<int64_t, Any> triangle, Array<double, Any, 3> where) {
+    const int64_t n = points.rows(), leaves = nodes.rows() / 2;
+    require(squared.rows() == n && triangle.rows() == n && where.rows() == n,
+            "squared, triangle and where must have one row for each point");
+    require_tree(corners, nodes);
+    for (int64_t i = 0; i < n; i++) {
+        const Point p = points[i];
+        double best = INF, found[3];
+        int64_t stack[STACK_SIZE] = {1};
+        triangle[i] = 0;
+        for (int64_t depth = 1; depth;) {
+            const int64_t node = stack[--depth];
+            if (box_distance(p, nodes[node]) >= best) continue;
+            if (node >= leaves) {
+                const int64_t start = (node - leaves) * LEAF;
+                for (int64_t t = start; t < std::min(start + LEAF, corners.rows()); t++)
+                    if (const double d = nearest_on_triangle(p.data, corners[t].data, found);
+                        d < best) {
+                        best = d, triangle[i] = t;
+                        std::copy_n(found, 3, where[i].data);
+                    }
+                continue;
+            }
+            int64_t near = 2 * node, far = near + 1;
+            if (box_distance(p, nodes[near]) > box_distance(p, nodes[far])) std::swap(near, far);
+            stack[depth++] = far;
+            stack[depth++] = near;
+        }
+        squared[i] = best;
+    }
+}
+
+// --- winding number ---
+
+// True if a point lies to the left of the line from vertex i to j, seen along z. Computed from the
+// lower to the higher index, so the two faces of an edge always agree.
+bool is_left(Points vertices, int64_t i, int64_t j, double x, double y) {
+    const Point low = vertices[std::min(i, j)], high = vertices[std::max(i, j)];
+    const double across = (high[0] - low[0]) * (y - low[1]);
+    const double along = (high[1] - low[1]) * (x - low[0]);
+    return (across >= along) == (i <= j);
+}
+
+template <class I>
+int64_t turns_about(double x, double y, double z, Points vertices, Faces<I> faces, Nodes nodes) {
+    const int64_t leaves = nodes.rows() / 2;
+    int64_t total = 0, stack[STACK_SIZE] = {1};
+    for (int64_t depth = 1; depth;) {
+        const int64_t node = stack[--depth];
+        const auto box = nodes[node];
+        if (!(box[0] <= x && x <= -box[3] && box[1] <= y && y <= -box[4] && z <= -box[5])) continue;
+        if (node < leaves) {
+            stack[depth++] = 2 * node;
+            stack[depth++] = 2 * node + 1;
+            continue;
+        }
+        const int64_t start = (node - leaves) * LEAF;
+        for (int64_t t = start; t < std::min(start + LEAF, faces.rows()); t++) {
+            const int64_t i = faces(t, 0), j = faces(t, 1), k = faces(t, 2);
+            const bool side = is_left(vertices, i, j, x, y);
+            if (is_left(vertices, j, k, x, y) != side || is_left(vertices, k, i, x, y) != side)
+                continue;
+            const Point a = vertices[i], b = vertices[j], c = vertices[k];
+            const double ab[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+            const double ac[3] = {c[0] - a[0], c[1] - a[1], c[2] - a[2]};
+            const double above = (a[0] - x) * (ab[1] * ac[2] - ab[2] * ac[1]) +
+                                 (a[1] - y) * (ab[2] * ac[0] - ab[0] * ac[2]) +
+                                 (a[2] - z) * (ab[0] * ac[1] - ab[1] * ac[0]);
+            const int sign = side ? 1 : -1;
+            if (above * sign > 0.0) total += sign;
+        }
+    }
+    return total;
+}
+
+template <class I>
+void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes,
+             Array<int64_t, Any> turns) {
+    require(turns.rows() == points.rows(), "turns must have one row for each point");
+    require(nodes.rows() >= 2, "nodes must have a root");
+    require_indices(faces, vertices.rows(), "faces must hold rows of vertices");
+    for (int64_t i = 0; i < points.rows(); i++)
+        turns[i] = turns_about(points(i, 0), points(i, 1), points(i, 2), vertices, faces, nodes);
+}
+
+template <class I> void register_of_index(nanobind::module_ &m) {
+    def(m, "order_keys", order_keys<I>,
+        "Set `keys`, (T,): the position of the centre of each triangle's box along a Morton curve.",
+        "points", "faces", "keys");
+    const char *boxes =
+        "Set the (T, 6) boxes of the triangles, and the (2 L, 6) nodes of the tree above them.\n\n"
+        "The faces are in the order of the keys; L is a power of two with L >= 2 and 4 L >= T. "
+        "The\n"
+        "margin, added on each side, is at least twice the rounding of a coordinate to the type "
+        "of\n"
+        "the boxes.";
+    def(m, "grow_boxes", grow_boxes<I, double>, boxes, "points", "faces", "margin", "boxes",
+        "nodes");
+    def(m, "grow_boxes", grow_boxes<I, float>, boxes, "points", "faces", "margin", "boxes",
+        "nodes");
+    def(m, "winding", winding<I>,
+        "Set `turns` to the winding number of a surface about each point.\n\n"
+        "These are the signed crossings of a ray along +z: 1 inside a surface that faces outward,\n"
+        "-1 inside one that faces inward, undefined unless the surface is closed. The faces are "
+        "in\n"
+        "the order of the tree, and nodes have no margin.",
+        "points", "vertices", "faces", "nodes", "turns");
+}
+
+} // namespace
+} // namespace mesh
+
+void register_mesh_tree(nanobind::module_ &m) {
+    using namespace mesh;
+    m.attr("LEAF") = LEAF;
+    register_of_index<int64_t>(m);
+    register_of_index<int32_t>(m);
+    def(m, "first_hits", first_hits,
+        "Set `hit` to the triangle that each segment meets first, or to any; -1 for none.\n\n"
+        "Directions are unit vectors, in a scene of diagonal 1; a segment without a positive "
+        "reach,\n"
+        "its length, meets nothing. Triangle `own` does not count, -1 for none. The (T, 3, 3)\n"
+        "corners of the triangles are in the order of the tree.",
+        "origins", "directions", "reaches", "own", "is_nearest", "corners", "nodes", "hit");
+    def(m, "nearest", nearest,
+        "Set squared distance, triangle and (N, 3) nearest point of the triangles for each "
+        "point.\n\n"
+        "Of several triangles at the same distance it is the first one that the traversal "
+        "reaches.\n"
+        "They have an area; their (T, 3, 3) corners are in the order of the tree, and nodes have "
+        "no\n"
+        "margin.",
+        "points", "corners", "nodes", "squared", "triangle", "where");
+}
+
+} // namespace rastercov

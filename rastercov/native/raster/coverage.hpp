@@ -1,0 +1,104 @@
+// Samples that triangles cover: blocks in reach, the image border, and counts without depth.
+//
+// Twins: the functions of these names in rastercov.reference.raster_stages.
+#pragma once
+#include "raster/depth.hpp"
+#include "raster/setup.hpp"
+
+namespace rastercov::raster {
+
+// Samples of a block that are inside the image.
+inline int64_t border_mask(int block_x, int block_y, const Window &window) {
+    int64_t inside = 0;
+    const int left = block_x << SIDE_BITS;
+    for (int j = 0; j < SIDE; j++) {
+        const int row = (block_y << SIDE_BITS) + j;
+        if (row >= window.height) break;
+        const int begin = int(std::clamp<int64_t>(int64_t(window.first[row]) - left, 0, SIDE));
+        const int end = int(std::clamp<int64_t>(int64_t(window.last[row]) - left, 0, SIDE));
+        inside |= int64_t(((1 << end) - 1) & ~((1 << begin) - 1)) << SIDE * j;
+    }
+    return inside;
+}
+INLINE int64_t mask_in_image(int64_t bits, int block_x, int block_y, const Window &window) {
+    const bool is_inside =
+        block_x >= window.inner(block_y, 0) && block_x < window.inner(block_y, 1);
+    return is_inside ? bits : bits & border_mask(block_x, block_y, window);
+}
+
+INLINE Range samples_of(int k, const Triangles &t) {
+    return {t.first_x[k], t.last_x[k], t.first_y[k], t.last_y[k]};
+}
+INLINE Range blocks_of(int k, const Triangles &t) {
+    return {t.first_x[k] >> SIDE_BITS, t.last_x[k] >> SIDE_BITS, t.first_y[k] >> SIDE_BITS,
+            t.last_y[k] >> SIDE_BITS};
+}
+// Blocks of a tile that triangle k may cover samples of, see reach_blocks.
+template <class E, class T>
+INLINE int64_t blocks_of_tile(int k, int tile_x, int tile_y, const Range &blocks, const Edges<E> &t,
+                              TileEdges<T> &tile) {
+    const int64_t found =
+        reach_blocks(k, tile_x - blocks.first_x, tile_y - blocks.first_y, t, tile);
+    const int columns = std::min(blocks.last_x - tile_x + 1, SIDE);
+    const int rows = std::min(blocks.last_y - tile_y + 1, SIDE);
+    return found & ((1 << columns) - 1) * 0x1111 & ((1 << SIDE * rows) - 1);
+}
+
+// Number of samples that triangle k covers, of any size, by their weights.
+template <class E> int64_t count_covered(int k, const Target &target, Setup<E> &t) {
+    const Window &window = target.window;
+    const Range reached = blocks_of(k, t);
+    const bool is_cut = reached.last_x >= window.full_x || reached.last_y >= window.full_y;
+    const int64_t top = window.top >> SIDE_BITS;
+    TileEdges<E> tile;
+    start_tiles(k, t, tile);
+    int64_t covered = 0;
+    for (int y = reached.first_y; y <= reached.last_y; y += SIDE)
+        for (int x = reached.first_x; x <= reached.last_x; x += SIDE)
+            for (int64_t blocks = blocks_of_tile(k, x, y, reached, t, tile); blocks;
+                 blocks = without_lowest(blocks)) {
+                const int lane = lowest(blocks);
+                const int block_x = x + (lane & (SIDE - 1)), block_y = y + (lane >> SIDE_BITS);
+                int64_t found = cover_block(lane, tile);
+                if (is_cut) found = mask_in_image(found, block_x, block_y, window);
+                const int64_t block = (block_y - top) * window.columns + block_x;
+                covered += count_block(found, block << 2 * SIDE_BITS, target.counts);
+            }
+    return covered;
+}
+
+// Adds the samples of listed triangles that reach at most 2 x 2 to `drawn`, all inside the image.
+inline void count_samples_2x2(const SmallList &list, const Faces &faces,
+                              const Array<int32_t, Any> &drawn) {
+    for (int i = 0; i < list.n; i++)
+        add(count(list.coverage[i]), faces.faces[list.slots[i]], drawn);
+}
+
+// Adds the samples of chosen ones of n triangles of up to LARGE steps to `drawn`.
+inline void count_lanes(int64_t chosen, const Target &target, Setup<int32_t> &t) {
+    const bool in_blocks = target.counts_in_blocks();
+    int64_t small = in_blocks ? 0 : fit_count_samples(t) & chosen;
+    if (count(small) < MIN_VECTOR_FACES) small = 0;
+    if (small) count_samples(small, t);
+    for (; chosen; chosen = without_lowest(chosen)) {
+        const int k = lowest(chosen);
+        int64_t covered = 0;
+        if (small >> k & 1) covered = t.masks[k];
+        else if (in_blocks) covered = count_covered(k, target, t);
+        else
+            for (int start = 0; start <= t.last_y[k] - t.first_y[k]; start += LANES)
+                covered += count_rows(k, start, t);
+        add(covered, t.face[k], target.counts.drawn);
+    }
+}
+
+// Adds the samples of listed triangles to `drawn`; their depths are not computed.
+inline void count_hidden(const List &list, const Faces &faces, const Target &target,
+                         Setup<int32_t> &t) {
+    for (int i = 0; i < list.n; i += LANES) {
+        set_up<false>(list.slots + i, true, faces, target.window, t);
+        count_lanes(first_lanes(list.n - i), target, t);
+    }
+}
+
+} // namespace rastercov::raster
