@@ -158,6 +158,24 @@ def owned(name: str, array: NDArray[Any], kind: type) -> NDArray[Any]:
         return np.array(array, dtype=kind, order="C")
 
 
+class Quantity(float):
+    """A number that was given with a unit, where others must have the same.
+
+    Attributes
+    ----------
+    unit : str
+        Empty where none was given.
+    """
+
+    unit: str
+
+    def __new__(cls, value: float, unit: str = "") -> "Quantity":
+        """Make one of a number."""
+        found = super().__new__(cls, value)
+        found.unit = unit
+        return found
+
+
 class Reads(NamedTuple):
     """Metadata of a number that may be given as text: a name, or a number with a unit.
 
@@ -241,7 +259,7 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
     if math.isnan(number) or not is_whole or not is_within:
         meant = share_meant(number) if limits.get("le") == 1 else ""
         raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
-    return kind(number)
+    return value if isinstance(value, Quantity) else kind(number)
 
 
 IS_WITHIN = {"gt": operator.gt, "ge": operator.ge, "le": operator.le}

@@ -2,6 +2,7 @@
 
 import math
 import reprlib
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,11 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
 def is_number(value: Any) -> bool:
     """True for a whole or real number of Python or numpy; True and False are none."""
     return not isinstance(value, bool) and isinstance(value, int | float | np.integer | np.floating)
+
+
+def is_one_of(value: Any, names: Container[str]) -> bool:
+    """True for text that is among some names; an array is never compared with them."""
+    return isinstance(value, str) and value in names
 
 
 def finite_number(value: Any) -> float:

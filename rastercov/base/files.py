@@ -16,7 +16,7 @@ import stat
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -33,6 +33,13 @@ LARGEST_ARRAY = 2 << 30
 """Bytes of a file of poses: 16 million in .npy."""
 LARGEST_TEXT = 10_000_000
 """Bytes of a file that a person writes, such as a camera or a plan."""
+
+
+def seen_from(out: Path, folder: Path) -> str:
+    """A folder as it is written into files of another: relative, so that both may move together."""
+    with suppress(ValueError):  # on another drive
+        return os.path.relpath(folder.resolve(), out.resolve())
+    return str(folder.resolve())
 
 
 class UnreadableError(ValueError):

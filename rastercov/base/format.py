@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import fields
+from importlib import import_module
 from typing import Any
 
 MOST_SHOWN, MOST_LETTERS = 8, 60
@@ -17,6 +18,17 @@ class InOneLine:
         named = [each.name for each in fields(own) if each.name in vars(self)]
         entries = ", ".join(f"{name}={_in_short(vars(self)[name])}" for name in named)
         return f"{type(self).__name__}({entries})"
+
+
+class InNotebook:
+    """Base of values that notebooks show with a table and a picture."""
+
+    def _repr_html_(self) -> str | None:
+        """HTML of `rastercov.report.notebook`; None, for the text alone, where none can be made."""
+        try:
+            return str(import_module("rastercov.report.notebook").html_of(self))
+        except Exception:  # a value that cannot be drawn still has its text
+            return None
 
 
 def _in_short(value: Any) -> str:
@@ -35,12 +47,13 @@ def number(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in percent, never rounded up to 100 nor down to 0."""
+    """A share in percent, rounded neither to 100 nor to 0, beyond the rounding of doubles."""
+    share = round(share, 12)
     for digits in (1, 2, 3, 6):
         text = f"{100 * share:.{digits}f}"
         if (float(text) < 100 or share >= 1) and (float(text) > 0 or share <= 0):
-            break
-    return f"{text} %"
+            return f"{text} %"
+    return "99.999999 %" if share > 0.5 else "0.000001 %"
 
 
 def with_bound(value: float, bound: float) -> str:
@@ -65,13 +78,17 @@ def length(metres: float) -> str:
     return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"
 
 
-def area(square_metres: float, unit: str = "m") -> str:
-    """Area as text, such as "85.2 m²": three digits. `unit` is "unit" where there is no scale."""
+def area(square_metres: float, unit: str = "m", whole: float = 0.0) -> str:
+    """Area as text, such as "85.2 m²": three digits. `unit` is "unit" where there is no scale.
+
+    A part of a `whole` is in the unit of that.
+    """
     if unit != "m":
         return f"{number(square_metres)} units²"
-    units = (("m²", 1.0, 1.0), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
-    # A value that rounds to the least of a unit has it.
-    fits = (each for each in units if square_metres * each[1] >= 0.9995 * each[2])
+    units = (("m²", 1.0, 0.1), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
+    # A value that rounds to the least of a unit has it: 0.83 m², not 8,300 cm².
+    largest = max(square_metres, whole)
+    fits = (each for each in units if largest * each[1] >= 0.9995 * each[2])
     unit, factor, _ = next(fits, units[-1])
     value = square_metres * factor
     if value < 999.5 or not math.isfinite(value):
@@ -80,7 +97,9 @@ def area(square_metres: float, unit: str = "m") -> str:
 
 
 def distance(value: float, unit: str = "m") -> str:
-    """A distance as text, such as "0.41 m" or "0.41 units"; `unit` as of `area`."""
+    """A distance as text, such as "0.41 m", "4.1 mm" or "0.41 units"; `unit` as of `area`."""
+    if unit == "m" and 0 < value < 0.01:
+        return f"{number(1e3 * value)} mm"
     return f"{number(value)} {'m' if unit == 'm' else 'units'}"
 
 

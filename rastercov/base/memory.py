@@ -46,6 +46,13 @@ def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return array
 
 
+def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Zeros that start at a cache line, so that no aligned vector crosses into a second one."""
+    zeros = aligned_array((shape,) if isinstance(shape, int) else shape, dtype)
+    zeros[...] = 0
+    return zeros
+
+
 def read_only(array: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     """Contiguous view that is not writable: loops are compiled for each layout of an argument."""
     view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()

@@ -1,0 +1,44 @@
+"""A folder that one process at a time writes to."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from rastercov.base.errors import ConfigError
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[Path]:
+    """The folder, made when it is missing, for this process alone; a killed one leaves no lock.
+
+    A folder that was made, and in which there is nothing at the end, is removed.
+    """
+    made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    except (FileExistsError, NotADirectoryError):
+        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: the folder cannot be used ({error.strerror})") from None
+    is_free = True
+    with suppress(OSError):  # a file system without locks
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_free = path.exists()  # not removed by a process that had made it
+        except BlockingIOError:
+            is_free = False
+    if not is_free:
+        os.close(descriptor)
+        raise ConfigError(
+            f"{path}: another process is writing to this folder; wait or name another"
+        )
+    try:
+        yield path
+    finally:
+        with suppress(OSError):  # not empty
+            for folder in made:
+                folder.rmdir()
+        os.close(descriptor)
