@@ -200,7 +200,8 @@ def _angle(name: str, value: Any) -> float:
 
 def _range(name: str, value: Any) -> tuple[float, float]:
     first, second = two(name, value)
-    z_n, z_f = number(name, first), math.inf if is_inf(second) else number(name, second)
+    is_open = second is None or is_inf(second)  # JSON has no infinity
+    z_n, z_f = number(name, first), math.inf if is_open else number(name, second)
     if not 0 <= z_n < z_f:
         raise CameraError(f"{name} must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
     return z_n, z_f
@@ -449,11 +450,11 @@ class Camera:
         try:
             suffix = suffix_of(path)
             if suffix not in (".json", ".toml"):
-                raise CameraError(
-                    "a camera file ends in .json or .toml; rastercov.read_views reads those of "
-                    "other programs"
-                )
-            return cls.from_dict(read_json(path) if suffix == ".json" else read_toml(path))
+                raise CameraError("a camera file ends in .json or .toml; read_views reads others")
+            entries = read_json(path) if suffix == ".json" else read_toml(path)
+            if isinstance(entries, Mapping) and "file" in entries:
+                raise CameraError("it names another file: rastercov.read_views(...).cameras()")
+            return cls.from_dict(entries)
         except (UnreadableError, CameraError) as error:
             raise CameraError(f"{printable(str(path))}: {error}") from None
 

@@ -1,9 +1,10 @@
-"""Cameras and lenses that are sold, by name: NAME with a lens of its own, or NAME+LENS.
+"""Cameras and lenses that are sold, by name: NAME with a lens of its own, or NAME+LENS; heads.
 
-`data/cameras.toml` has them, one line a model, in the tables `cameras` and `lenses`. A file of the
-same form adds models and changes entries of those that are there: one that is given, or that
-RASTERCOV_CATALOGUE names in the environment. Entries of a camera are those of a camera file, and
-`OF_SHOP`. Lengths are metres, prices of one currency.
+`data/cameras.toml` has them, one line a model, in the tables `cameras`, `lenses` and `heads`: two
+cameras side by side, NAME, NAME:BASELINE or NAME:BASELINE:CAMERA. A file of the same form adds
+models and changes entries of those that are there: one that is given, or that RASTERCOV_CATALOGUE
+names in the environment. Entries of a camera are those of a camera file, and `OF_SHOP`. Lengths are
+metres, prices of one currency.
 """
 
 import math
@@ -22,12 +23,16 @@ from rastercov.mesh.groups import listed
 Entries = dict[str, Any]
 Table = dict[str, Entries]
 
-NUMBERS = ("price", "f_numbers", "image_circle", "nearest")
+NUMBERS = ("price", "f_numbers", "image_circle", "nearest", "baseline")
 OF_SHOP = ("maker", "product", "sensor", "mount", "source", *NUMBERS)
 """Entries that a camera file does not have."""
 OF_VIEW = ("fx", "fy", "focal_length", "hfov_deg", "vfov_deg")
 """Entries of a camera with a lens of its own; any of them replaces that of the catalogue."""
-NEEDED = {"cameras": ("width", "height", "pixel_size"), "lenses": ("focal_length",)}
+NEEDED = {
+    "cameras": ("width", "height", "pixel_size"),
+    "lenses": ("focal_length",),
+    "heads": ("baseline",),
+}
 """Entries of all; a camera with a lens of its own may do without pixel_size."""
 WITH_RING = {("CS", "C")}
 """Mounts of a camera and a lens that a ring of 5 mm connects."""
@@ -36,10 +41,11 @@ CIRCLE_TOLERANCE_REL = 0.01
 
 
 class Catalogue(NamedTuple):
-    """Entries of cameras and lenses by name."""
+    """Entries of cameras, lenses and heads by name."""
 
     cameras: Table
     lenses: Table
+    heads: Table
 
     def lenses_of(self, camera: str) -> list[str]:
         """Names of the lenses that fit a camera."""
@@ -124,7 +130,7 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
     except (UnreadableError, CameraError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
     except (KeyError, AttributeError, TypeError):
-        words = "cameras and lenses by name, [cameras.NAME] and [lenses.NAME], wanted; correct it"
+        words = "[cameras.NAME], [lenses.NAME] and [heads.NAME] wanted; correct it"
         raise CameraError(f"{printable(str(path))}: {words}") from None
     return Catalogue(**tables)
 
@@ -133,6 +139,40 @@ def is_name(text: Any) -> bool:
     """True for a text that may be a name in the catalogue, and is no file."""
     is_word = isinstance(text, str) and re.fullmatch(r"[A-Za-z][\w+-]*", text)
     return bool(is_word) and not os.path.exists(text)  # noqa: PTH110 - of a text
+
+
+def is_head(text: Any, file: StrPath | None = None) -> bool:
+    """True for a text that names a head of the catalogue, and is no file."""
+    is_word = isinstance(text, str) and re.fullmatch(r"[A-Za-z][\w-]*(:[^:/]*){0,2}", text)
+    if not is_word or os.path.exists(text):  # noqa: PTH110 - of a text
+        return False
+    return text.split(":")[0] in catalogue(file).heads
+
+
+def head_of(name: Any, file: StrPath | None = None) -> tuple[str, float]:
+    """Camera of a head, and the distance of its two centres, metres.
+
+    Raises
+    ------
+    CameraError
+        For a name that is no head, and a distance that is none.
+    """
+    first, *others = str(name).split(":")
+    heads = catalogue(file).heads
+    if first not in heads or len(others) > 2:
+        known = listed(heads, first)
+        raise CameraError(
+            f"a head is NAME:BASELINE or NAME:BASELINE:CAMERA with NAME one of {known}"
+        )
+    baseline, camera = heads[first]["baseline"], heads[first].get("camera")
+    if others:
+        try:
+            baseline = positive("baseline", float(others[0].removesuffix("m")))
+        except (ValueError, CameraError):
+            raise CameraError(
+                f"{name}: a baseline in metres wanted, got {shown(others[0])}"
+            ) from None
+    return str(others[1] if len(others) > 1 else camera), baseline
 
 
 def entries_of(name: Any, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:

@@ -1,7 +1,7 @@
 """Lens models by name: the order of their coefficients, and the terms that these are.
 
-Equations are in docs/cameras.md. A ray (x, y) = (X/Z, Y/Z), or its angle for a fisheye, is moved by
-radial, tangential and thin-prism terms, and fx, fy, cx, cy and the skew make pixels of it.
+Equations are in docs/appendix/lenses.md. A ray (x, y) = (X/Z, Y/Z), or its angle for a fisheye, is
+moved by radial, tangential and thin-prism terms, and fx, fy, cx, cy and the skew make pixels of it.
 
 `PROGRAMS` has the models of other programs with their parameters, which readers and writers of
 `rastercov.camera.formats` go by. Sources: COLMAP 4.2 `src/colmap/sensor/models.h`; Kalibr wiki,
@@ -23,7 +23,7 @@ class Model(NamedTuple):
     Attributes
     ----------
     base : str
-        Law of the lens before distortion, one of `rastercov.kernels.lens_formulas.BASES`.
+        Law of the lens before distortion, one of `rastercov.camera.lenses.formulas.BASES`.
     coefficients : str
         Names of its coefficients, in order.
     counts : tuple of int

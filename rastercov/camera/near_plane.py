@@ -45,7 +45,7 @@ def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray
 @lru_cache(maxsize=8)
 def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
     """Pinholes and their frames (4, 4), lens_from_plane, of the planes of a camera."""
-    from rastercov.camera.lenses.of_camera import planes_of  # loads numba
+    from rastercov.camera.lenses.of_camera import planes_of
 
     found = {}
     for plane, _ in planes_of(camera):
@@ -214,7 +214,7 @@ def nearest_depth_in_view(
 
     `enough`, which is infinite unless given, where none is less deep.
     """
-    from rastercov.kernels.exact_polygon import least_depth  # loads numba
+    from rastercov.native.exact_depth import least_depth
 
     sides = np.array(
         [
@@ -224,5 +224,5 @@ def nearest_depth_in_view(
             (0, -camera.fy, camera.height - camera.cy),
         ]
     )
-    scene = (read_only(each) for each in (vertices, faces, pose))
-    return float(least_depth(*scene, sides, float(near), float(enough), *np.empty((2, 16, 3))))
+    scene = read_only(vertices, np.float64), read_only(faces, np.int64), read_only(pose, np.float64)
+    return least_depth(*scene, sides, float(near), float(enough))

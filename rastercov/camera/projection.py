@@ -30,7 +30,7 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     camera come out mirrored: clip first. Other lenses give NaN outside their valid region.
     """
     if not camera.is_pinhole:
-        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
+        from rastercov.camera.lenses.of_camera import lens_of
 
         return lens_of(camera).project(points)
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
@@ -68,7 +68,7 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     the lens meets.
     """
     if not camera.is_pinhole:
-        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
+        from rastercov.camera.lenses.of_camera import lens_of
 
         return lens_of(camera).unproject(pixels)
     slopes = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
@@ -97,7 +97,7 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
         return rays
     lost = ~np.isfinite(rays).all(axis=1)
     if lost.any():
-        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
+        from rastercov.camera.lenses.of_camera import lens_of
 
         angle = lens_of(camera).valid_angle
         away = (pixels[lost] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
@@ -106,3 +106,16 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
     if MODELS[camera.model].is_planar:
         rays /= rays[:, 2:]
     return rays
+
+
+def angles_of_view(camera: Camera) -> tuple[float, float]:
+    """Angles between left and right, and top and bottom, through the principal point, degrees."""
+    steps = np.linspace(1e-9, 1 - 1e-9, 9)  # a panorama has no ray at its ends
+    across = np.stack((steps * camera.width, np.full(9, camera.cy)), axis=1)
+    down = np.stack((np.full(9, camera.cx), steps * camera.height), axis=1)
+    x, y, z = rays_of(np.stack((across, down)).reshape(-1, 2), camera).reshape(2, 9, 3).T
+    found = np.unwrap(
+        np.degrees([np.arctan2(x[:, 0], z[:, 0]), np.arctan2(y[:, 1], z[:, 1])]), period=360
+    )
+    horizontal, vertical = np.ptp(found, axis=1).tolist()
+    return horizontal, vertical

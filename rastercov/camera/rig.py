@@ -9,9 +9,11 @@ is in the conventions of this package: axes x right, y down, z forward, world_fr
 the top-left pixel at (0.5, 0.5).
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,10 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, MeshError, PoseError
+from rastercov.base.files import StrPath
 from rastercov.base.format import InOneLine
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
+from rastercov.camera.catalogue import head_of
+from rastercov.camera.lamps import Lamps, lamps_of_json
 from rastercov.camera.pose import Poses, valid_poses
+from rastercov.camera.rule import All, Gate, Rule, gate_of, task_to_json
+from rastercov.camera.rule import Any as AnyOf
 from rastercov.mesh import Mesh
 
 MOST_CAMERAS = 100_000
@@ -41,11 +48,28 @@ class Rig(InOneLine):
         Their names, all different; "camera 0", ... unless given.
     rig_from_camera : (N, 4, 4) array_like, optional
         Place of each camera on the rig; all at its origin unless given.
+    rule : Any, All or AtLeast, optional
+        Cameras that must see a point together; each counts by itself unless given. With a rule,
+        results are of poses of the rig, not of its cameras.
+    tasks : mapping of str to Task, optional
+        Thresholds of some cameras by name, in place of those of the task, such as of a projector;
+        or a mapping of these.
+    fixed : sequence of str, optional
+        Cameras that stay where they are as the rig moves, such as a projector of the cell: their
+        places in `rig_from_camera` are world_from_camera. What they cover is computed once.
+
+    Attributes
+    ----------
+    gates : dict of int to Gate
+        Cameras that measure together: their number and rule, by the index of the first of them.
+    lamps : Lamps or None
+        Lamps that must light what the cameras see; see `with_lamps`.
 
     Raises
     ------
     CameraError
-        For no camera, or names that are no names.
+        For no camera, names that are no names, a rule that the cameras cannot meet, or a rig of
+        which nothing moves.
     PoseError
         For a place that is no rigid motion.
     """
@@ -53,12 +77,21 @@ class Rig(InOneLine):
     cameras: tuple[Camera, ...]
     names: tuple[str, ...]
     rig_from_camera: NDArray[np.float64]
+    rule: Rule
+    tasks: Mapping[str, Any]
+    fixed: tuple[str, ...]
+    gates: Mapping[int, Gate]
+    lamps: Lamps | None
 
     def __init__(
         self,
         cameras: Sequence[Camera],
         names: Sequence[str] | None = None,
         rig_from_camera: ArrayLike | None = None,
+        *,
+        rule: Rule | None = None,
+        tasks: Mapping[str, Any] | None = None,
+        fixed: Sequence[str] = (),
     ) -> None:
         found = _checked(cameras)
         n = len(found)
@@ -77,11 +110,33 @@ class Rig(InOneLine):
                     f"rig_from_camera must have one place for each of {n} cameras, "
                     f"got {len(places)}"
                 )
-        for name, value in (("cameras", found), ("names", words), ("rig_from_camera", places)):
+        rule, tasks = AnyOf() if rule is None else rule, {} if tasks is None else tasks
+        if not isinstance(tasks, Mapping) or not all(name in words for name in tasks):
+            raise CameraError(
+                f"tasks must be thresholds by names of cameras, {_listed(words)}, "
+                f"got {shown(list(tasks) if isinstance(tasks, Mapping) else tasks)}"
+            )
+        still = members("fixed", fixed, str, "names of cameras", CameraError)
+        if not set(still) <= set(words) or set(still) == set(words):
+            raise CameraError(
+                f"fixed must be some of the cameras, {_listed(words)}, and not all of them, got "
+                f"{shown(list(still))}"
+            )
+        gate = gate_of(rule, words, [min(each.fx, each.fy) for each in found])
+        for name, value in (
+            *(("cameras", found), ("names", words), ("rig_from_camera", places), ("fixed", still)),
+            *(("rule", rule), ("tasks", dict(tasks)), ("gates", {} if gate is None else {0: gate})),
+            ("lamps", None),
+        ):
             object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.cameras)
+
+    @property
+    def is_one(self) -> bool:
+        """True where all cameras measure together, by a rule."""
+        return 0 in self.gates and self.gates[0].n == len(self)
 
     def poses(self, world_from_rig: ArrayLike) -> Poses:
         """Poses of all cameras in R poses of the rig: row r N + k is camera k in pose r.
@@ -91,13 +146,80 @@ class Rig(InOneLine):
         world_from_rig : (R, 4, 4) array_like
             Rigid motions.
         """
-        rigs = valid_poses(world_from_rig)
-        matrices = rigs[:, None] @ self.rig_from_camera[None]
-        return Poses.of(matrices.reshape(-1, 4, 4), camera=np.tile(np.arange(len(self)), len(rigs)))
+        rigs, n = valid_poses(world_from_rig), len(self)
+        camera = np.tile(np.arange(n), len(rigs))
+        return Poses.of(self._placed(np.repeat(rigs, n, axis=0), camera), camera=camera)
+
+    def _placed(self, world_from_rig: NDArray[Any], camera: NDArray[Any]) -> NDArray[np.float64]:
+        """(M, 4, 4) world_from_camera of cameras, (M,), each in a pose of the rig, (M, 4, 4)."""
+        places = self.rig_from_camera[camera]
+        matrices: NDArray[np.float64] = world_from_rig @ places
+        is_still = self.is_fixed[camera]
+        matrices[is_still] = places[is_still]
+        return matrices
+
+    @property
+    def is_fixed(self) -> NDArray[np.bool_]:
+        """(N,) cameras that do not move with the rig."""
+        return np.isin(self.names, self.fixed)
+
+    @classmethod
+    def preset(cls, name: str) -> "Rig":
+        """Stereo head of the catalogue: two cameras side by side, which measure together.
+
+        Parameters
+        ----------
+        name : str
+            NAME, NAME:BASELINE or NAME:BASELINE:CAMERA, such as "stereo:0.12" or
+            "stereo:0.3:rpi-gs+rpi-16mm"; metres between the centres. See `rastercov cameras`.
+
+        Raises
+        ------
+        CameraError
+            For a head or camera that is not there, and a baseline that is no length.
+        """
+        return preset_rig(name)
+
+    @classmethod
+    def of_several(cls, rigs: Sequence["Rig"], names: Sequence[str]) -> "Rig":
+        """Cameras of several rigs in a row, by other names, each rig with its rule."""
+        tasks: dict[str, Any] = {}
+        gates: dict[int, Gate] = {}
+        cameras: list[Camera] = []
+        fixed: list[str] = []
+        for rig in rigs:
+            first = len(cameras)
+            cameras += rig.cameras
+            fixed += [names[first + rig.names.index(name)] for name in rig.fixed]
+            gates |= {first + row: gate for row, gate in rig.gates.items()}
+            tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
+        places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
+        return cls(cameras, names, places, tasks=tasks, fixed=fixed)._with_gates(gates)
+
+    def _with_gates(self, gates: Mapping[int, Gate]) -> "Rig":
+        """The same cameras with other rules, see `gates`."""
+        found = copy(self)
+        object.__setattr__(found, "gates", dict(gates))
+        return found
+
+    def _lit(self, lamps: Lamps | None) -> "Rig":
+        """The same cameras with other lamps."""
+        found = copy(self)
+        object.__setattr__(found, "lamps", lamps)
+        return found
 
 
 Cameras = Camera | Sequence[Camera] | Rig
 """Cameras as functions take them."""
+
+
+def preset_rig(name: str, catalogue: StrPath | None = None) -> Rig:
+    """Head of the catalogue, or of a file beside it; see `Rig.preset`."""
+    sold, baseline = head_of(name, catalogue)
+    camera = Camera.from_dict({"preset": sold, "catalogue": catalogue})
+    places = np.repeat(np.eye(4)[None], 2, axis=0)
+    places[1, 0, 3] = baseline
+    return Rig([camera] * 2, ["left", "right"], places, rule=All())
 
 
 def cameras_of(cameras: Any) -> tuple[Camera, ...]:
@@ -107,11 +229,148 @@ def cameras_of(cameras: Any) -> tuple[Camera, ...]:
     return cameras.cameras if isinstance(cameras, Rig) else _checked(cameras)
 
 
+def gates_of(cameras: Cameras) -> Mapping[int, Gate]:
+    """Cameras that measure together, see `Rig`; none of cameras that count by themselves."""
+    return cameras.gates if isinstance(cameras, Rig) else {}
+
+
+def lamps_of(cameras: Cameras) -> Lamps | None:
+    """Lamps that must light what cameras see; None where light does not count."""
+    return cameras.lamps if isinstance(cameras, Rig) else None
+
+
+@overload
+def with_lamps(cameras: Rig, lamps: Lamps | None) -> Rig: ...
+@overload
+def with_lamps(cameras: Cameras, lamps: Lamps | None) -> Cameras: ...
+def with_lamps(cameras: Cameras, lamps: Lamps | None) -> Cameras:
+    """The cameras as a rig whose lamps must light what they see; as they are without lamps."""
+    if lamps is None:
+        return cameras
+    check_kind("lamps", lamps, Lamps, "Lamps (rc.load_lamps reads a file)", CameraError)
+    return (cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras)))._lit(lamps)
+
+
+def is_joint(cameras: Cameras) -> bool:
+    """True where parts count by more than one camera alone: by a rule of a rig, or by lamps."""
+    return bool(gates_of(cameras)) or lamps_of(cameras) is not None
+
+
+def gates_to_json(cameras: Cameras) -> dict[str, Any]:
+    """Rules, thresholds, fixed cameras and lamps of a rig, ready for JSON; or nothing.
+
+    See `with_gates`.
+    """
+    if not isinstance(cameras, Rig) or not (cameras.tasks or cameras.fixed or is_joint(cameras)):
+        return {}
+    lamps = {} if cameras.lamps is None else {
+        "lamps": cameras.lamps.to_json(),
+        "places": cameras.rig_from_camera.tolist(),
+    }  # fmt: skip
+    return lamps | {
+        "gates": {str(first): list(gate) for first, gate in cameras.gates.items()},
+        "tasks": {name: task_to_json(task) for name, task in cameras.tasks.items()},
+        "names": list(cameras.names),
+        "fixed": list(cameras.fixed),
+    }
+
+
+def with_gates(cameras: Sequence[Camera], entries: Mapping[str, Any]) -> Cameras:
+    """Cameras with the rules, thresholds and lamps of `gates_to_json`."""
+    if not entries:
+        return tuple(cameras)
+    own: dict[str, Any] = {"tasks": entries["tasks"], "fixed": entries.get("fixed", ())}
+    found = Rig(cameras, entries["names"], entries.get("places"), **own)
+    if "lamps" in entries:
+        found = found._lit(lamps_of_json(entries["lamps"]))
+    gates = {
+        int(at): Gate._make(tuple(each) if isinstance(each, list) else each for each in own)
+        for at, own in entries["gates"].items()
+    }
+    return found._with_gates(gates)
+
+
+def with_places(cameras: Cameras, rig_from_camera: ArrayLike | None) -> Rig:
+    """The cameras as a rig with these places, with their rules and lamps."""
+    if not isinstance(cameras, Rig):
+        return Rig(cameras_of(cameras), None, rig_from_camera)
+    own: dict[str, Any] = {"tasks": cameras.tasks, "fixed": cameras.fixed}
+    found = Rig(cameras.cameras, cameras.names, rig_from_camera, **own)
+    return found._with_gates(cameras.gates)._lit(cameras.lamps)
+
+
+def shared_rows(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
+    """(P,) row of the first pose of the same fixed camera at the same place; otherwise its own."""
+    found = np.arange(len(poses))
+    if not isinstance(cameras, Rig) or not cameras.fixed:
+        return found
+    first: dict[tuple[int, bytes], int] = {}
+    # 1 us a pose of a fixed camera.
+    for row in np.flatnonzero(cameras.is_fixed[poses.camera]).tolist():
+        key = int(poses.camera[row]), poses.world_from_camera[row].tobytes()
+        found[row] = first.setdefault(key, row)
+    return found
+
+
+def rows_of_result(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
+    """(P,) row of the result that each pose belongs to: its own, or one with others of its rig.
+
+    Raises
+    ------
+    PoseError
+        Where a pose of cameras that measure together comes without those of the others.
+    """
+    gates = gates_of(cameras)
+    if not gates:
+        return np.arange(len(poses))
+    first = np.arange(len(cameras_of(cameras)))
+    size = np.ones(len(first), np.int64)
+    for at, gate in gates.items():
+        first[at : at + gate.n], size[at] = at, gate.n
+    index = poses.camera
+    starts = np.flatnonzero(first[index] == index)
+    leads = index[starts]
+    wanted = np.repeat(leads, size[leads])
+    within = np.arange(len(wanted)) - np.repeat(np.cumsum(size[leads]) - size[leads], size[leads])
+    if not np.array_equal(wanted + within, index):
+        n = min(len(wanted), len(index))
+        off = np.flatnonzero((wanted + within)[:n] != index[:n])
+        row = int(off[0]) if len(off) else min(n, len(index) - 1)
+        name = names_of(cameras)[index[row]]
+        raise PoseError(
+            f"pose {poses.ids[row]}, of {shown(name)}, is not among those of all cameras of its "
+            "rig, one after the other, which its rule needs; make them by Rig.poses",
+            (int(poses.ids[row]),),
+        )
+    return np.repeat(np.arange(len(leads)), size[leads])
+
+
+def led_by(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
+    """(R,) the first pose of each row of the result; PoseError as of `rows_of_result`."""
+    return np.flatnonzero(np.diff(rows_of_result(cameras, poses), prepend=-1))
+
+
 def names_of(cameras: Cameras) -> tuple[str, ...]:
     """Names of the cameras; "camera 0", ... where they have none of their own."""
     if isinstance(cameras, Rig):
         return cameras.names
     return tuple(f"camera {row}" for row in range(len(cameras_of(cameras))))
+
+
+def names_of_poses(poses: Poses, images: Sequence[str] = ()) -> tuple[str, ...]:
+    """Names of placed cameras, in tables, pictures, plan sheets and the viewer.
+
+    They are those of their images, (P,), where all differ; "camera 0", ... by the rows of their
+    file otherwise.
+    """
+    if len(set(images)) == len(poses) and all(images):
+        return tuple(images)
+    return tuple(f"camera {row}" for row in poses.ids.tolist())
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Names for a column or a legend of cameras: the number alone of "camera 0"."""
+    return [re.sub(r"^camera (?=\d+$)", "", name) for name in names]
 
 
 def check_scene(mesh: Any, camera: Any) -> None:
@@ -243,12 +502,16 @@ class Views(InOneLine):
     def with_cameras(self, rig: Rig) -> "Views":
         """The same poses, each with the camera of its name in a rig.
 
+        Of a rig with a rule, poses without names of cameras are those of the rig.
+
         Raises
         ------
         PoseError
             Where the poses name no cameras, or one that the rig does not have.
         """
         known = _listed(rig.names)
+        if not self.camera_names and rig.is_one:
+            return self._of_rig(rig)
         if not self.camera_names:
             raise PoseError(
                 f"the poses do not say which camera each is of, and there are {len(rig)}, {known}; "
@@ -265,6 +528,19 @@ class Views(InOneLine):
             index[row] = row_of[name]
         poses = replace(self.poses, camera=index[self.poses.camera])
         return replace(self, rig=rig, poses=poses)
+
+    def _of_rig(self, rig: Rig) -> "Views":
+        """Poses of all cameras of a rig with a rule, where these are poses of the rig."""
+        given, n = self.poses, len(rig)
+        ids = (given.ids[:, None] * n + np.arange(n)).ravel()
+        placed = rig.poses(given)
+        matrices = np.repeat(given.given, n, axis=0)
+        matrices[ids] = placed.world_from_camera
+        rejected = {row * n + k: text for row, text in given.rejected.items() for k in range(n)}
+        poses = Poses(placed.world_from_camera, ids, matrices, rejected, placed.camera)
+        images = tuple(f"{image}/{name}" for image in self.images for name in rig.names)
+        frames = tuple(np.repeat(self.frames or self.images, n).tolist())
+        return replace(self, rig=rig, poses=poses, images=images, frames=frames)
 
     @typed
     def through(

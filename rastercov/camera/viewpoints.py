@@ -203,7 +203,7 @@ def half_angles(camera: Camera) -> tuple[float, float]:
 def _inscribed(camera: Camera) -> tuple[float, float]:
     """Tangents of `half_angles` of a lens that is no pinhole."""
     from rastercov.camera.lenses.of_camera import lens_of
-    from rastercov.kernels.lens import SECTORS  # loads numba
+    from rastercov.native.lens_rays import SECTORS
 
     lens = lens_of(camera)
     top, right, bottom, left = (

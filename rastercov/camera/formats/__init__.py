@@ -49,12 +49,12 @@ def _own(source: Source, border: Border) -> Views:
     is_toml = source.path.suffix.lower() == ".toml"
     content = source.toml if is_toml else source.json
     if isinstance(content, Mapping) and "file" in content:
-        return _with_optics(source.path.parent, content, border)
+        return read_with_optics(source.path.parent, content, border)
     return own.read(content, border)
 
 
-def _with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Views:
-    """Views of the file that our own names, whose camera has the optics beside it."""
+def read_with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Views:
+    """Views of the file that entries name, whose camera has the optics beside it."""
     file, others = content["file"], {k: v for k, v in content.items() if k != "file"}
     if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
         raise CameraError(f"file must name a file of another program, got {shown(file)}")

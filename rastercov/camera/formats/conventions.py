@@ -205,7 +205,7 @@ class Border:
         camera_names : sequence of str
             Names of the cameras of these indices, where the file has no cameras.
         images : sequence of str, optional
-            Names of the images; "pose 0", ... unless given.
+            Names of the images; "camera 0", ... unless given.
         frames : sequence of str
             Name of the frame of each pose, where the file has frames.
         rig_from_camera : (N, 4, 4), optional
@@ -238,7 +238,7 @@ class Border:
         if cameras is not None:
             rig = Rig(cameras, unique_names(names or [""] * len(cameras)), places)
         if images is None:
-            images = [f"pose {row}" for row in range(len(matrices))]
+            images = [f"camera {row}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
         return Views(
             rig=rig,

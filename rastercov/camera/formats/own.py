@@ -5,15 +5,18 @@
      "frame": ["0", "0", ...]}
 
 Images of one `frame` were taken at the same instant; `has_unit` is false where lengths are those of
-a reconstruction without scale. `camera` has the index or the name of the
-camera of each pose; a file of poses alone may have names of cameras that another file holds.
-`read_poses` reads the poses of such files, too. Other lengths are metres.
+a reconstruction without scale. `rule`, with its entries, is that of a rig whose cameras measure
+together, `tasks` has thresholds of its cameras by name, and `fixed` names of those that stay.
+`camera` has the index or the name of the camera of each pose; a file of poses alone may have names
+of cameras that another file holds. `read_poses` reads the poses of such files, too. Other lengths
+are metres.
 """
 
 import io
 import json
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,11 +29,17 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.camera.rig import Views
+from rastercov.camera.rig import Rig, Views
+from rastercov.camera.rule import All, rule_of, rule_to_json, task_to_json
 
-KNOWN = frozenset(
-    {"cameras", "rig_from_camera", "world_from_camera", "camera", "images", "frame", "has_unit"}
-)
+UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
+UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tour"}
+"""Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
+RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
+KNOWN = UNUSED | {
+    "cameras", "rig_from_camera", "world_from_camera", "camera", "frame", "has_unit", *RULE,
+    "tasks", "fixed",
+}  # fmt: skip
 """Entries of a file of cameras and poses."""
 
 
@@ -51,15 +60,33 @@ def read(content: Any, border: Border) -> Views:
     entries = Entries(content, "the file")
     if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
         return border.views([Camera.from_dict(content)], metres=1.0)
-    border.unknown.look("the file", entries.names(), KNOWN, frozenset({"images"}))
+    border.unknown.look("the file", entries.names(), KNOWN, UNUSED)
     poses: NDArray[Any] = np.zeros((0, 4, 4))
     if "world_from_camera" in entries:
         poses = real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
     if "cameras" in entries:
-        return _views(poses, border, entries, *_cameras(entries))
+        return _with_rule(_views(poses, border, entries, *_cameras(entries)), content)
     given = entries.get("camera")
     known = [each for each in given if isinstance(each, str) and each] if given else []
     return _views(poses, border, entries, None, list(dict.fromkeys(known)))
+
+
+def _with_rule(views: Views, content: Mapping[str, Any]) -> Views:
+    """The views with the rule of their rig, and thresholds of its cameras, where there are any."""
+    given = {name: content[name] for name in RULE if name in content}
+    more = {name: content[name] for name in ("tasks", "fixed") if name in content}
+    if views.rig is None or not (given or more):
+        return views
+    own = views.rig.cameras, views.rig.names, views.rig.rig_from_camera
+    return replace(views, rig=Rig(*own, rule=rule_of(given), **more))
+
+
+def rule_entries(rig: Rig) -> dict[str, Any]:
+    """Entries of the rule of a rig, of thresholds of its cameras and of those that are fixed."""
+    tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
+    more = {"tasks": tasks, "fixed": list(rig.fixed)}
+    own = rule_to_json(rig.rule) if rig.is_one else {}
+    return own | {name: value for name, value in more.items() if value}
 
 
 def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
@@ -178,6 +205,7 @@ def content_of(views: Views) -> dict[str, Any]:
         ]
         if (views.rig.rig_from_camera != np.eye(4)).any():
             content["rig_from_camera"] = views.rig.rig_from_camera.tolist()
+        content |= rule_entries(views.rig)
     if len(views.poses):
         content["world_from_camera"] = views.poses.world_from_camera.tolist()
         if views.rig is not None:

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import read_only
 from rastercov.camera import FloatArray
+from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.planes import IdealPlane, keep
 from rastercov.camera.lenses.quadrature import EdgeTable
+from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.camera.lenses.slopes import slopes_in
-from rastercov.kernels import lens_formulas
-from rastercov.kernels.lens import unproject_many
-from rastercov.kernels.lens_planes import PlaneRecord
+from rastercov.native.lens_rays import unproject_many
 
 Misses = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
@@ -152,7 +152,7 @@ def _shows(plane: IdealPlane, window: FloatArray, width: float, height: float) -
 
 def _pixels(plane: IdealPlane, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pixels u, v (...) of points (..., 2) of a plane."""
-    project: Any = lens_formulas.project  # which has no types
+    project: Any = formulas.project  # which has no types
     x, y, z = np.moveaxis(points @ plane.frame[:, :2].T + plane.frame[:, 2], -1, 0)
     with np.errstate(all="ignore"):
         u, v = project(plane.code, plane.params, x, y, z)

@@ -1,6 +1,6 @@
 """Numbers with bounds, and bounds of lenses over complex numbers: `reach`.
 
-The equations of `kernels.lens_formulas` run on any numbers: intervals of real numbers that hold
+The equations of `formulas` run on any numbers: intervals of real numbers that hold
 their exact results, values with one derivative, and balls.
 
 A ball is a centre and a radius, complex numbers within the radius of the centre; an operation gives
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.camera import FloatArray
-from rastercov.kernels import lens_formulas
+from rastercov.camera.lenses import formulas
 
 ROUNDING = 1 + 1e-9
 """Factor on a bound, for the rounding of the operations on centres and radii."""
@@ -251,7 +251,7 @@ def _atan2(y: Any, x: Any) -> Ball:
 
 
 _PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
-_project = lens_formulas.bound_to(_PLAIN)["project"]
+_project = formulas.bound_to(_PLAIN)["project"]
 
 
 def reach(

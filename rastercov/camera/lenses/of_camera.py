@@ -1,7 +1,7 @@
 """Lens of a camera: pixels of rays, rays of pixels, and all that loops over its images need.
 
 What an image shows of an ideal plane is bounded by curves. `fields_of` divides each plane once for
-a camera, so that loops over surfaces cut by straight lines only (`kernels.lens_field`).
+a camera, so that loops over surfaces cut by straight lines only (`native.lens_field`).
 """
 
 import math
@@ -18,17 +18,15 @@ from rastercov.base.errors import CameraError
 from rastercov.base.memory import read_only
 from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
+from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.areas import record_of
 from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, with_region
 from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
+from rastercov.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord, Slopes, Tree
 from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.models import MODELS, coefficients_by_name
-from rastercov.kernels import lens, lens_formulas
-from rastercov.kernels import lens_field as kernels
-from rastercov.kernels.cameras import MOST_SIDES, CurvedLens
-from rastercov.kernels.lens_field import Slopes
-from rastercov.kernels.lens_planes import PlaneRecord
-from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
+from rastercov.native import lens_field, lens_rays
+from rastercov.native.lens_polygons import measure_polygons
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Lens:
     width, height : int
         Image size, px.
     code : int
-        Base of the lens, as in `rastercov.kernels.lens_formulas`.
+        Base of the lens, as in `formulas`.
     coefficients : tuple of float
         Parameters up to `formulas.LATE`.
     max_angle_deg : float, optional
@@ -64,7 +62,7 @@ class Lens:
 
     def __post_init__(self) -> None:
         limit = None if self.max_angle_deg is None else math.radians(self.max_angle_deg)
-        params = np.zeros(lens_formulas.SIZE)
+        params = np.zeros(formulas.SIZE)
         params[: len(self.coefficients)] = self.coefficients
         with np.errstate(all="ignore"):  # coefficients may be huge; what is not finite is no region
             found = with_region(self.code, params, self.width, self.height, limit)
@@ -93,18 +91,18 @@ class Lens:
 
     def project(self, rays: ArrayLike) -> FloatArray:
         """Pixels (..., 2) of rays (..., 3) of any length, NaN outside the valid region."""
-        return self._each(lens.project_many, "rays", rays, 3, (2,))
+        return self._each(lens_rays.project_many, "rays", rays, 3, (2,))
 
     def jacobian(self, rays: ArrayLike) -> FloatArray:
         """Derivatives (..., 2, 3) of pixels by rays, px per unit; NaN outside the valid region."""
-        return self._each(lens.jacobian_many, "rays", rays, 3, (2, 3))
+        return self._each(lens_rays.jacobian_many, "rays", rays, 3, (2, 3))
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Rays (..., 3) of unit length of pixels (..., 2), also beyond the image.
 
         NaN for a pixel that no ray of the valid region meets.
         """
-        return self._each(lens.unproject_many, "pixels", pixels, 2, (3,))
+        return self._each(lens_rays.unproject_many, "pixels", pixels, 2, (3,))
 
     @cached_property
     def planes(self) -> tuple[IdealPlane, ...]:
@@ -130,23 +128,23 @@ class Lens:
 
 
 def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
-    """Code of the base of a camera's lens, and the parameters of its equations, docs/cameras.md."""
+    """Code of the base of a camera's lens, and the parameters of its equations."""
     base, c = MODELS[camera.model].base, coefficients_by_name(camera.model, camera.distortion)
 
     def of(names: str) -> list[float]:
         return [c.get(name, 0.0) for name in names.split()]
 
-    p = np.zeros(lens_formulas.LATE + 1)
-    p[lens_formulas.FX : lens_formulas.K1] = camera.fx, camera.fy, camera.cx, camera.cy, camera.skew
-    p[lens_formulas.K1 : lens_formulas.D1] = of("k1 k2 k3 k4 k5 k6")
+    p = np.zeros(formulas.LATE + 1)
+    p[formulas.FX : formulas.K1] = camera.fx, camera.fy, camera.cx, camera.cy, camera.skew
+    p[formulas.K1 : formulas.D1] = of("k1 k2 k3 k4 k5 k6")
     if camera.model == "opencv":
-        p[lens_formulas.K1 : lens_formulas.P1] = of("k1 k2 k3 . . . k4 k5 k6")
+        p[formulas.K1 : formulas.P1] = of("k1 k2 k3 . . . k4 k5 k6")
     is_turned = camera.model.startswith("metashape")  # its p1 and p2 are OpenCV's p2 and p1
-    p[lens_formulas.P1 : lens_formulas.S1] = of("p2 p1" if is_turned else "p1 p2")
-    p[lens_formulas.S1 : lens_formulas.T00] = of("s1 s2 s3 s4")
+    p[formulas.P1 : formulas.S1] = of("p2 p1" if is_turned else "p1 p2")
+    p[formulas.S1 : formulas.T00] = of("s1 s2 s3 s4")
     (c_x, c_y), (s_x, s_y) = (map(turn, of("tau_x tau_y")) for turn in (math.cos, math.sin))
     # OpenCV's homography of tau_x, tau_y; its first and second row have no more entries.
-    p[lens_formulas.T00 : lens_formulas.B0] = c_x, -s_x * s_y, c_y, s_y, -c_y * s_x, c_y * c_x
+    p[formulas.T00 : formulas.B0] = c_x, -s_x * s_y, c_y, s_y, -c_y * s_x, c_y * c_x
     of_base = of(f"{MODELS[camera.model].of_base} . . .")[:3]
     if camera.model == "fov" and c["omega"]:
         wide = 2 * math.tan(c["omega"] / 2)
@@ -159,9 +157,9 @@ def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
         of_base = [c["alpha"], 1.0 - c["alpha"], c["beta"]]
     elif camera.model == "equirectangular":
         of_base = [0.0, 1.0, 0.0]  # longitude around 0; its cosine and sine
-    p[lens_formulas.B0 : lens_formulas.LATE] = of_base
-    p[lens_formulas.LATE] = camera.model == "rad_tan_thin_prism_fisheye"
-    return lens_formulas.BASES.index(base), tuple(p.tolist())
+    p[formulas.B0 : formulas.LATE] = of_base
+    p[formulas.LATE] = camera.model == "rad_tan_thin_prism_fisheye"
+    return formulas.BASES.index(base), tuple(p.tolist())
 
 
 TOLERANCE = 1e-9
@@ -281,12 +279,12 @@ def curved_lens(camera: Camera) -> CurvedLens:
 
 
 @_kept
-def fields_of(camera: Camera, tolerance: float = FIELD_TOLERANCE) -> tuple[kernels.Tree, ...]:
+def fields_of(camera: Camera, tolerance: float = FIELD_TOLERANCE) -> tuple[Tree, ...]:
     """Field of view of a camera in each of its ideal planes, in the order of `planes_of`."""
     return tuple(field_of(plane, record, tolerance) for plane, record in planes_of(camera))
 
 
-def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> kernels.Tree:
+def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> Tree:
     """Field of view in one plane, within the image of its pinhole.
 
     Parameters
@@ -302,20 +300,17 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> kernel
     box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
     # The window has few sides; a region has up to 128, by which all surfaces would be cut.
     region = _lines(record.window if len(record.window) else record.region)
-    region = region[(box @ region[:, :2].T + region[:, 2] < -kernels.ON_LINE).any(axis=0)]
+    region = region[(box @ region[:, :2].T + region[:, 2] < -lens_field.ON_LINE).any(axis=0)]
     hole = _lines(record.hole)
-    work, n = kernels.tree_scratch(len(region), len(hole)), FIRST_NODES
+    n = FIRST_NODES
     while True:
-        tree = kernels.room_for_tree(n)
-        kernels.divide(record, box, region, hole, tolerance, work, tree)
-        root, n_nodes = tree.root.tolist()
+        parts = np.empty((n, 3)), np.empty((n, 2), np.int32), np.empty(n, np.uint8)
+        root, n_nodes = lens_field.divide(record, box, region, hole, tolerance, *parts)
         if n_nodes <= n:
             break
         n = n_nodes
-    lines, children, kinds = (
-        read_only(array[:n_nodes].copy()) for array in (tree.lines, tree.children, tree.kinds)
-    )
-    return kernels.Tree(lines, children, kinds, root)
+    lines, children, kinds = (read_only(array[:n_nodes].copy()) for array in parts)
+    return Tree(lines, children, kinds, root)
 
 
 def _lines(polygon: FloatArray) -> FloatArray:
@@ -372,7 +367,7 @@ def polygon_areas(
     corners = np.concatenate([np.empty((0, 2)), *polygons])
     out = np.empty((len(polygons), 3))
     record = record_of(plane, lens.width, lens.height, table)
-    measure_polygons(record, corners, starts, edge_scratch(), out)
+    measure_polygons(record, corners, starts, out)
     return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * table.tolerance)
 
 

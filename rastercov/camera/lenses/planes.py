@@ -36,9 +36,9 @@ from rastercov.base.errors import CameraError
 from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import balls
+from rastercov.camera.lenses import formulas as lens
 from rastercov.camera.lenses.balls import Interval, Jet
-from rastercov.kernels import lens_formulas as lens
-from rastercov.kernels.lens import SECTORS, base_points, jacobian_many, rays_of, unproject_many
+from rastercov.native.lens_rays import SECTORS, base_points, jacobian_many, rays_of, unproject_many
 
 WIDEST_DEG = 175.0
 """Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
@@ -453,7 +453,7 @@ def ideal_planes(
                     hole = _on_plane(params[lens.SLOPE], frame, HOLE_SCALE * box)[0]
             is_all = hole is not None and abs(_area(polygon) - _area(region)) < 1e-12
             if len(region) >= 3 and not is_all:
-                has_pole = code == lens.EQUIRECT and frame[1, 2] != 0
+                has_pole = bool(code == lens.EQUIRECT and frame[1, 2] != 0)
                 planes.append(IdealPlane(frame, camera, region, hole, code, own, has_pole))
     return tuple(planes)
 

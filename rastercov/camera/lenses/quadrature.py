@@ -1,4 +1,4 @@
-"""Bounds of the error of the areas under the images of edges by `kernels.lens_edges`.
+"""Bounds of the error of the areas under the images of edges by `native.lens_edges`.
 
 With Chebyshev coefficients u_a and v_b of u and v along the edge, the rule is off by
 
@@ -28,12 +28,16 @@ from numpy.polynomial import legendre
 
 from rastercov.base.errors import CameraError
 from rastercov.camera import FloatArray
+from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.balls import Arithmetic
 from rastercov.camera.lenses.planes import IdealPlane, cells_of
-from rastercov.kernels import lens_expansions as kernels
-from rastercov.kernels import lens_formulas
-from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
+from rastercov.native import lens_edges
+from rastercov.native import lens_expansions as native
+from rastercov.native.lens_edges import FEWEST, MOST
 
+NODES, RULE = np.empty((MOST + 1, MOST + 1)), np.empty((MOST + 1, MOST + 1, MOST + 1))
+"""By n: places of the nodes, and the matrix S of the rule, see `lens/rules.hpp`."""
+lens_edges.rules(NODES, RULE)
 ORDER = 18
 DIRECTIONS = 20
 """In half a turn; the other half differs by a sign."""
@@ -78,7 +82,7 @@ class Expansion(Arithmetic):
             return Expansion(self.centre * other, self.radius * abs(other), self.order)
         n = min(len(self.centre) + len(other.centre) - 1, self.order + 1)
         centre, radius = np.zeros((2, n, self.centre.shape[1]))
-        kernels.multiply(self.centre, self.radius, other.centre, other.radius, centre, radius)
+        native.multiply(self.centre, self.radius, other.centre, other.radius, centre, radius)
         return Expansion(centre, radius, self.order)
 
     def __truediv__(self, other: Any) -> Any:
@@ -87,7 +91,7 @@ class Expansion(Arithmetic):
     def __rtruediv__(self, other: float) -> "Expansion":
         centre, radius = np.zeros((2, self.order + 1, self.centre.shape[1]))
         centre[0], radius[0] = _inverse(self.centre[0], self.radius[0])
-        kernels.invert(self.centre, self.radius, centre, radius)
+        native.invert(self.centre, self.radius, centre, radius)
         return Expansion(centre * other, radius * abs(other), self.order)
 
 
@@ -111,12 +115,12 @@ def _sqrt(value: Any) -> Any:
     least = np.sqrt(np.where(is_good, a - off, 1.0))
     radius[0] = np.where(is_good, off / (centre[0] + least), np.inf)
     inverse, inverse_off = _inverse(2.0 * centre[0], 2.0 * radius[0])
-    kernels.take_root(inverse, inverse_off, centre, radius)
+    native.take_root(inverse, inverse_off, centre, radius)
     return Expansion(centre, radius, value.order)
 
 
 def _angle_over_r(r2: Any, z: Any) -> Any:
-    """Angle from the z axis over r, see `kernels.lens_lanes.angle_over_r`."""
+    """Angle from the z axis over r, see `lens/formulas.hpp`."""
     c = 1.0 / (z + _sqrt(r2 + z * z))
     for _ in range(3):
         c = c / (1.0 + _sqrt(1.0 + r2 * (c * c)))
@@ -133,7 +137,7 @@ def _atan2(y: Expansion, x: Any) -> Any:
 
 
 _PRIMITIVES = {"sqrt": _sqrt, "angle_over_r": _angle_over_r, "atan2": _atan2}
-_project: Any = lens_formulas.bound_to(_PRIMITIVES)["project"]
+_project: Any = formulas.bound_to(_PRIMITIVES)["project"]
 
 
 def coefficient_bounds(plane: IdealPlane) -> FloatArray:

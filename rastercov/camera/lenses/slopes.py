@@ -16,13 +16,13 @@ import numpy as np
 
 from rastercov.base.memory import read_only
 from rastercov.camera import FloatArray
-from rastercov.camera.lenses import balls
+from rastercov.camera.lenses import balls, formulas
 from rastercov.camera.lenses.balls import ROUNDING, Ball
 from rastercov.camera.lenses.planes import IdealPlane, cells_of
 from rastercov.camera.lenses.quadrature import DIRECTIONS, ROUNDING_REL, pixels_along_lines
-from rastercov.kernels import lens_formulas
-from rastercov.kernels.lens import jacobian_many
-from rastercov.kernels.lens_field import CELLS, PARTS, Slopes
+from rastercov.camera.lenses.records import Slopes
+from rastercov.native.lens_field import CELLS, PARTS
+from rastercov.native.lens_rays import jacobian_many
 
 STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
@@ -87,9 +87,9 @@ def derivatives_in_cells(
 def is_affine(plane: IdealPlane) -> bool:
     """True for a lens without distortion: pixels are affine in its plane."""
     p = plane.params
-    is_flat = not p[lens_formulas.K1 : lens_formulas.T00].any()
-    is_flat = is_flat and p[lens_formulas.T20] == 0.0 and p[lens_formulas.T21] == 0.0
-    return bool(plane.code == lens_formulas.PINHOLE and is_flat)
+    is_flat = not p[formulas.K1 : formulas.T00].any()
+    is_flat = is_flat and p[formulas.T20] == 0.0 and p[formulas.T21] == 0.0
+    return bool(plane.code == formulas.PINHOLE and is_flat)
 
 
 @lru_cache(maxsize=MOST_PLANES)
@@ -161,7 +161,7 @@ def _sharpened(
 def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
     everywhere = plane.params.copy()
-    everywhere[lens_formulas.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
+    everywhere[formulas.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
     rays = points @ plane.frame[:, :2].T + plane.frame[:, 2]
     out = np.empty((len(points), 2, 3))
     jacobian_many(plane.code, everywhere, np.ascontiguousarray(rays), out)
@@ -178,9 +178,7 @@ def _near_pole(plane: IdealPlane) -> tuple[float, float]:
     derivatives of s, at most 11 / d^2, for |F_2| <= 9/32 s^(-3/2) and |F_3| <= 0.95 s^(-5/2).
     """
     p = plane.params
-    across, down, skew = (
-        abs(float(p[k])) for k in (lens_formulas.FX, lens_formulas.FY, lens_formulas.SKEW)
-    )
+    across, down, skew = (abs(float(p[k])) for k in (formulas.FX, formulas.FY, formulas.SKEW))
     farthest = math.sqrt(2)
     second = math.hypot(across + skew * farthest, down * farthest)
     third = math.hypot(2 * across + 11 * skew * farthest, 11 * down * farthest)

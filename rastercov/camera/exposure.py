@@ -1,0 +1,133 @@
+"""Exposure: the illuminances with which a camera has enough signal, and is not saturated.
+
+A Lambertian surface of reflectance rho under an illuminance E gives the sensor
+
+    E_s = rho E tau / (4 N^2 (1 + m)^2),   photons p = E_s A t lambda / (h c),
+    electrons n = eta p,   SNR = n / sqrt(sigma_d^2 + sigma_q^2 / K^2 + n),
+
+whatever its distance, with f-number N, magnification m, transmission tau of the lens, area A of a
+pixel, time t, quantum efficiency eta, dark noise sigma_d, quantisation sigma_q = 1 / sqrt(12) and
+gain K. So least SNR and greatest saturation are a band of E.
+
+EMVA 1288. Standard for Characterization of Image Sensors and Cameras. Release 4.0, 2021.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le
+from typing_extensions import Doc
+
+from rastercov.base.arguments import check_choice, check_limits
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import number
+
+PLANCK, LIGHT_SPEED = 6.62607015e-34, 299792458.0
+LUMENS_PER_WATT = 683.0
+"""Of light at the peak of the eye's sensitivity, 555 nm."""
+VISIBLE = 380e-9, 780e-9
+"""Metres: wavelengths of which there are lumens."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure:
+    """Sensor, lens and time of a camera, and the surface before it.
+
+    Light is of one wavelength. In lx it is by the eye's sensitivity there, within some 5 % of that
+    of the CIE: V = 1.019 exp(-285.4 (lambda - 0.559)^2), lambda in um.
+
+    Parameters
+    ----------
+    exposure_time : float
+        t, seconds.
+    f_number : float
+        N.
+    pixel_size : float
+        Side of a pixel, metres; its square is A.
+    quantum_efficiency : float
+        eta, (0, 1].
+    full_well : float
+        Electrons at which a pixel is saturated.
+    dark_noise : float
+        sigma_d, electrons.
+    gain : float, optional
+        K, digital numbers an electron; no quantisation noise unless given.
+    reflectance, transmission : float
+        rho and tau, (0, 1].
+    wavelength : float
+        Metres.
+    magnification : float
+        m, size of the image over that of the object; 0 for what is far away.
+    min_snr : float
+        Least SNR, 0 for none.
+    max_saturation : float
+        Greatest share of `full_well`, (0, 1].
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its limits, and for a band that is empty.
+    """
+
+    exposure_time: Annotated[float, Ge(1e-12), Le(1e9), Doc("Time, seconds.")]
+    f_number: Annotated[float, Ge(1e-3), Le(1e6), Doc("f-number.")]
+    pixel_size: Annotated[float, Ge(1e-9), Le(1), Doc("Side of a pixel, metres.")]
+    quantum_efficiency: Annotated[float, Ge(1e-9), Le(1), Doc("Electrons a photon.")]
+    full_well: Annotated[float, Gt(0), Le(1e12), Doc("Electrons at saturation.")]
+    dark_noise: Annotated[float, Ge(0), Le(1e12), Doc("Noise in the dark, electrons.")] = 0.0
+    gain: (
+        Annotated[float, Ge(1e-9), Le(1e9), Doc("Digital numbers an electron, for quantisation.")]
+        | None
+    ) = None
+    reflectance: Annotated[float, Ge(1e-9), Le(1), Doc("Reflectance of the surface.")] = 0.5
+    transmission: Annotated[float, Ge(1e-9), Le(1), Doc("Transmission of the lens.")] = 1.0
+    wavelength: Annotated[float, Ge(1e-9), Le(1e-3), Doc("Wavelength of the light, metres.")] = (
+        555e-9
+    )
+    magnification: Annotated[float, Ge(0), Le(1e6), Doc("Size of the image over the object.")] = 0.0
+    min_snr: Annotated[float, Ge(0), Le(1e9), Doc("Least signal-to-noise ratio.")] = 0.0
+    max_saturation: Annotated[float, Gt(0), Le(1), Doc("Greatest share of the full well.")] = 1.0
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        least, most = self.electrons()
+        if least >= most:
+            raise ConfigError(
+                f"min_snr {number(self.min_snr)} needs {number(least)} electrons, and saturation "
+                f"allows {number(most)}; lower one, or take a sensor of more full_well"
+            )
+
+    def electrons(self) -> tuple[float, float]:
+        """Least and greatest electrons of a pixel: n = S^2 (1 + sqrt(1 + 4 s^2 / S^2)) / 2."""
+        quantised = 0.0 if self.gain is None else 1 / (12 * self.gain**2)
+        dark, snr = self.dark_noise**2 + quantised, self.min_snr
+        least = snr * (snr + math.sqrt(snr**2 + 4 * dark)) / 2
+        return least, self.max_saturation * self.full_well
+
+    def band(self, unit: str = "lx") -> tuple[float, float]:
+        """Least and greatest illuminance, in "lx" or "W/m2".
+
+        ConfigError for lx of light that the eye does not see, and for another unit.
+        """
+        check_choice("unit", unit, ("lx", "W/m2"))
+        photon = PLANCK * LIGHT_SPEED / self.wavelength
+        per_electron = photon * 4 * self.f_number**2 * (1 + self.magnification) ** 2
+        per_electron /= self.quantum_efficiency * self.reflectance * self.transmission
+        per_electron /= self.pixel_size**2 * self.exposure_time
+        if unit == "lx":
+            if not VISIBLE[0] <= self.wavelength <= VISIBLE[1]:
+                raise ConfigError(
+                    f"light of {self.wavelength * 1e9:.0f} nm has no lx; give lamps in W/sr"
+                )
+            eye = 1.019 * math.exp(-285.4 * (self.wavelength * 1e6 - 0.559) ** 2)
+            per_electron *= LUMENS_PER_WATT * eye
+        least, most = self.electrons()
+        return least * per_electron, most * per_electron
+
+    def in_words(self, unit: str = "lx") -> str:
+        """Line on the band."""
+        least, most = self.band(unit)
+        asked = [f"SNR {number(self.min_snr)} or more"] if self.min_snr else []
+        asked.append(f"saturation {number(self.max_saturation)} or less")
+        return f"exposure: {' and '.join(asked)} is {number(least)} to {number(most)} {unit}"

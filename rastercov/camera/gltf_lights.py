@@ -1,0 +1,97 @@
+"""Lamps of glTF 2 scenes, by its extension KHR_lights_punctual: point lights and spots, in cd.
+
+A light shines along -z of its node; a spot is even within its outer cone here. Directional lights
+have no place, and are refused. Lamps of size are written as their points.
+
+Source: Khronos Group. KHR_lights_punctual. 2018.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import number, positive, shown
+from rastercov.base.errors import CameraError, MeshError
+from rastercov.mesh.formats.gltf import nodes_below, root_nodes
+from rastercov.mesh.formats.gltf_file import Y_UP, chunks, json_header, json_object
+from rastercov.mesh.formats.polygons import broken_files_refused
+
+EXTENSION = "KHR_lights_punctual"
+WORLD = "rastercov_world"
+"""Entry in `extras` of the node whose frame is the world, as of files of cameras."""
+FORWARDS = np.diag([1.0, -1.0, -1.0, 1.0])
+"""node_from_lamp: a lamp looks along z, a light along -z."""
+
+
+class Light(NamedTuple):
+    """A light: name, world_from_lamp, intensity, cd, and the angle of its cone, 180 for a point."""
+
+    name: str
+    place: NDArray[np.float64]
+    intensity: float
+    half_angle_deg: float
+
+
+def read_lights(data: bytes) -> list[Light]:
+    """Lights of a scene; CameraError for a file without any, or with a directional one."""
+    try:
+        with broken_files_refused():
+            header = chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
+            known = _extension(header)
+            found = [
+                _light(json_object(known, "lights", own["light"]), name, matrix @ FORWARDS)
+                for node, name, matrix, _ in nodes_below(header, root_nodes(header), WORLD)
+                if "light" in (own := _extension(node))
+            ]
+    except MeshError as error:
+        raise CameraError(str(error)) from None
+    if not found:
+        raise CameraError(f"it has no lights of {EXTENSION}")
+    return found
+
+
+def _extension(owner: dict[str, Any]) -> dict[str, Any]:
+    every = owner.get("extensions", {})
+    own = every.get(EXTENSION, {}) if isinstance(every, dict) else {}
+    return own if isinstance(own, dict) else {}
+
+
+def _light(entries: dict[str, Any], name: str, place: NDArray[np.float64]) -> Light:
+    kind = entries.get("type")
+    if kind not in ("point", "spot"):
+        raise CameraError(
+            f"light {shown(name)} is of type {shown(kind)}; a lamp has a place: point or spot"
+        )
+    angle = math.pi
+    if kind == "spot":
+        cone = entries.get("spot", {})
+        given = cone.get("outerConeAngle", math.pi / 4) if isinstance(cone, dict) else None
+        angle = number(f"outerConeAngle of light {shown(name)}", given)
+    scale = np.linalg.norm(place[:3, :3], axis=0)
+    if not (scale > 0).all():
+        raise CameraError(f"light {shown(name)} is in a node of scale 0")
+    rotation = place.copy()
+    rotation[:3, :3] /= scale
+    intensity = positive(f"intensity of light {shown(name)}", entries.get("intensity", 1.0))
+    return Light(name, rotation, intensity, math.degrees(angle))
+
+
+def scene_of(lights: Sequence[Light], first_node: int) -> tuple[list[dict[str, Any]], Any]:
+    """Nodes of lights, of which the first is that of the world, and the extension of the scene."""
+    children = list(range(first_node + 1, first_node + 1 + len(lights)))
+    world = {"name": "lamps", "matrix": Y_UP.T.ravel().tolist(), "children": children}
+    nodes: list[dict[str, Any]] = [world | {"extras": {WORLD: True}}]
+    entries: list[dict[str, Any]] = []
+    for row, light in enumerate(lights):
+        matrix = (light.place @ FORWARDS).T.ravel().tolist()
+        own = {EXTENSION: {"light": row}}
+        nodes.append({"name": light.name, "matrix": matrix, "extensions": own})
+        entry: dict[str, Any] = {"type": "point", "intensity": light.intensity, "name": light.name}
+        if light.half_angle_deg <= 90:
+            cone = {"innerConeAngle": 0.0, "outerConeAngle": math.radians(light.half_angle_deg)}
+            entry |= {"type": "spot", "spot": cone}
+        entries.append(entry)
+    return nodes, {EXTENSION: {"lights": entries}}

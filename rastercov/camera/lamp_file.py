@@ -1,0 +1,175 @@
+"""Files of lamps: TOML in the form of a plan, and lights of glTF scenes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import pair, shown
+from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.files import (
+    StrPath,
+    UnreadableError,
+    file_bytes,
+    printable,
+    read_toml,
+    suffix_of,
+)
+from rastercov.camera.exposure import Exposure
+from rastercov.camera.gltf_lights import Light, read_lights
+from rastercov.camera.lamps import KINDS, UNITS, Lamp, Lamps
+from rastercov.camera.light_units import check_unit, illuminance
+from rastercov.camera.viewpoints import look_at
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_SCENE = 1 << 30
+"""Bytes of a glTF scene."""
+ENTRIES = (
+    *("kind", "intensity_cd", "power_w_sr", "half_angle_deg", "exponent", "size", "points"),
+    *("share", "ies", "position", "positions", "aim", "rig"),
+)
+"""Entries of a lamp in a file."""
+
+
+def load_lamps(path: StrPath) -> Lamps:
+    """Lamps with their places, of a file.
+
+    Parameters
+    ----------
+    path : path
+        TOML with `ambient`, [exposure], and a table [lamps.NAME] for each; or a glTF scene (.glb,
+        .gltf), of which the point lights and spots are taken, by KHR_lights_punctual.
+
+    Raises
+    ------
+    CameraError
+        For a file that cannot be read, or entries that are none, in one line with its name.
+    """
+    try:
+        if suffix_of(path) in (".glb", ".gltf"):
+            return _of_lights(read_lights(file_bytes(path, LARGEST_SCENE)))
+        return lamps_of(read_toml(path), Path(path).parent)
+    except (UnreadableError, CameraError, ConfigError, PoseError) as error:
+        raise CameraError(f"{printable(str(path))}: {error}") from None
+
+
+def _of_lights(lights: Sequence[Light]) -> Lamps:
+    """Lamps of the lights of a scene; those of one name are numbered."""
+    names = [light.name for light in lights]
+    names = [f"{each} {row}" if names.count(each) > 1 else each for row, each in enumerate(names)]
+    lamps = [
+        Lamp(
+            kind="point" if light.half_angle_deg >= 180 else "spot",
+            intensity=light.intensity,
+            half_angle_deg=light.half_angle_deg,
+        )
+        for light in lights
+    ]
+    return Lamps(lamps, np.array([light.place for light in lights]), names)
+
+
+def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
+    """Lamps of the content of a file: `ambient`, `exposure`, and `lamps`, tables by name.
+
+    Files of `ies` are relative to `folder`. A lamp has `ENTRIES`: `position` or `positions`, a lamp
+    each; `aim`, a point that it looks at, in place of the direction down; `rig = true` where it
+    rides on the rig of the cameras, looking along the z axis of the rig unless aimed.
+    """
+    if set(entries) - {"ambient", "lamps", "exposure"} or not isinstance(
+        entries.get("lamps"), Mapping
+    ):
+        raise CameraError(
+            "a file of lamps has a table [lamps.NAME] for each, and ambient, got "
+            f"{shown(sorted(map(str, entries)))}"
+        )
+    lamps, places, names, rides = [], [], [], []
+    for name, own in entries["lamps"].items():
+        try:
+            lamp, positions, on_rig = _read(own, folder)
+        except (CameraError, PoseError) as error:
+            raise CameraError(f"lamp {shown(name)}: {error}") from None
+        several = len(positions) > 1
+        names += [f"{name} {row}" if several else name for row in range(len(positions))]
+        lamps += [lamp] * len(positions)
+        places += list(positions)
+        rides += [on_rig] * len(positions)
+    ambient = entries.get("ambient", 0.0)
+    if isinstance(ambient, str):
+        units = {UNITS[lamp.unit] for lamp in lamps}  # of both, the lamps are refused
+        ambient = _illuminance(ambient, min(units)) if len(units) == 1 else 0.0
+    exposure = None
+    if "exposure" in entries:
+        own = entries["exposure"]
+        known = {each.name for each in fields(Exposure)}
+        if not isinstance(own, Mapping) or not set(own) <= known:
+            raise CameraError(f"exposure has {', '.join(sorted(known))}, got {shown(own)}")
+        try:
+            exposure = Exposure(**own)
+        except TypeError:
+            needed = [each.name for each in fields(Exposure) if each.default is MISSING]
+            raise CameraError(f"exposure needs {', '.join(needed)}, got {shown(own)}") from None
+    matrices = np.reshape(places, (-1, 4, 4))
+    return Lamps(lamps, matrices, names, rides=rides, ambient=ambient, exposure=exposure)
+
+
+def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
+    """Lamp of the entries of a file in a folder, `ENTRIES`; its place is not looked at."""
+    if "ies" in entries:
+        if others := sorted(set(entries) & set(ENTRIES[:7])):
+            raise CameraError(f"ies has {', '.join(others)} of its own; leave out one")
+        return Lamp.from_ies(folder / str(entries["ies"]))
+    kind = entries.get("kind", "point")
+    if kind not in KINDS:
+        raise CameraError(f"kind of a lamp must be {', '.join(KINDS)}, got {shown(kind)}")
+    names = ("half_angle_deg", "exponent", "share", "points")
+    own = {name: entries[name] for name in names if name in entries}
+    own |= {"intensity": entries.get("intensity_cd"), "power_w_sr": entries.get("power_w_sr")}
+    if kind == "spot" and "half_angle_deg" not in own:
+        raise CameraError("a lamp of kind spot needs half_angle_deg")
+    if kind in KINDS[:2]:
+        return Lamp(kind=kind, **own)
+    if "size" not in entries:
+        raise CameraError(f"a lamp of kind {kind} needs size, metres")
+    sides = pair("size", entries["size"])
+    made: Lamp = getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
+    return made
+
+
+def _read(entries: Any, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
+    """Lamp of its entries, its places and whether it rides on the rig."""
+    if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
+        raise CameraError(
+            f"a lamp has {', '.join(ENTRIES)}, got "
+            f"{shown(entries if not isinstance(entries, Mapping) else unknown)}"
+        )
+    if "position" in entries and "positions" in entries:
+        raise CameraError("give position or positions, not both")
+    on_rig = entries.get("rig", False)
+    if not isinstance(on_rig, bool | str):
+        raise CameraError(f"rig must be true, or the name of a camera or rig, got {shown(on_rig)}")
+    points = entries.get("positions", [entries.get("position", [0.0, 0.0, 0.0])])
+    if "position" not in entries and "positions" not in entries and not on_rig:
+        raise CameraError("a lamp needs position, [x, y, z] in metres, or rig = true")
+    try:
+        at = np.array(points, np.float64).reshape(-1, 3)
+    except (TypeError, ValueError):
+        raise CameraError(f"position must be [x, y, z] in metres, got {shown(points)}") from None
+    lamp = lamp_of(entries, folder)
+    if "aim" in entries:
+        return lamp, look_at(at, entries["aim"]), on_rig
+    down = np.array([0.0, 0.0, 1.0 if on_rig else -1.0])
+    return lamp, look_at(at, at + down, (0.0, -1.0 if on_rig else 1.0, 0.0)), on_rig
+
+
+def _illuminance(text: str, unit: str) -> float:
+    """Illuminance of text, in the unit of lamps."""
+    try:
+        found = illuminance(text)
+    except ValueError as error:
+        raise CameraError(f"ambient must be {error}") from None
+    check_unit("ambient", found, unit)
+    return float(found)

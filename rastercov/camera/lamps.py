@@ -1,0 +1,521 @@
+"""Lamps: points that send light, each an eye with an intensity; lamps of size are several points.
+
+A point lamp sees all around; a spot sees a cone. What a lamp reaches is what its points see, by the
+same regions as of cameras. A lamp looks along the z axis of its frame.
+
+Intensity of a point at an angle t from its axis: I(t) = I / n cos^m t, I that of the lamp on its
+axis, m its exponent; or that of a table (`rastercov.camera.photometry`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_kind, members
+from rastercov.base.checks import finite_number, number, positive, shown, two
+from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.files import (
+    StrPath,
+)
+from rastercov.base.format import InOneLine
+from rastercov.camera.camera import Camera
+from rastercov.camera.exposure import Exposure
+from rastercov.camera.gltf_lights import Light
+from rastercov.camera.photometry import Profile, read_ies, share_at, table_of
+from rastercov.camera.pose import Poses, valid_poses
+from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+
+FloatArray = NDArray[np.float64]
+
+KINDS = ("point", "spot", "bar", "ring", "dome", "area")
+"""Kinds of lamps. All but the first two are of several points."""
+MOST_POINTS = 36
+"""Points of a lamp: shares of it that are seen change by less than 0.2 points beyond 16."""
+MOST_LAMPS = 64
+"""Points of all lamps together."""
+UNITS = {"cd": "lx", "W/sr": "W/m2"}
+"""Unit of an illuminance by that of the intensity."""
+PIXELS_PER_RADIAN = 1000
+"""Of the image of a lamp, whose outline alone matters."""
+SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
+"""Points of a lamp of size, as of a surface that shines."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lamp:
+    """A lamp, as a number of points.
+
+    `point`, `spot`, `bar`, `ring`, `dome` and `area` make one. One of `intensity` and `power_w_sr`
+    is given.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    intensity : float, optional
+        Luminous intensity on the axis, cd, for illuminances in lx.
+    power_w_sr : float, optional
+        Radiant intensity on the axis, W/sr, for irradiances in W/m^2.
+    half_angle_deg : float
+        Angle from the axis beyond which a point sends nothing, (0, 180].
+    exponent : float
+        m of cos^m; 1 for a surface that shines, 0 for the same intensity in all directions.
+    size : (2,) float
+        Width and height, metres; of a bar its length, of a ring or dome its diameter, and 0.
+    points : int
+        Points of the lamp, 1 to `MOST_POINTS`.
+    share : float
+        Part of the points that a place sees where it counts as lit, (0, 1].
+    profile : sequence of (float, float)
+        Angles from the axis, degrees, ascending from 0, and the intensity there relative to that on
+        the axis or the largest, in place of the exponent; see `from_ies`.
+
+    Raises
+    ------
+    CameraError
+        For a value outside its limits.
+    """
+
+    kind: str = "point"
+    intensity: float | None = None
+    power_w_sr: float | None = None
+    half_angle_deg: float = 180.0
+    exponent: float = 0.0
+    size: tuple[float, float] = (0.0, 0.0)
+    points: int = 1
+    share: float = 0.5
+    profile: Profile = ()
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise CameraError(f"kind of a lamp must be {', '.join(KINDS)}, got {shown(self.kind)}")
+        given = {"intensity": self.intensity, "power_w_sr": self.power_w_sr}
+        if sum(value is not None for value in given.values()) != 1:
+            raise CameraError(
+                "a lamp has an intensity in cd or power_w_sr in W/sr, one of them, got "
+                f"{shown(self.intensity)} and {shown(self.power_w_sr)}"
+            )
+        for name, value in given.items():
+            if value is not None:
+                object.__setattr__(self, name, positive(f"{name} of a lamp", value))
+        if not 0 < finite_number(self.half_angle_deg) <= 180:
+            raise CameraError(
+                "half_angle_deg of a lamp must be more than 0, up to 180, got "
+                f"{shown(self.half_angle_deg)}"
+            )
+        m = finite_number(self.exponent)
+        if m != 0 and not 1 <= m <= 1000:
+            raise CameraError(
+                f"exponent of a lamp must be 0, or 1 to 1000, got {shown(self.exponent)}"
+            )
+        if self.exponent > 0 and self.half_angle_deg > 90:
+            raise CameraError(
+                "a lamp with an exponent sends light forwards: half_angle_deg must be up to 90, "
+                f"got {shown(self.half_angle_deg)}"
+            )
+        if not 0 < finite_number(self.share) <= 1:
+            raise CameraError(
+                f"share of a lamp must be more than 0, up to 1, got {shown(self.share)}"
+            )
+        n = finite_number(self.points)
+        is_single = self.kind in KINDS[:2]
+        if not n.is_integer() or not 1 <= n <= (1 if is_single else MOST_POINTS):
+            raise CameraError(
+                f"points of a lamp of kind {self.kind} must be "
+                f"{'1' if is_single else f'1 to {MOST_POINTS}'}, got {shown(self.points)}; "
+                "shares change by less than 0.2 points beyond 16"
+            )
+        for name in ("half_angle_deg", "exponent", "share"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        object.__setattr__(self, "points", int(n))
+        width, height = (number("size of a lamp", each) for each in two("size", self.size))
+        n_sides = {"area": 2, "bar": 1, "ring": 1, "dome": 1}.get(self.kind, 0)
+        if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
+            raise CameraError(
+                f"size of a lamp of kind {self.kind} must be {n_sides} positive lengths, "
+                f"got {shown(self.size)}"
+            )
+        object.__setattr__(self, "size", (width, height))
+        object.__setattr__(self, "profile", _checked(self.profile))
+        if self.profile and self.exponent:
+            raise CameraError("a lamp has a profile or an exponent, got both")
+
+    @classmethod
+    def from_ies(cls, path: StrPath) -> "Lamp":
+        """Lamp of one point with the intensities of an IES LM-63 file, the same around its axis."""
+        intensity, profile = read_ies(path)
+        last = profile[-1][0]
+        return cls(kind="spot", intensity=intensity, half_angle_deg=last, profile=profile)
+
+    @classmethod
+    def point(cls, intensity: float | None = None, power_w_sr: float | None = None) -> "Lamp":
+        """Lamp of one point that sends the same in all directions."""
+        return cls(kind="point", intensity=intensity, power_w_sr=power_w_sr)
+
+    @classmethod
+    def spot(
+        cls,
+        half_angle_deg: float,
+        intensity: float | None = None,
+        power_w_sr: float | None = None,
+        *,
+        exponent: float = 0.0,
+    ) -> "Lamp":
+        """Lamp of one point that lights a cone."""
+        own: dict[str, Any] = {"half_angle_deg": half_angle_deg, "exponent": exponent}
+        return cls(kind="spot", intensity=intensity, power_w_sr=power_w_sr, **own)
+
+    @classmethod
+    def bar(
+        cls,
+        length: float,
+        intensity: float | None = None,
+        power_w_sr: float | None = None,
+        *,
+        points: int = 8,
+        **more: Any,
+    ) -> "Lamp":
+        """Lamp of points in a row along x, metres, in the middle of equal parts of it.
+
+        Points of lamps of size shine like a surface, cos t forwards, unless `half_angle_deg` and
+        `exponent` say otherwise.
+        """
+        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
+        return cls(**SHINES | {"kind": "bar", "size": (length, 0.0)} | given | more)
+
+    @classmethod
+    def ring(
+        cls,
+        diameter: float,
+        intensity: float | None = None,
+        power_w_sr: float | None = None,
+        *,
+        points: int = 12,
+        **more: Any,
+    ) -> "Lamp":
+        """Lamp of points on a circle around z, metres, which look along z; see `bar`."""
+        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
+        return cls(**SHINES | {"kind": "ring", "size": (diameter, 0.0)} | given | more)
+
+    @classmethod
+    def dome(
+        cls,
+        diameter: float,
+        intensity: float | None = None,
+        power_w_sr: float | None = None,
+        *,
+        points: int = 16,
+        **more: Any,
+    ) -> "Lamp":
+        """Lamp of points on half a sphere behind its origin, which look at it; see `bar`."""
+        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
+        return cls(**SHINES | {"kind": "dome", "size": (diameter, 0.0)} | given | more)
+
+    @classmethod
+    def area(
+        cls,
+        width: float,
+        height: float | None = None,
+        intensity: float | None = None,
+        power_w_sr: float | None = None,
+        *,
+        points: int = 16,
+        **more: Any,
+    ) -> "Lamp":
+        """Lamp of points in the cells of a rectangle, metres, a square for one side; see `bar`.
+
+        Columns are the divisor of `points` that makes cells squarest.
+        """
+        size = width, width if height is None else height
+        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
+        return cls(**SHINES | {"kind": "area", "size": size} | given | more)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the intensity, "cd" or "W/sr"."""
+        return "W/sr" if self.intensity is None else "cd"
+
+    @property
+    def intensity_of_point(self) -> float:
+        """Intensity of each point on its axis, in `unit`."""
+        whole = self.power_w_sr if self.intensity is None else self.intensity
+        assert whole is not None
+        return whole / self.points
+
+    @property
+    def points_needed(self) -> int:
+        """Points of it that a place sees where it counts as lit."""
+        return max(1, math.ceil(self.share * self.points - 1e-9))
+
+    @property
+    def lamp_from_point(self) -> FloatArray:
+        """(points, 4, 4) places of its points, each of which looks along its z axis."""
+        n, (width, height) = self.points, self.size
+        places = np.repeat(np.eye(4)[None], n, axis=0)
+        middles = (np.arange(n) + 0.5) / n
+        if self.kind == "bar":
+            places[:, 0, 3] = (middles - 0.5) * width
+        elif self.kind == "ring":
+            turn = 2 * np.pi * middles
+            places[:, 0, 3], places[:, 1, 3] = np.cos(turn), np.sin(turn)
+            places[:, :2, 3] *= width / 2
+        elif self.kind == "dome":
+            behind = -fibonacci_sphere(n, 1.0) * width / 2
+            places = look_at(behind, np.zeros(3), (0.0, 1.0, 0.0))
+        elif self.kind == "area":
+            divisors = [each for each in range(1, n + 1) if n % each == 0]
+            columns = min(
+                divisors, key=lambda m: abs(math.log(width / m) - math.log(height * m / n))
+            )
+            rows = n // columns
+            x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+            places[:, 0, 3] = (x.ravel() / columns - 0.5) * width
+            places[:, 1, 3] = (y.ravel() / rows - 0.5) * height
+        return places
+
+    @property
+    def eye(self) -> Camera:
+        """Camera that sees what a point of it lights."""
+        if self.half_angle_deg >= 180:
+            step = 180 / math.pi
+            return Camera(width=360, height=180, fx=step, fy=step, model="equirectangular")
+        radius = math.ceil(PIXELS_PER_RADIAN * math.radians(self.half_angle_deg)) + 1
+        return Camera(
+            width=2 * radius, height=2 * radius, fx=PIXELS_PER_RADIAN, fy=PIXELS_PER_RADIAN,
+            model="opencv_fisheye", max_angle_deg=self.half_angle_deg,
+        )  # fmt: skip
+
+    def to_json(self) -> dict[str, Any]:
+        """Arguments of the constructor that differ from its defaults, ready for JSON."""
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        own = {each.name: own[each.name] for each in fields(self) if own[each.name] != each.default}
+        return own | {name: list(own[name]) for name in ("size", "profile") if name in own}
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Lamps(InOneLine):
+    """Lamps with their places, fixed in the cell or on the rig of the cameras.
+
+    Parameters
+    ----------
+    lamps : sequence of Lamp
+        N lamps, all in cd or all in W/sr.
+    places : (N, 4, 4) array_like, optional
+        world_from_lamp, or rig_from_lamp of those that ride; all at the origin unless given.
+    names : sequence of str, optional
+        Their names, all different; "lamp 0", ... unless given.
+    rides : sequence of bool or str, optional
+        True for lamps on the rig, which move with it, or with a camera without a rig; or the name
+        of the camera, or of the rig of a plan, that has it. None is unless given.
+    ambient : float
+        Light that is everywhere, lx or W/m^2, 0 or more.
+    exposure : Exposure, optional
+        Sensor and time of the cameras, whose band of illuminance is asked for, too.
+
+    Raises
+    ------
+    CameraError
+        For no lamp, too many, or lamps in different units.
+    PoseError
+        For a place that is no rigid motion.
+    """
+
+    lamps: tuple[Lamp, ...]
+    places: FloatArray
+    names: tuple[str, ...]
+    rides: tuple[bool | str, ...]
+    ambient: float
+    exposure: Exposure | None
+
+    def __init__(
+        self,
+        lamps: Sequence[Lamp],
+        places: ArrayLike | None = None,
+        names: Sequence[str] | None = None,
+        *,
+        rides: Sequence[bool | str] | None = None,
+        ambient: float = 0.0,
+        exposure: Exposure | None = None,
+    ) -> None:
+        found = members("lamps", lamps, Lamp, "Lamp values", CameraError)
+        n, n_points = len(found), sum(lamp.points for lamp in found)
+        if not 1 <= n_points <= MOST_LAMPS:
+            raise CameraError(
+                f"lamps must have 1 to {MOST_LAMPS} points together, got {n_points}; "
+                "give lamps of size fewer points"
+            )
+        if len({lamp.unit for lamp in found}) > 1:
+            raise CameraError(
+                "lamps must be all in cd or all in W/sr, since lx and W/m2 do not add up, got both"
+            )
+        words = members(
+            "names", [f"lamp {row}" for row in range(n)] if names is None else names, str,
+            f"{n} texts", CameraError,
+        )  # fmt: skip
+        if len(words) != n or len(set(words)) != n or not all(words):
+            raise CameraError(
+                f"names of lamps must be {n} different texts, got {shown(list(words))}"
+            )
+        matrices = np.repeat(np.eye(4)[None], n, axis=0) if places is None else valid_poses(places)
+        if len(matrices) != n:
+            raise PoseError(f"places must be one for each of {n} lamps, got {len(matrices)}")
+        wanted = f"True, False or the name of a camera for each of {n} lamps"
+        on_rig = (False,) * n if rides is None else members(
+            "rides", rides, (bool, np.bool_, str), wanted, CameraError
+        )  # fmt: skip
+        if len(on_rig) != n:
+            raise CameraError(f"rides must be {wanted}, got {len(on_rig)}")
+        on_rig = tuple(each if isinstance(each, str) else bool(each) for each in on_rig)
+        if not finite_number(ambient) >= 0:
+            raise CameraError(f"ambient must be 0 or more, got {shown(ambient)}")
+        if exposure is not None:
+            check_kind("exposure", exposure, Exposure, "an Exposure", CameraError)
+        for name, value in (
+            *(("lamps", found), ("places", matrices), ("names", words), ("exposure", exposure)),
+            *(("rides", on_rig), ("ambient", float(ambient))),
+        ):
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.lamps)
+
+    @property
+    def unit(self) -> str:
+        """Unit of illuminances, "lx" or "W/m2"."""
+        return UNITS[self.lamps[0].unit]
+
+    @property
+    def lamp_of_point(self) -> NDArray[np.int64]:
+        """(K,) lamp of each point."""
+        return np.repeat(np.arange(len(self)), [lamp.points for lamp in self.lamps])
+
+    @property
+    def point_places(self) -> FloatArray:
+        """(K, 4, 4) places of all points, in the frame of `places`."""
+        of_lamps = zip(self.places, self.lamps, strict=True)
+        return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
+
+    def carried_by(self, cameras: Sequence[str]) -> NDArray[np.bool_]:
+        """(N, C) lamps that ride on cameras, by the names of these: "camera" or "rig/camera".
+
+        CameraError for a lamp on a camera that is not there.
+        """
+        found = np.zeros((len(self), len(cameras)), np.bool_)
+        for lamp, own in enumerate(self.rides):
+            if own is True:
+                found[lamp] = True
+            elif own:
+                found[lamp] = [name == own or name.startswith(f"{own}/") for name in cameras]
+                if not found[lamp].any():
+                    raise CameraError(
+                        f"lamp {shown(self.names[lamp])} rides on {shown(own)}; cameras are "
+                        f"{', '.join(map(shown, cameras[:8]))}"
+                    )
+        return found
+
+    @property
+    def eyes(self) -> tuple[Camera, ...]:
+        """Camera of the points of each lamp."""
+        return tuple(lamp.eye for lamp in self.lamps)
+
+    def to_json(self) -> dict[str, Any]:
+        """Entries, ready for JSON; see `lamps_of_json`."""
+        return {
+            "lamps": [lamp.to_json() for lamp in self.lamps],
+            "places": self.places.tolist(),
+            "names": list(self.names),
+            "rides": list(self.rides),
+            "ambient": self.ambient,
+            **({} if self.exposure is None else {"exposure": asdict(self.exposure)}),
+        }
+
+
+def points_of(lamps: Lamps, chosen: NDArray[np.bool_], world: FloatArray | None = None) -> Poses:
+    """Poses of the points of some lamps, (N,) bool, of `Lamps.eyes`; in each of (R, 4, 4)."""
+    own = chosen[lamps.lamp_of_point]
+    places, lamp = lamps.point_places[own], lamps.lamp_of_point[own]
+    if world is not None:
+        places = (world[:, None] @ places[None]).reshape(-1, 4, 4)
+        lamp = np.tile(lamp, len(world))
+    return Poses.of(places, camera=lamp)
+
+
+def lights_of(lamps: Lamps) -> list[Light]:
+    """The points of lamps that are fixed in the cell, as lights of a scene."""
+    lights = []
+    for place, row in zip(lamps.point_places, lamps.lamp_of_point.tolist(), strict=True):
+        if not lamps.rides[row]:
+            lamp = lamps.lamps[row]
+            own = lamp.intensity_of_point, lamp.half_angle_deg
+            lights.append(Light(lamps.names[row], place, *own))
+    return lights
+
+
+def intensities_of(lamp: Lamp, cosine: FloatArray) -> FloatArray:
+    """Intensities of a point of a lamp at angles from its axis, by their cosines, in its unit."""
+    if lamp.profile:
+        return lamp.intensity_of_point * share_at(table_of(lamp.profile), cosine)
+    if lamp.exponent == 0:
+        return np.full(cosine.shape, lamp.intensity_of_point)
+    found: FloatArray = lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent
+    return found
+
+
+def bits_of(sets: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
+    """(n, S) whether each of n points is in sets (S,), which are bits."""
+    found: NDArray[np.bool_] = (sets >> np.arange(n)[:, None]) & 1 > 0
+    return found
+
+
+def are_lit(
+    lamps: Lamps, sees: NDArray[np.bool_], lamp: NDArray[np.integer[Any]]
+) -> NDArray[np.bool_]:
+    """(N,) places that one lamp or more lights, from the points (K, N), of lamps (K,), they see."""
+    counts = np.zeros((len(lamps), sees.shape[1]), np.int64)
+    np.add.at(counts, lamp, sees)
+    needed = np.array([each.points_needed for each in lamps.lamps])
+    return np.asarray((counts >= needed[:, None]).any(axis=0))
+
+
+def illuminances(
+    lamps: Lamps, poses: Poses, sees: NDArray[np.bool_], points: FloatArray, normals: FloatArray
+) -> FloatArray:
+    """(N,) illuminance of places with normals, (N, 3), by the points of lamps seen, (K, N).
+
+    E = sum I(t) cos i / d^2, and the ambient light; on the side that each lamp is on.
+    """
+    found = np.full(len(points), lamps.ambient)
+    for pose, row, own in zip(poses.world_from_camera, poses.camera.tolist(), sees, strict=True):
+        away = pose[:3, 3] - points
+        d = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+        cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)
+        height = np.abs(np.einsum("ni,ni->n", away, normals))
+        with np.errstate(over="ignore"):
+            found += np.where(own, intensities_of(lamps.lamps[row], cosine) * height / d**3, 0.0)
+    return found
+
+
+def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
+    """Lamps of `Lamps.to_json`."""
+    more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}
+    return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
+
+
+def _checked(profile: Any) -> Profile:
+    """Profile as pairs of numbers."""
+    pairs = members("profile", profile, (tuple, list), "pairs of angle and share", CameraError)
+    found = tuple(
+        (number("angle of a profile", angle), number("share of a profile", share))
+        for angle, share in (two("profile", each) for each in pairs)
+    )
+    angles = np.array([angle for angle, _ in found])
+    is_ascending = (np.diff(angles) > 0).all() and (
+        not found or angles[0] == 0 <= angles[-1] <= 180
+    )
+    if found and (len(found) < 2 or not is_ascending or min(share for _, share in found) < 0):
+        raise CameraError("profile must have angles ascending from 0, and shares of 0 or more")
+    return found

@@ -1,0 +1,180 @@
+"""Equations of the lenses, for the bounds of their images; twin of `native/lens/formulas.hpp`.
+
+A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels in four steps:
+
+    base         (X, Y, Z) -> (x, y)    law of the ideal lens: pinhole, equidistant, unified, ...
+    distortion   (x, y) -> (a, b)       radial, tangential and thin-prism terms
+    tilt         (a, b) -> (a, b)       homography of a tilted sensor
+    pixels       u = fx a + skew b + cx,  v = fy b + cy
+
+This module runs as it is on floats and numpy arrays. `bound_to` gives the same functions on another
+arithmetic: intervals, and complex balls (`balls`). So branches depend on coefficients only, never
+on rays.
+
+D. C. Brown. Close-range camera calibration. 1971. J. Kannala, S. Brandt. A generic camera model.
+2006. F. Devernay, O. Faugeras. Straight lines have to be straight. 2001. C. Mei, P. Rives. Single
+view point omnidirectional camera calibration. 2007. B. Khomutenko et al. An enhanced unified camera
+model. 2016. V. Usenko et al. The double sphere camera model. 2018. A. Fitzgibbon. Simultaneous
+linear estimation of multiple view geometry and lens distortion. 2001.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+BASES = (
+    *("pinhole", "equidistant", "equisolid", "fov", "unified", "double_sphere", "division"),
+    "equirectangular",
+)
+"""Names of the bases, by their codes."""
+PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, EQUIRECT = range(len(BASES))
+PLANAR = (PINHOLE, FOV, DIVISION)
+"""Bases of points in front of the camera alone."""
+
+SIZE = 32
+"""Parameters of a lens, float64."""
+FX, FY, CX, CY, SKEW = range(5)
+K1, K2, K3, K4, K5, K6 = range(5, 11)
+"""Radial numerator: 1 + K1 q + ... + K6 q^6, q = x^2 + y^2."""
+D1, D2, D3 = range(11, 14)
+"""Radial denominator: 1 + D1 q + D2 q^2 + D3 q^3."""
+P1, P2, S1, S2, S3, S4 = range(14, 20)
+"""Tangential terms and thin prism, with OpenCV's letters."""
+T00, T10, T11, T20, T21, T22 = range(20, 26)
+"""Homography of the tilted sensor; its other entries are 0."""
+B0, B1, B2 = range(26, 29)
+"""Parameters of the base."""
+LATE = 29
+"""1 where tangential and prism terms take the radially distorted point, else 0."""
+LIMIT = 30
+"""Largest radius of the plane of the base on which the distortion is certified to be injective."""
+SLOPE = 31
+"""Border of the valid region, see `native/lens/lens.hpp`."""
+
+
+def angle_over_r(r2: Any, z: Any) -> Any:
+    """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis."""
+    r = np.sqrt(r2)
+    return np.where(r > 0, np.arctan2(r, z) / np.where(r > 0, r, 1.0), 1.0 / z)
+
+
+sqrt = np.sqrt
+atan2 = np.arctan2
+
+
+def based(code: int, p: Any, X: Any, Y: Any, Z: Any) -> Any:
+    """Base of the lens: point (x, y) of its plane."""
+    if code == EQUIDISTANT:
+        g = angle_over_r(X * X + Y * Y, Z)
+    elif code == EQUISOLID:  # 2 sin(theta / 2)
+        rho = sqrt(X * X + Y * Y + Z * Z)
+        g = 1.4142135623730951 / sqrt(rho * (rho + Z))
+    elif code == UNIFIED:
+        g = 1.0 / (p[B0] * sqrt(p[B2] * (X * X + Y * Y) + Z * Z) + p[B1] * Z)
+    elif code == DOUBLE_SPHERE:
+        r2 = X * X + Y * Y
+        c = p[B0] * sqrt(r2 + Z * Z) + Z
+        g = 1.0 / (p[B1] * sqrt(r2 + c * c) + (1.0 - p[B1]) * c)
+    elif code == FOV:  # atan(B0 R / Z) B1 / (B0 R)
+        g = angle_over_r((X * X + Y * Y) * (p[B0] * p[B0]), Z) * p[B1]
+    elif code == DIVISION:
+        g = 2.0 / (Z + sqrt(Z * Z - 4.0 * p[B0] * (X * X + Y * Y)))
+    else:
+        g = 1.0 / Z
+    return X * g, Y * g
+
+
+def limit_of(code: int, p: Any) -> float:
+    """Angle from the z axis, radians, up to which the base is injective."""
+    if code == UNIFIED:
+        # z > -w sqrt(B2 r^2 + z^2), w the smaller of B0 and B1 over the larger.
+        w = min(p[B0], p[B1]) / max(p[B0], p[B1])
+        return math.pi - math.atan2(math.sqrt(1.0 - w * w), w * math.sqrt(p[B2]))
+    if code == DOUBLE_SPHERE:
+        xi, w = p[B0], min(p[B1], 1.0 - p[B1]) / max(p[B1], 1.0 - p[B1])
+        # From the center of the second sphere, xi + c > -w sqrt(1 + 2 xi c + xi^2), c the cosine
+        # of the angle. The paper's (w + xi) / sqrt(2 w xi + xi^2 + 1) > -c is beyond the fold
+        # where xi < 0 and alpha is near 1.
+        rest = 1.0 - w * w
+        return math.acos(max(-1.0, -xi * rest - w * math.sqrt(1.0 - xi * xi * rest)))
+    if code == DIVISION and p[B0] > 0.0:
+        return math.atan(0.5 / math.sqrt(p[B0]))
+    return math.pi
+
+
+def radial_factor(p: Any, q: Any) -> Any:
+    """Radial distortion at squared radius q: distorted radius over radius."""
+    factor = p[K6]
+    factor = q * factor + p[K5]
+    factor = q * factor + p[K4]
+    factor = q * factor + p[K3]
+    factor = q * factor + p[K2]
+    factor = q * factor + p[K1]
+    factor = q * factor + 1.0
+    if p[D1] != 0.0 or p[D2] != 0.0 or p[D3] != 0.0:
+        factor = factor / (q * (q * (q * p[D3] + p[D2]) + p[D1]) + 1.0)
+    return factor
+
+
+def distorted(p: Any, x: Any, y: Any) -> Any:
+    """Radial, tangential and thin-prism distortion of a point of the plane of the base."""
+    radial = radial_factor(p, x * x + y * y)
+    a = x * radial
+    b = y * radial
+    if p[P1] != 0.0 or p[P2] != 0.0 or p[S1] != 0.0 or p[S2] != 0.0 or p[S3] != 0.0 or p[S4] != 0.0:
+        if p[LATE] != 0.0:
+            x = a
+            y = b
+        q = x * x + y * y
+        xy = 2.0 * (x * y)
+        a = a + p[P1] * xy + p[P2] * (q + 2.0 * (x * x)) + q * (q * p[S2] + p[S1])
+        b = b + p[P1] * (q + 2.0 * (y * y)) + p[P2] * xy + q * (q * p[S4] + p[S3])
+    return a, b
+
+
+def imaged(p: Any, a: Any, b: Any) -> Any:
+    """Tilt and pixels of a distorted point."""
+    if p[T20] != 0.0 or p[T21] != 0.0:
+        w = 1.0 / (p[T20] * a + p[T21] * b + p[T22])
+        b = (p[T10] * a + p[T11] * b) * w
+        a = p[T00] * a * w
+    return p[FX] * a + p[SKEW] * b + p[CX], p[FY] * b + p[CY]
+
+
+def project(code: int, p: Any, X: Any, Y: Any, Z: Any) -> Any:
+    """Pixel (u, v) of a ray by the equations alone, wherever it is."""
+    if code == EQUIRECT:  # longitude is continuous within half a turn of B0
+        a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])
+        b = atan2(Y, sqrt(X * X + Z * Z))
+    else:
+        x, y = based(code, p, X, Y, Z)
+        a, b = distorted(p, x, y)
+    return imaged(p, a, b)
+
+
+EQUATIONS = (based, radial_factor, distorted, imaged, project)
+"""In the order in which they call one another."""
+
+
+def bound_to(
+    primitives: dict[str, Any], given: Sequence[Callable[..., Any]] = EQUATIONS
+) -> dict[str, Any]:
+    """Equations on another arithmetic, by name.
+
+    Parameters
+    ----------
+    primitives : dict
+        The functions of `PRIMITIVES` that the equations use, on that arithmetic.
+    given : tuple of functions
+        Equations to bind; all of them unless given.
+    """
+    names = {name: value for name, value in globals().items() if name.isupper()}
+    space = {"__builtins__": __builtins__, "__name__": __name__, **names, **primitives}
+    for equation in given:
+        bound = FunctionType(equation.__code__, space, equation.__name__)
+        bound.__doc__ = equation.__doc__
+        space[equation.__name__] = bound
+    return space

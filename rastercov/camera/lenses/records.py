@@ -1,0 +1,148 @@
+"""Lenses and their ideal planes as the loops take them, arrays read-only.
+
+Their fields are in the order of the structs of `native/camera` and `native/lens`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.memory import FloatArray
+
+MOST_SIDES = 132
+"""Room for the sides of a region: a cone of 128 sides cut by a square."""
+
+
+class PlaneRecord(NamedTuple):
+    """An ideal plane.
+
+    Attributes
+    ----------
+    code, params : int, (32,) float64
+        The lens, see `formulas`.
+    frame : (3, 3) float64
+        lens_from_plane.
+    fx, fy, cx, cy : float
+        Of the pinhole, px.
+    region, hole : (K, 2) float64
+        Convex polygons in units of the plane, counter-clockwise in (x, y); `hole` may be empty.
+    window : (K, 2) float64
+        The same, with few sides: all of the region whose pixels are in the image, and perhaps more.
+    longest, parts_of, is_graded
+        Of an `EdgeTable` of `quadrature`.
+    width, height : float
+        Size of the image of the lens, px.
+    bend : float
+        Bound of the second derivative of pixels along lines of the plane, px.
+    stretch : float
+        Greatest area in the image of the lens, px^2, for each px^2 of the pinhole's.
+    speed : float
+        Greatest length in the image of the lens, px, for each px of the pinhole's.
+    tolerance : float
+        Bound of the error of each edge or part of one, px^2.
+    """
+
+    code: int
+    params: FloatArray
+    frame: FloatArray
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    region: FloatArray
+    hole: FloatArray
+    window: FloatArray
+    longest: FloatArray
+    parts_of: int
+    is_graded: bool
+    width: float
+    height: float
+    bend: float
+    stretch: float
+    speed: float
+    tolerance: float
+
+
+class CurvedLens(NamedTuple):
+    """A lens for the loops over faces, one row for each of its planes; see `PlaneRecord`.
+
+    Attributes
+    ----------
+    by_distance : bool
+        Sharpness depends on the distance, not on the depth.
+    frames : (N, 3, 3) float64
+    own_params : (N, 32) float64
+    regions, holes : (N, MOST_SIDES, 2) float64
+    region_sides, hole_sides : (N,) int64
+    longest : (N, M) float64
+    parts_of : (N,) int64
+    is_graded : (N,) bool
+    bends : (N,) float64
+    """
+
+    code: int
+    params: FloatArray
+    width: float
+    height: float
+    by_distance: bool
+    frames: FloatArray
+    own_params: FloatArray
+    regions: FloatArray
+    region_sides: NDArray[np.int64]
+    holes: FloatArray
+    hole_sides: NDArray[np.int64]
+    longest: FloatArray
+    parts_of: NDArray[np.int64]
+    is_graded: NDArray[np.bool_]
+    bends: FloatArray
+    tolerance: float
+
+
+class Slopes(NamedTuple):
+    """Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
+
+    Attributes
+    ----------
+    low_x, low_y, per_x, per_y : float
+        Corner of the grid, and parts a unit.
+    second, third : (CELLS PARTS, CELLS PARTS) float64
+        By row (y) and column (x); 0 beyond the region.
+    sizes : (2, CELLS, CELLS) float64
+        Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
+        PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
+    is_graded : bool
+        The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
+        over d^2 and d^3.
+    """
+
+    low_x: float
+    low_y: float
+    per_x: float
+    per_y: float
+    second: FloatArray
+    third: FloatArray
+    sizes: FloatArray
+    is_graded: bool
+    near_pole_2: float
+    near_pole_3: float
+
+
+class Tree(NamedTuple):
+    """Field of view of a plane: rays (x, y, 1) with a x + b y + c >= 0 are inside a line.
+
+    Attributes
+    ----------
+    lines : (N, 3) float64
+        a, b, c of each node, (a, b) of unit length.
+    children : (N, 2) int32
+        A node or a leaf of `native/lens/field.hpp`, inside and outside.
+    kinds : (N,) uint8
+    root : int
+        Node 0 or a leaf.
+    """
+
+    lines: NDArray[Any]
+    children: NDArray[Any]
+    kinds: NDArray[Any]
+    root: int

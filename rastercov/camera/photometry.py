@@ -1,0 +1,104 @@
+"""Intensities of luminaires by the angle from their axis, of IES files.
+
+IES LM-63: IES Standard File Format for the Electronic Transfer of Photometric Data. 2019. Type C
+with TILT=NONE; vertical angle 0 is along the axis of the lamp, which points down where it hangs. A
+luminaire that is not the same around its axis is refused, since a profile is of one angle.
+"""
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import CameraError
+from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
+
+FloatArray = NDArray[np.float64]
+Profile = tuple[tuple[float, float], ...]
+"""Angles from the axis, degrees, ascending from 0, and intensities relative to the largest."""
+
+LARGEST_IES = 1 << 20
+"""Bytes of a file."""
+MOST_AROUND = 0.1
+"""Difference of intensities around the axis, relative to the largest, that is averaged."""
+_NUMBER = re.compile(r"[\s,]+")
+
+
+def read_ies(path: StrPath) -> tuple[float, Profile]:
+    """Largest intensity, cd, and profile of an IES file; CameraError for one that has none."""
+    try:
+        text = file_bytes(path, LARGEST_IES).decode("latin-1")
+        found = _profile(text)
+    except (UnreadableError, CameraError) as error:
+        raise CameraError(f"{printable(str(path))}: {error}") from None
+    return found
+
+
+def _profile(text: str) -> tuple[float, Profile]:
+    head, tilt, body = text.partition("TILT=")
+    kind, _, numbers = body.partition("\n")
+    if not tilt or not head.lstrip().upper().startswith("IES"):
+        raise CameraError("wanted an IES LM-63 file, which begins with IES and has a line TILT=")
+    if kind.strip().upper() != "NONE":
+        raise CameraError(f"wanted TILT=NONE, got TILT={printable(kind.strip()[:20])}")
+    try:
+        values = np.array([float(each) for each in _NUMBER.split(numbers.strip()) if each])
+        n_down, n_around, type_c = (int(values[at]) for at in (3, 4, 5))
+        factor = float(values[2] * values[10])
+        down, around = values[13 : 13 + n_down], values[13 + n_down : 13 + n_down + n_around]
+        candela = values[13 + n_down + n_around :].reshape(n_around, n_down)
+    except (ValueError, IndexError):
+        raise CameraError("its numbers are not as many as it says, or no numbers") from None
+    if type_c != 1:
+        raise CameraError(f"wanted photometric type C, 1, got {type_c}")
+    is_sorted = n_down >= 2 and (np.diff(down) > 0).all() and len(around) == n_around
+    if not is_sorted or down[0] != 0 or down[-1] > 180:
+        raise CameraError("vertical angles must ascend from 0 to 180 at most")
+    if not np.isfinite(candela).all() or (candela < 0).any() or not factor > 0:
+        raise CameraError("intensities must be 0 or more")
+    largest = float(candela.max())
+    if not largest > 0:
+        raise CameraError("its intensities are all zero")
+    differs = float(np.ptp(candela, axis=0).max()) / largest
+    if differs > MOST_AROUND:
+        raise CameraError(
+            f"its intensity varies by {100 * differs:.0f} % around its axis, of "
+            f"{100 * MOST_AROUND:.0f} % at most; give a lamp of size in its place"
+        )
+    mean = candela.mean(axis=0)
+    share = mean / mean.max()
+    return factor * float(mean.max()), tuple(zip(down.tolist(), share.tolist(), strict=True))
+
+
+def table_of(profile: Profile) -> FloatArray:
+    """(K, 4) rows of a profile by ascending cosine: cosine, share, and slope before and after.
+
+    Monotone cubics between, so that no share is negative. F. N. Fritsch, R. E. Carlson. Monotone
+    Piecewise Cubic Interpolation. 1980; slopes are harmonic means. Beyond the last angle the share
+    stays, and the cone of the lamp cuts it.
+    """
+    angle, share = np.array(profile, np.float64).T[:, ::-1]
+    cosine = np.cos(np.radians(angle))
+    cosine[-1] = 1.0
+    if cosine[0] > -1:
+        cosine, share = np.concatenate([[-1.0], cosine]), np.concatenate([share[:1], share])
+    secant = np.diff(share) / np.diff(cosine)
+    slope = np.zeros(len(share))
+    product = secant[1:] * secant[:-1]
+    rises = product > 0
+    total = np.where(rises, secant[1:] + secant[:-1], 1.0)
+    slope[1:-1] = np.where(rises, 2 * product / total, 0.0)
+    slope[0], slope[-1] = secant[0], secant[-1]
+    return np.stack([cosine, share, slope, slope], axis=1)
+
+
+def share_at(table: FloatArray, cosine: FloatArray) -> FloatArray:
+    """Shares of a `table_of` at cosines."""
+    at = np.clip(np.searchsorted(table[:, 0], cosine, "right") - 1, 0, len(table) - 2)
+    low, high = table[at], table[at + 1]
+    width = high[..., 0] - low[..., 0]
+    t = np.clip((cosine - low[..., 0]) / width, 0.0, 1.0)
+    rest = 1 - t
+    found: FloatArray = rest**2 * ((1 + 2 * t) * low[..., 1] + t * width * low[..., 3])
+    found += t**2 * ((1 + 2 * rest) * high[..., 1] - rest * width * high[..., 2])
+    return np.maximum(found, 0.0)

@@ -1,0 +1,264 @@
+"""Rules of a rig: the devices that must see a point together before the rig covers it.
+
+A stereo head is `All` of two cameras, a fringe sensor `All` of a camera and a projector, or
+`AtLeast(2, needs=["projector"])` of two cameras and a projector. Devices that count together are on
+one side of the face. `Gate` is a rule whose devices are counted.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
+from typing import Any as Anything
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import CameraError
+
+MOST_DEVICES = 64
+"""Devices of a rig with a rule."""
+
+
+@dataclass(frozen=True)
+class Any:
+    """Each camera counts by itself: a rig covers what any of its cameras covers."""
+
+
+@dataclass(frozen=True)
+class All:
+    """Every device sees the point: stereo, fringe projection, time of flight.
+
+    Parameters
+    ----------
+    min_baseline_deg : float
+        Least angle between the rays from the point to some two of the devices, [0, 180]: below it
+        depths are uncertain.
+    max_baseline_deg : float
+        Greatest angle between the rays to any two, [0, 180]: above it images cannot be matched.
+    max_uncertainty : float
+        Largest standard deviation of the point in its worst direction, metres; see
+        `rastercov.Uncertainty`.
+    noise_px : float, or mapping of str to float
+        Standard deviation of positions in the images, px, with `max_uncertainty`: of all devices,
+        or of each by its name.
+    stripes : sequence of str
+        Names of devices that know one coordinate of the image, x: projectors of stripes along y,
+        lasers of a sheet along y; the others know both.
+    """
+
+    min_baseline_deg: float = 0.0
+    max_baseline_deg: float = 180.0
+    max_uncertainty: float = math.inf
+    noise_px: float | Mapping[str, float] = 0.0
+    stripes: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class AtLeast:
+    """Some of the devices see the point.
+
+    Parameters
+    ----------
+    k : int
+        Devices that see it, those of `needs` among them.
+    needs : sequence of str
+        Names of devices without which nothing is measured, such as the projector.
+    """
+
+    k: int
+    needs: Sequence[str] = ()
+
+
+Rule = Any | All | AtLeast
+"""Rule of a rig."""
+
+
+class Gate(NamedTuple):
+    """Devices that measure together: k of n of them, and those of `needs` among these.
+
+    Attributes
+    ----------
+    n, k : int
+    needs : tuple of int
+        In ascending order.
+    least_deg, most_deg : float
+        Limits of the angle between rays, see `All`.
+    most_deviation : float
+        Limit of the standard deviation of a point, metres; 0 for none.
+    noise : tuple of float
+        Of each device, radians, where that is limited.
+    stripes : tuple of int
+        Devices that know one coordinate of the image.
+    """
+
+    n: int
+    k: int
+    needs: tuple[int, ...] = ()
+    least_deg: float = 0.0
+    most_deg: float = 180.0
+    most_deviation: float = 0.0
+    noise: tuple[float, ...] = ()
+    stripes: tuple[int, ...] = ()
+
+    @property
+    def has_baseline(self) -> bool:
+        """True where the angle between rays is limited."""
+        return self.least_deg > 0 or self.most_deg < 180
+
+    @property
+    def has_deviation(self) -> bool:
+        """True where the standard deviation of a point is limited."""
+        return self.most_deviation > 0
+
+    def holds(self, sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(...) whether the rule holds where each of the devices sees, (n, ...)."""
+        found: NDArray[np.bool_] = np.count_nonzero(sees, axis=0) >= self.k
+        return found & sees[list(self.needs)].all(axis=0)
+
+    def failing(self, reason: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """Reason of the device that is missed most, (...), and the device, from (n, ...) of each.
+
+        It is the lowest that must rise for the rule to hold; where that is "covered", it holds.
+        """
+        others = [row for row in range(self.n) if row not in self.needs]
+        wanted = [*self.needs]
+        rest = reason[others]
+        order = np.argsort(-rest.astype(np.int64), axis=0, kind="stable")
+        device, found = np.zeros(reason.shape[1:], np.int64), np.full(reason.shape[1:], 255)
+        if (more := self.k - len(wanted)) > 0:
+            device = np.array(others)[order[more - 1]]
+            found = np.take_along_axis(rest, order[more - 1][None], axis=0)[0].astype(np.int64)
+        for row in wanted:
+            is_less = reason[row] < found
+            device, found = np.where(is_less, row, device), np.where(is_less, reason[row], found)
+        return found.astype(np.uint8), device
+
+    def without(self, device: int) -> "Gate":
+        """The rule where a device sees everything: that of the others, with k = 0 where it is all.
+
+        Numbers of devices are as before, of which the caller leaves out this one.
+        """
+        needs = tuple(row for row in self.needs if row != device)
+        return self._replace(k=max(self.k - 1, len(needs)), needs=needs)
+
+
+def gate_of(
+    rule: Anything, names: Sequence[str], pixels_a_radian: Sequence[float] = ()
+) -> Gate | None:
+    """Gate of a rule for devices by their names; None where each camera counts by itself.
+
+    `pixels_a_radian` are those of each device at the centre of its image.
+
+    Raises
+    ------
+    CameraError
+        For no rule, and for one that these devices cannot meet.
+    """
+    if isinstance(rule, Any):
+        return None
+    if not isinstance(rule, All | AtLeast):
+        raise CameraError(f"rule must be Any(), All() or AtLeast(k), got {shown(rule)}")
+    n, known = len(names), ", ".join(map(shown, names[:8])) + (", ..." if len(names) > 8 else "")
+    if not 2 <= n <= MOST_DEVICES:
+        raise CameraError(
+            f"a rule is of 2 to {MOST_DEVICES} devices that measure together, got {n}, {known}"
+        )
+    if isinstance(rule, All):
+        least, most = map(finite_number, (rule.min_baseline_deg, rule.max_baseline_deg))
+        if not 0 <= least <= most <= 180:
+            raise CameraError(
+                "min_baseline_deg and max_baseline_deg must be 0 to 180, in this order, got "
+                f"{shown(rule.min_baseline_deg)} and {shown(rule.max_baseline_deg)}"
+            )
+        gate = Gate(n, n, (), least, most)
+        return gate if rule == All(least, most) else _with_noise(gate, rule, names, pixels_a_radian)
+    k, needs = finite_number(rule.k), rule.needs
+    if not k.is_integer() or not 1 <= k <= n:
+        raise CameraError(f"k of AtLeast must be a whole number of 1 to {n}, got {shown(rule.k)}")
+    if isinstance(needs, str) or not all(name in names for name in needs):
+        raise CameraError(f"needs of AtLeast must be some of {known}, got {shown(needs)}")
+    rows = tuple(sorted({list(names).index(name) for name in needs}))
+    if len(rows) > k:
+        raise CameraError(f"AtLeast({int(k)}) cannot need {len(rows)} devices; give a larger k")
+    return Gate(n, int(k), rows)
+
+
+def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[float]) -> Gate:
+    """The gate with the noise of its devices."""
+    limit, noise, stripes = finite_number(rule.max_uncertainty), rule.noise_px, rule.stripes
+    if not limit > 0:
+        raise CameraError(
+            "max_uncertainty must be a length above 0, and comes with noise_px and stripes, got "
+            f"{shown(rule.max_uncertainty)}"
+        )
+    if isinstance(noise, Mapping) and set(noise) != set(names):
+        raise CameraError(f"noise_px must have each of {shown(list(names))}, got {shown(noise)}")
+    of_devices = [noise[name] if isinstance(noise, Mapping) else noise for name in names]
+    values = [finite_number(value) for value in of_devices]
+    if not all(value > 0 for value in values):
+        raise CameraError(f"noise_px must be above 0 with max_uncertainty, got {shown(noise)}")
+    if isinstance(stripes, str) or not all(name in names for name in stripes):
+        raise CameraError(f"stripes must be some of {shown(list(names))}, got {shown(stripes)}")
+    rows = tuple(sorted({list(names).index(name) for name in stripes}))
+    if len(rows) == len(names):
+        raise CameraError("stripes alone fix no point: a device must know both coordinates")
+    radians = tuple(value / each for value, each in zip(values, scale, strict=True))
+    return gate._replace(most_deviation=limit, noise=radians, stripes=rows)
+
+
+def rule_to_json(rule: Rule) -> dict[str, Anything]:
+    """Entries of a rule, ready for JSON; see `rule_of`."""
+    own = asdict(rule)
+    if isinstance(rule, AtLeast):
+        own["needs"] = list(rule.needs)
+    elif isinstance(rule, All):
+        usual = asdict(All())
+        named = dict(rule.noise_px) if isinstance(rule.noise_px, Mapping) else rule.noise_px
+        own |= {"noise_px": named, "stripes": list(rule.stripes)}
+        later = ("max_uncertainty", "noise_px", "stripes")
+        own = {k: v for k, v in own.items() if k not in later or v not in (usual[k], [])}
+        own = {} if rule == All() else own
+    return {"rule": KINDS[type(rule)], **own}
+
+
+def rule_of(entries: Mapping[str, Anything]) -> Rule:
+    """Rule of its entries: "rule", one of `KINDS`, and the fields of its class."""
+    kind, own = entries.get("rule", "any"), {k: v for k, v in entries.items() if k != "rule"}
+    if kind == "at_least" and "k" not in own:
+        raise CameraError('rule "at_least" needs k, a number of devices')
+    for made, name in KINDS.items():
+        if kind == name and set(own) <= set(made.__dataclass_fields__):
+            if isinstance(own.get("max_uncertainty"), str):
+                own["max_uncertainty"] = length_of("max_uncertainty", own["max_uncertainty"])
+            found: Rule = made(**own)
+            return found
+    raise CameraError(
+        f'rule must be {", ".join(map(shown, KINDS.values()))}, with k and needs for "at_least" '
+        f'and {", ".join(All.__dataclass_fields__)} for "all", got {shown(dict(entries))}'
+    )
+
+
+def length_of(name: str, text: str) -> float:
+    """Metres of a text with a unit, such as "50 um"."""
+    number, _, unit = text.strip().partition(" ")
+    try:
+        return float(number) / UNITS[unit.strip()]
+    except (ValueError, KeyError):
+        raise CameraError(
+            f"{name} must be a length in m, mm or um, such as {shown('50 um')}, got {shown(text)}"
+        ) from None
+
+
+UNITS = {"m": 1.0, "mm": 1e3, "um": 1e6, "µm": 1e6}
+"""Units of lengths in files, by their number in a metre."""
+
+
+KINDS: dict[Anything, str] = {Any: "any", All: "all", AtLeast: "at_least"}
+"""Names of rules in files."""
+
+
+def task_to_json(task: Anything) -> dict[str, Anything]:
+    """Thresholds of a device, a `Task` or a mapping of some of them, ready for JSON."""
+    return asdict(task) if is_dataclass(task) and not isinstance(task, type) else dict(task)
