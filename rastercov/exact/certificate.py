@@ -7,7 +7,7 @@ of an event edge crosses at or before its depth, and that no other face touches 
 wholly visible or wholly hidden, and so are all faces joined to it edge by edge without crossing an
 event edge: a region. The half-plane solver computes the largest face of each region; that face,
 which must be wholly visible or wholly hidden, classifies its region. A crossed face is divided by
-the edges that cross it, see `kernels.exact_arrangement`. The cost is proportional to the
+the edges that cross it, see `native/exact/arrangement.cpp`. The cost is proportional to the
 silhouettes, not to the faces or the pixels.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
@@ -18,20 +18,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.threads import Once
 from rastercov.camera.camera import Camera
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.surface import Surface, surface_of
-from rastercov.kernels import exact_certificate as kernels
-from rastercov.kernels.exact_arrangement import MOST_CELLS, arrangement_areas
-from rastercov.kernels.exact_certificate import find_regions
-from rastercov.kernels.exact_event import ask_for_events, find_event_edges, mark_crossed
-from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces
-from rastercov.kernels.exact_half_plane import visible_areas
-from rastercov.kernels.exact_records import BLOCK, CROSSED, Crossings, Segment
-from rastercov.kernels.exact_setup import lay_boxes
-from rastercov.kernels.jit import compiled_aside, is_compiled
-from rastercov.raster import self_test
+from rastercov.exact.records import BLOCK, CROSSED, Crossings, Segment
+from rastercov.exact.surface import Surface
+from rastercov.native.exact_arrangement import MOST_CELLS, arrangement_areas
+from rastercov.native.exact_certificate import classify_regions, find_regions, mark_uncertifiable
+from rastercov.native.exact_event import ask_for_events, find_event_edges, mark_crossed
+from rastercov.native.exact_grid import ask_for_all, ask_for_faces
+from rastercov.native.exact_setup import lay_boxes
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
@@ -50,35 +45,6 @@ CROSSING_TOLERANCE_REL = 1e-9
 THIN_TOLERANCE_REL = 1e-8
 """Width below which rounding may decide on which side of a face an edge runs, relative to the
 same."""
-
-COMPILED: Once[None] = Once()
-"""Compilation by `compile_once`."""
-
-
-def compile_once() -> None:
-    """Compile all loops, in two processes in parallel, unless an earlier run left them on disk.
-
-    Threads that call it while one of them compiles wait until that is done.
-    """
-    COMPILED.get(_compile)
-
-
-def compile_first(method: str) -> None:
-    """`compile_once` for an exact method, in its text form, before a mesh compiles loops alone."""
-    if method.partition("@")[0] in ("certified", "exact"):
-        compile_once()
-
-
-def _compile() -> None:
-    if is_compiled(visible_areas):
-        return
-    # By its name: what is compiled there are loops of modules that import this one.
-    with compiled_aside("rastercov.coverage.first_start", "compile_half", visible_areas):
-        surface, pose = surface_of(self_test.MESH), self_test.POSES[0]
-        for solver_type in (HalfPlaneSolver, CertificateSolver):
-            solver = solver_type(surface, self_test.CAMERA)
-            solver.set_pose(pose, 1e-3, False)
-            solver.solve_all()
 
 
 class CertificateSolver(HalfPlaneSolver):
@@ -104,7 +70,7 @@ class CertificateSolver(HalfPlaneSolver):
         self._parent, self._region = np.empty((2, n_nodes), np.int32)
         self._scratch, self._decision = np.empty((2, n_faces), np.int32)
         self._make_room_for_crossings(max(1024, n_edges // 16))
-        self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64), np.empty((2, 3)))
+        self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64))
 
     def solve_all(self) -> None:
         """As of `HalfPlaneSolver`."""
@@ -118,13 +84,10 @@ class CertificateSolver(HalfPlaneSolver):
         reach = math.dist(camera.centre, surface.centre) + surface.diagonal / 2
         contacts = surface.contacts.faces_for(reach)
         partners = surface.contacts.partners_for(reach)
-        self.n_events = self._call(
-            find_event_edges, surface.edges, projected, self._is_event, self._events
-        )
+        self.n_events = find_event_edges(surface.edges, projected, self._is_event, self._events)
         events = self._events[: self.n_events]
-        self._call(
-            kernels.mark_uncertifiable,
-            events, surface.edges, projected, contacts, self._blocks_in(contacts), partners,
+        mark_uncertifiable(
+            events, surface.edges, projected, contacts, self._blocks_in(contacts), partners.starts,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         self._list_around(events)
@@ -132,8 +95,7 @@ class CertificateSolver(HalfPlaneSolver):
             self._crossings.last.fill(-1)
         self._has_crossings = True
         while True:
-            n_crossings = self._call(
-                mark_crossed,
+            n_crossings = mark_crossed(
                 events, surface.vertices, self._view(projected), self._extent,
                 CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped, self._segment,
                 self._crossings, self._is_hidden,
@@ -141,21 +103,19 @@ class CertificateSolver(HalfPlaneSolver):
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
-        self.n_crossed, self.n_regions = self._call(
-            find_regions,
+        self.n_crossed, self.n_regions = find_regions(
             events, self._is_hidden, self._view(projected), self._parent, self._region,
             self._targets,
         )  # fmt: skip
         crossed = self._targets[: self.n_crossed]
         targets = np.concatenate((self._measured(crossed), self.largest_of_regions()))
-        self._call(lay_boxes, targets, projected)
-        if self._call(ask_for_faces, targets, projected.box, self.grid):
+        lay_boxes(targets, projected)
+        if ask_for_faces(targets, projected.box, self.grid):
             self._list_faces()
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
         while True:
-            n_left = self._call(
-                arrangement_areas,
+            n_left = arrangement_areas(
                 targets, self._crossings, partners, self._view(projected), self._pieces,
                 self._scratch,
             )  # fmt: skip
@@ -168,8 +128,7 @@ class CertificateSolver(HalfPlaneSolver):
         self._limit_errors(targets)
         self._left = self._scratch[:n_left].copy()
         self.solve(self._left)
-        self.n_doubtful = self._call(
-            kernels.classify_regions,
+        self.n_doubtful = classify_regions(
             projected, self.visible, self._region, self.largest_of_regions(),
             self._decision[: self.n_regions], self.is_certified[:n_faces], self._scratch,
             CERTAIN_AREA_REL,
@@ -196,12 +155,11 @@ class CertificateSolver(HalfPlaneSolver):
         """List the faces in the cells around event edges, or in all cells if these are not few."""
         n_cells = self.grid.columns * self.grid.rows
         are_few = self.n_clipped == 0 and CELLS_PER_EVENT * len(events) <= n_cells
-        if not are_few or not self._call(
-            ask_for_events,
+        if not are_few or not ask_for_events(
             events, self.surface.edges, self.surface.vertices, self.camera, self.projected,
             CROSSING_TOLERANCE_REL * self.coordinate_scale, self.grid, self._segment,
         ) or self.grid.n_fresh[0] > MOST_ASKED * n_cells:  # fmt: skip
-            self._call(ask_for_all, self.grid)
+            ask_for_all(self.grid)
         self._list_faces()
 
     def _make_room_for_crossings(self, n: int) -> None:

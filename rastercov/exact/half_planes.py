@@ -7,9 +7,8 @@ T n M n {1/z_M > 1/z_T}, and
 
 No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
 Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide
-nothing, and nothing at their depth hides them. The compiled loops are in `kernels.exact_setup`,
-`kernels.exact_grid`, which lists the faces near a place of the image, and
-`kernels.exact_half_plane`.
+nothing, and nothing at their depth hides them. The loops are in `rastercov/native/exact`:
+`setup.cpp`, `grid.cpp`, which lists the faces near a place of the image, and `half_plane.cpp`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
@@ -22,13 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.exact.surface import Surface, Targets
-from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_event import MOST_INTERSECTIONS
-from rastercov.kernels.exact_grid import BUCKETS, NOT_ASKED, ask_for_all, ask_for_faces, fill_grid
-from rastercov.kernels.exact_half_plane import visible_areas
-from rastercov.kernels.exact_records import (
-    BLOCK,
+from rastercov.exact.records import (
     CORNERS,
     LIVE,
     PIECE_ROOM,
@@ -47,7 +40,11 @@ from rastercov.kernels.exact_records import (
     VisiblePieces,
     Work,
 )
-from rastercov.kernels.exact_setup import (
+from rastercov.exact.surface import Surface, Targets
+from rastercov.native.exact_arrangement import MOST_INTERSECTIONS
+from rastercov.native.exact_grid import BUCKETS, NOT_ASKED, ask_for_all, ask_for_faces, fill_grid
+from rastercov.native.exact_half_plane import visible_areas
+from rastercov.native.exact_setup import (
     CLIP_MARGIN,
     OUTLINE_ERROR_FACTOR,
     UNIT_ROUNDING,
@@ -210,7 +207,6 @@ def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks)
 
 
 def set_up_image(
-    call: DirectCalls,
     surface: Surface | Targets,
     camera: Pinhole,
     front_only: bool,
@@ -219,15 +215,11 @@ def set_up_image(
     extent: FloatArray,
 ) -> tuple[Projected, int, int]:
     """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
-    n_out = call(project, surface.vertices, camera, projected.uvw)
+    n_out = project(surface.vertices, camera, projected.uvw)
     rest = np.empty(len(surface.blocks.has_flat), np.int32)
-    n_plain, n_rest = call(
-        set_up_plain,
-        camera, front_only, n_out, projected, area_error, extent, np.empty(2 * BLOCK), rest,
-    )  # fmt: skip
+    n_plain, n_rest = set_up_plain(camera, front_only, n_out, projected, area_error, extent, rest)
     while True:
-        n_live, n_clipped = call(
-            set_up,
+        n_live, n_clipped = set_up(
             surface.vertices, surface.flat, rest[:n_rest], camera, front_only, projected,
             area_error, extent,
         )  # fmt: skip
@@ -313,7 +305,6 @@ class HalfPlaneSolver:
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
-        self._call, self._call_for_targets = DirectCalls(), DirectCalls()
         n_faces, n_all = len(surface.faces), surface.n_faces
         self.set_camera(camera)
         self.area, self.visible, self.area_error = np.empty((3, n_all))
@@ -345,6 +336,10 @@ class HalfPlaneSolver:
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
         self.camera, self.coordinate_scale = pinhole_of(camera)
+
+    def set_surface(self, surface: Surface) -> None:
+        """Take a surface that differs in positions and contacts alone, with the same memory."""
+        self.surface = surface
 
     def leave_out(self, faces: BoolArray | None) -> None:
         """Measure some opaque faces no more, (F,) bool in the order of the mesh; None for none.
@@ -401,13 +396,11 @@ class HalfPlaneSolver:
         )
         n_faces = len(surface.faces)
         self.projected, n_live, self.n_clipped = set_up_image(
-            self._call,
-            surface, self.camera, front_only, self.projected, self.area_error[:n_faces],
+            surface, self.camera, bool(front_only), self.projected, self.area_error[:n_faces],
             self._extent,
         )  # fmt: skip
         if self._target_image is not None and surface.targets is not None:
             its_image, *_ = set_up_image(
-                self._call_for_targets,
                 surface.targets, self.camera, False, self._target_image.own,
                 self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
@@ -427,7 +420,7 @@ class HalfPlaneSolver:
         """Compute `visible` and `area_error` of some opaque faces, given by index."""
         if len(targets):
             if not self._is_listed:
-                self._call(ask_for_all, self.grid)
+                ask_for_all(self.grid)
                 self._list_faces()
             self._run(targets, self.projected)
 
@@ -470,10 +463,7 @@ class HalfPlaneSolver:
         """Compute some faces, with more scratch memory as they need it."""
         done = 0
         while True:
-            done = self._call(
-                visible_areas,
-                faces, done, self._view(projected), self._marks, self._pieces,
-            )  # fmt: skip
+            done = visible_areas(faces, done, self._view(projected), self._marks, self._pieces)
             if done == len(faces):
                 break
             if not self._grow_kept():
@@ -497,7 +487,7 @@ class HalfPlaneSolver:
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""
-        while (needed := self._call(fill_grid, self.projected, self.grid)) > len(self.grid.entries):
+        while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
             self.grid = with_room(self.grid, needed * 5 // 4)
         self._is_listed = True
 

@@ -3,25 +3,25 @@
 A lens bends lines and hides nothing: what is in front of what is decided on each ray. So visibility
 is computed in pinholes that together see the valid region of the lens (`camera.lenses.planes`),
 and the faces and their visible pieces are mapped to pixels, where their areas are integrals along
-their edges (`rastercov.kernels.lens_edges`).
+their edges (`lens/edges.hpp`).
 """
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
+from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.exact.half_planes import HalfPlaneSolver, room_for_kept
-from rastercov.kernels import exact_lens as kernels
-from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_lens import edge_bulges, edge_lists, vertex_images, whole_groups
-from rastercov.kernels.exact_records import SPARE_ENTRIES, Edges
-from rastercov.kernels.lens_planes import PlaneRecord
-from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_polygons
-from rastercov.kernels.raster_memory import aligned_zeros
+from rastercov.exact.records import Edges
+from rastercov.exact.surface import Surface
+from rastercov.native import exact_lens as native
+from rastercov.native.exact_lens import edge_bulges, vertex_images
+from rastercov.native.lens_polygons import bulges_by_parts, measure_polygons
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -31,6 +31,21 @@ BESIDE_REL = 1e-9
 
 
 Visit = Callable[[int, HalfPlaneSolver], None]
+
+
+class Figures(NamedTuple):
+    """Sums over the planes of a camera, (F,): areas, px^2, and planes by the kind of their figure.
+
+    `n_certified` counts planes with a certified figure, `n_visible` those of them in which the face
+    is visible, `n_computed` the others that show it.
+    """
+
+    area: FloatArray
+    visible: FloatArray
+    area_error: FloatArray
+    n_certified: NDArray[np.int8]
+    n_visible: NDArray[np.int8]
+    n_computed: NDArray[np.int8]
 
 
 class LensSolver:
@@ -53,29 +68,28 @@ class LensSolver:
         solver.keep_pieces()
         surface = solver.surface
         n = surface.n_faces
-        self.surface, self._solver, self._call = surface, solver, DirectCalls()
-        self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
+        self._solver = solver
+        self.figures = Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
         self.area, self.visible, self.area_error = self.figures[:3]
         self.is_certified = np.zeros(n, np.bool_)
-        self._sides = whole_groups(directed_sides(surface.faces, surface.edges))
-        self._faces = whole_groups(surface.faces)
-        self._ends, self._lists = whole_groups(surface.edges.vertices), edge_lists()
-        self._longer = np.empty(len(self._ends), np.int32)
-        n_vertices = -(-len(surface.vertices) // kernels.AT_A_TIME) * kernels.AT_A_TIME
-        places = aligned_zeros((n_vertices, 4), np.float64)
-        is_inside, bulge = np.empty(n_vertices, np.bool_), np.empty(len(self._ends))
-        self._seen = kernels.Seen(places, is_inside, bulge, len(surface.faces))
-        self._is_done = np.empty(n + SPARE_ENTRIES, np.bool_)
-        self._own, self._own_error = np.empty((2, n + SPARE_ENTRIES))
-        self._scratch = kernels.scratch()
-        self._found = room_for_kept(1024, 8192)
-        self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
+        self._sides = directed_sides(surface.faces, surface.edges)
+        n_vertices, n_edges = len(surface.vertices), len(surface.edges.vertices)
+        self._places, self._is_inside = np.empty((n_vertices, 4)), np.empty(n_vertices, np.bool_)
+        self._bulge, self._longer = np.empty(n_edges), np.empty(n_edges, np.int32)
+        self._is_done, self._own = np.empty(n, np.bool_), np.empty(n)
+        self._found, self._measured = room_for_kept(1024, 8192), np.empty((1024, 2))
         flat: NDArray[np.bool_] = surface.flat
-        self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
             flat = np.concatenate((surface.flat, surface.targets.flat))
+        self._flat = flat
+        self.set_surface(surface)
+
+    def set_surface(self, surface: Surface) -> None:
+        """As of `HalfPlaneSolver`."""
+        self.surface = surface
+        self._vertices: FloatArray = surface.vertices
+        if surface.targets is not None:
             self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
-        self._flat = np.pad(flat, (0, SPARE_ENTRIES))
         ends = np.stack((self._vertices.min(axis=0), self._vertices.max(axis=0)))
         self._box = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3)
 
@@ -84,7 +98,7 @@ class LensSolver:
         if self.surface.place is not None:
             return False
         self.area, self.visible, self.area_error = area, visible, area_error
-        self.figures = kernels.Figures(area, visible, area_error, *self.figures[3:])
+        self.figures = Figures(area, visible, area_error, *self.figures[3:])
         return True
 
     def solve(
@@ -126,7 +140,7 @@ class LensSolver:
             if is_measured and is_seen:
                 self._measure(record)
         largest = 2.0 * camera.width * camera.height
-        self._call(kernels.settle, self.figures, largest, self.is_certified)
+        native.settle(self.figures, largest, self.is_certified)
 
     def _may_see(self, pose: FloatArray, camera: Camera, record: PlaneRecord) -> bool:
         """False where the image shows nothing of a plane, or all of the surface is beside it.
@@ -139,34 +153,29 @@ class LensSolver:
         normals = np.ascontiguousarray(sides @ pose[:3, :3].T)
         margin = BESIDE_REL * (1 + np.abs(sides[1:, 2]).max())
         return not any(
-            self._call(kernels.are_beyond, points, pose[:3, 3].copy(), normals, margin)
+            native.are_beyond(points, pose[:3, 3].copy(), normals, margin)
             for points in (self._box, self._vertices)
         )
 
     def _measure(self, record: PlaneRecord) -> None:
         """Add the images of all faces and pieces in one plane."""
-        solver, seen, lists = self._solver, self._seen, self._lists
+        solver, figures = self._solver, self.figures
         projected, kept = solver.image_of_all, solver.kept_pieces
-        n_vertices = len(self.surface.vertices)
-        own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
-        places, edges = seen.places, self._ends
-        self._call(vertex_images, uvw, record, places, seen.is_inside, lists)
-        n_longer = self._call(edge_bulges, record, edges, places, lists, seen.bulge, self._longer)
+        own, is_done, places, bulge = self._own, self._is_done, self._places, self._bulge
+        faces, edges = self.surface.faces, self.surface.edges.vertices
+        vertex_images(projected.uvw[: len(places)], record, places, self._is_inside)
+        n_longer = edge_bulges(record, edges, places, bulge, self._longer)
         if n_longer:
-            longer = self._longer[:n_longer]
-            self._call(bulges_by_parts, record, longer, edges, places, self._edges, seen.bulge)
-        self._call(
-            kernels.measure_simple,
-            self._faces, self._sides, self._flat, projected.state, seen, record, own,
-            self._own_error, is_done, self.figures,
+            bulges_by_parts(record, self._longer[:n_longer], edges, places, bulge)
+        native.measure_simple(
+            faces, self._sides, self._flat, projected.state, places, bulge, record, own, is_done,
+            figures,
         )  # fmt: skip
         while True:
             found = self._found
-            n_outlines = self._call(
-                kernels.collect,
-                self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
-                found,
-            )  # fmt: skip
+            n_outlines = native.collect(
+                self._vertices, is_done, projected, kept, solver.camera, record, found
+            )
             n, corners, is_short = found.used.tolist()
             if not is_short:
                 break
@@ -174,11 +183,10 @@ class LensSolver:
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]
-        self._call(measure_polygons, record, found.corners, found.starts, self._edges, images)
-        pinhole = solver.visible, solver.area_error, solver.is_certified
-        self._call(
-            kernels.add_areas,
-            found, n_outlines, images, projected, kept, pinhole, record, own, self.figures,
+        measure_polygons(record, found.corners, found.starts, images)
+        native.add_areas(
+            found, n_outlines, images, projected, kept, solver.visible, solver.area_error,
+            solver.is_certified, record, own, figures,
         )  # fmt: skip
 
 

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import Once
-from rastercov.kernels.exact_records import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
-from rastercov.kernels.exact_setup import find_patches
+from rastercov.exact.records import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts, Partners
 from rastercov.mesh.topology import edge_table
+from rastercov.native.exact_setup import check_surface, find_patches
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -114,7 +114,7 @@ class Targets:
 
     Attributes
     ----------
-    vertices, faces, flat, blocks
+    vertices, faces, flat, blocks, source
         As of `Surface`; faces in the order of the mesh.
     """
 
@@ -122,6 +122,7 @@ class Targets:
     faces: IntArray
     flat: BoolArray
     blocks: Blocks
+    source: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +190,8 @@ class Surface:
         Index of each face among the opaque faces of the mesh, which decides where surfaces tie.
     contacts : Contacts or SortedContacts
         Faces that touch or cut another one.
+    source : (V,) int64
+        Vertex of the opaque part of the mesh that each vertex is.
     place : (F,) int64 or None
         Place of each face of the mesh among the faces of the surface and, after them, the targets;
         None where it is its own index.
@@ -205,6 +208,7 @@ class Surface:
     blocks: Blocks
     rank: IntArray
     contacts: Contacts | SortedContacts
+    source: NDArray[np.int64]
     place: NDArray[np.int64] | None = None
     targets: Targets | None = None
 
@@ -224,7 +228,29 @@ _SURFACES: WeakKeyDictionary[Mesh, Once[Surface]] = WeakKeyDictionary()
 
 def surface_of(mesh: Mesh) -> Surface:
     """Surface of a mesh, built at the first call: about 1 s for a million faces."""
-    return _SURFACES.setdefault(mesh, Once()).get(lambda: _build(mesh))
+    moved = mesh.moved_from
+    if moved is None or not len(moved.poses):
+        return _SURFACES.setdefault(mesh, Once()).get(lambda: _build(mesh))
+    rest = surface_of(moved.rest.mesh)
+    return _SURFACES.setdefault(mesh, Once()).get(lambda: _moved(rest, mesh))
+
+
+def _moved(rest: Surface, mesh: Mesh) -> Surface:
+    """Surface of a mesh that shares all but positions and contacts with one at rest."""
+    opaque, targets = mesh.opaque, rest.targets
+    contacts: Contacts | SortedContacts = opaque.contacts
+    if isinstance(rest.contacts, SortedContacts):
+        contacts = SortedContacts(opaque.contacts, rest.contacts.order, rest.contacts.place)
+    if targets is not None:
+        targets = replace(targets, vertices=mesh.vertices[targets.source])
+    return replace(
+        rest, vertices=opaque.vertices[rest.source], centre=opaque.bounds.mean(axis=0),
+        diagonal=_diagonal(opaque), contacts=contacts, targets=targets,
+    )  # fmt: skip
+
+
+def _diagonal(mesh: Mesh) -> float:
+    return float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
 
 
 def _build(mesh: Mesh) -> Surface:
@@ -232,8 +258,8 @@ def _build(mesh: Mesh) -> Surface:
         opaque = surface_of(mesh.opaque)
         return replace(opaque, targets=_targets(mesh), place=_place_of_all(mesh, opaque))
     contacts: Contacts | SortedContacts = mesh.contacts
-    faces, is_used = _welded(mesh.welded_faces, mesh.n_vertices)
-    vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask)
+    faces, source = _welded(mesh.welded_faces, mesh.n_vertices)
+    vertices, flat = mesh.vertices[source], np.ascontiguousarray(mesh.degenerate_mask)
     rank, place = np.arange(len(faces), dtype=np.int32), None
     order = local_order(vertices, faces)
     if order is not None:
@@ -241,40 +267,49 @@ def _build(mesh: Mesh) -> Surface:
         faces, flat = faces[order], flat[order]
         contacts = SortedContacts(mesh.contacts, order, place.astype(np.int32))
     if len(faces) >= LEAST_FACES:
-        vertices, faces = _by_use(vertices, faces)
+        by_use, faces = _by_use(faces, len(source))
+        vertices, source = vertices[by_use], source[by_use]
     edges = _edges(faces, len(vertices))
+    blocks = blocks_of(flat, edges)
+    check_surface(len(vertices), faces, edges, blocks)
     return Surface(
         centre=mesh.bounds.mean(axis=0),
-        diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
-        vertices=vertices, faces=faces, flat=flat, edges=edges, blocks=blocks_of(flat, edges),
-        rank=rank, contacts=contacts, place=place,
+        diagonal=_diagonal(mesh),
+        vertices=vertices, faces=faces, flat=flat, edges=edges, blocks=blocks,
+        rank=rank, contacts=contacts, source=source, place=place,
     )  # fmt: skip
 
 
-def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, BoolArray]:
-    """Faces by number of their positions, and the (V,) vertices with a number."""
+def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, NDArray[np.int64]]:
+    """Faces by number of their positions, and the vertex that each number is."""
     is_used = np.zeros(n_vertices, dtype=bool)
     is_used[positions] = True
     row = np.cumsum(is_used) - 1
-    return row[positions].astype(np.int32), is_used
+    return row[positions].astype(np.int32), np.flatnonzero(is_used)
 
 
-def _by_use(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Vertices in the order in which faces use them first: those of a block are then close."""
+def _by_use(faces: IntArray, n_vertices: int) -> tuple[NDArray[np.int64], IntArray]:
+    """Vertices in the order in which faces use them first, and the faces by their new numbers.
+
+    Those of a block are then close.
+    """
     uses = faces.ravel()
-    first = np.empty(len(vertices), np.int64)
+    first = np.empty(n_vertices, np.int64)
     first[uses[::-1]] = np.arange(len(uses))[::-1]  # of equal indices the last one is kept
     by_use = np.argsort(first)
-    number = np.empty(len(vertices), np.int32)
-    number[by_use] = np.arange(len(vertices), dtype=np.int32)
-    return vertices[by_use], number[faces]
+    number = np.empty(n_vertices, np.int32)
+    number[by_use] = np.arange(n_vertices, dtype=np.int32)
+    return by_use, number[faces]
 
 
 def _targets(mesh: Mesh) -> Targets:
     is_target = mesh.target_mask
-    faces, is_used = _welded(mesh.welded_faces[is_target], mesh.n_vertices)
-    vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask[is_target])
-    return Targets(vertices, faces, flat, blocks_of(flat, _edges(faces, len(vertices))))
+    faces, source = _welded(mesh.welded_faces[is_target], mesh.n_vertices)
+    vertices, flat = mesh.vertices[source], np.ascontiguousarray(mesh.degenerate_mask[is_target])
+    edges = _edges(faces, len(vertices))
+    blocks = blocks_of(flat, edges)
+    check_surface(len(vertices), faces, edges, blocks)
+    return Targets(vertices, faces, flat, blocks, source)
 
 
 def _place_of_all(mesh: Mesh, opaque: Surface) -> NDArray[np.int64]:

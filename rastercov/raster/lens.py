@@ -27,9 +27,8 @@ from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.near_plane import limits, picture_limits
-from rastercov.kernels.raster_memory import MOST_WEIGHT
-from rastercov.kernels.raster_targets import count_targets
 from rastercov.mesh import Mesh
+from rastercov.native.raster_targets import count_targets
 from rastercov.raster.contract import (
     FaceCounts,
     Rasterizer,
@@ -59,6 +58,8 @@ MOST_ROWS = 1 << 22
 RAY_BYTES = 120
 MOST_KEPT = 1 << 23
 """Samples of the lens whose views are kept; those of all others are made for each call."""
+MOST_WEIGHT = 255
+"""Largest weight of a sample, a byte."""
 MOST_DRAWERS = 1024
 """Views whose drawers a thread keeps."""
 ROWS_A_TURN = 8
@@ -135,9 +136,10 @@ class View:
         The corners are from `centre`. `visible` is not written where there is no depth (H, W).
         """
         ((pose,), (near,), _), grid = look, self.grid
+        axes, eye = np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre
         count_targets(
-            corners, np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre, grid.lens, near,
-            np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), tuple(grid.runs),
+            (corners, axes, eye, grid.lens, float(near)), np.empty((0, 2), np.int64),
+            (0, 0, grid.width, grid.height), tuple(grid.runs),
             np.empty((0, 0), np.float32) if depth is None else depth, self.sums, visible, drawn,
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 A rasteriser draws the opaque faces of a mesh alone, so their counts are those of the mesh without
 targets, bit for bit. Targets are then compared with the depths that were drawn, face by face, by
-one loop for all devices (`kernels.raster_targets`): a face index a sample has no room for two
+one loop for all devices (`native.raster_targets`): a face index a sample has no room for two
 targets, one behind the other. The depths of each pose are drawn again for that and read back, which
 takes about as long as counting it. Meshes without targets do nothing of this.
 """
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.mesh import Mesh
+from rastercov.native import raster_targets as kernels
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 FloatArray = NDArray[np.float64]
@@ -74,18 +75,16 @@ class TargetFaces:
         depths : callable
             Called once if a target is in view.
         """
-        from rastercov.kernels import raster_targets as kernels  # loads numba
-
         axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
         view = self.corners, axes, pose[:3, 3] - self.centre, grid.lens, float(near)
         visible, drawn = np.zeros((2, len(self.rows)), np.int64)
         rows = np.empty((len(self.rows), 2), np.int64)
-        kernels.rows_of_targets(*view, grid.height, rows)
+        kernels.rows_of_targets(view, grid.height, rows)
         in_view = rows[rows[:, 0] < rows[:, 1]]
         if len(in_view):
             runs = tuple(grid.runs)
             for tile, depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
-                kernels.count_targets(*view, rows, tile, runs, depth, ONCE, visible, drawn)
+                kernels.count_targets(view, rows, tile, runs, depth, ONCE, visible, drawn)
         return visible, drawn
 
     def face_of(self, face: NDArray[np.int32]) -> NDArray[np.int32]:

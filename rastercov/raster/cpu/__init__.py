@@ -5,22 +5,22 @@ lock, and every thread has its own scratch memory, so results depend neither on 
 threads nor on other threads that use the same rasteriser.
 
     stage             reads                            writes                      file
-    ----------------  -------------------------------  --------------------------  --------------
-    group (once)      mesh                             Clusters: <= 64 faces each  clusters
+    ----------------  -------------------------------  --------------------------  ------------
+    group (once)      mesh                             Clusters: <= 64 faces each  clusters.cpp
     for each pose:
-    1 cull clusters   Clusters.bounds, pose            bits of clusters to draw    stage_cull
-    for each band of rows, for each cluster in it, from front to back (occlusion):
-    2 project         Clusters.points, pose            Vertices: x, y, 1/z         stage_vertices
-    3 cull and bin    Vertices, Clusters.corners       Bins: faces by path         stage_cull
-      clip            faces in Bins.clipped            triangles in a fan          clipping
-    4 set up          a vector of faces in Bins        Setup: edges, planes        stage_setup
-    5 cover           Setup                            coverage masks of blocks    stage_cover
-    6 depth test      masks, planes                    Image: 1/z, face; Counts    stage_depth
+    1 cull clusters   Clusters.bounds, pose            bits of clusters to draw    cull.hpp
+    for each band of rows, for each cluster in it, from front to back (occlusion.hpp):
+    2 project         Clusters.points, pose            Vertices: x, y, 1/z         vertices.hpp
+    3 cull and bin    Vertices, Clusters.corners       Bins: faces by path         cull.hpp
+      clip            faces in Bins.clipped            triangles in a fan          clipping.hpp
+    4 set up          a vector of faces in Bins        Setup: edges, planes        setup.hpp
+    5 cover           Setup                            coverage masks of blocks    cover.hpp
+    6 depth test      masks, planes                    Image: 1/z, face; Counts    depth.hpp
 
-`loops` has the loops over poses, bands and clusters, `fill` those over faces and blocks, `coverage`
-those that count without depth, `occlusion` skips clusters and faces behind what is drawn; `memory`
-defines the records, `simd` and `simd_kernel` the notation of the stages.
-`rastercov.reference.raster_stages` has each stage in numpy.
+The files are in `rastercov/native/raster`: `loops.cpp` has the loops over poses, `band.hpp` those
+over clusters, `fill.hpp` those over faces and blocks, `coverage.hpp` those that count without
+depth, `occlusion.hpp` skips clusters and faces behind what is drawn; `records.hpp` defines the
+records. `rastercov.reference.raster_stages` has each stage in numpy.
 
 Positions are integers of 1/256 sample, and edge functions are exact. A sample on a left or upper
 edge is inside and one on a right or lower edge outside, so every sample belongs to exactly one of
@@ -30,7 +30,7 @@ two triangles that share an edge.
 from collections.abc import Iterator
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -41,19 +41,9 @@ from rastercov.base.threads import ScratchPool, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.pose import valid_poses
-from rastercov.kernels import raster_loops
-from rastercov.kernels.raster_memory import (
-    LANES,
-    SIDE,
-    STRIP_BITS,
-    Buffers,
-    Canvas,
-    Output,
-    Poses,
-    aligned_zeros,
-    make_scratch,
-)
 from rastercov.mesh import Mesh
+from rastercov.native import raster_loops
+from rastercov.native.raster_loops import LANES, SIDE, STRIP_BITS
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,
@@ -88,12 +78,16 @@ MAX_PART = 1 << 30
 LARGE_POSE = 1 << 18
 """Faces, plus an eighth of the samples, from which on a pose is shared by threads."""
 
-_CLUSTERS: WeakKeyDictionary[Mesh, Clusters] = WeakKeyDictionary()
+NO_COUNTS, NO_WEIGHTS = np.empty((0, 0), np.int32), np.empty(0, np.uint8)
+NO_BOUNDS = np.empty(0, np.float32)
+"""For the loops: what is not wanted."""
+
+_CLUSTERS: WeakKeyDictionary[Mesh, tuple[Clusters, raster_loops.Scene]] = WeakKeyDictionary()
 """Of each mesh that is in use: most of the time of a small picture, of which a page wants many."""
 
 
 class CPURasterizer(Rasterizer):
-    """Rasteriser compiled by numba.
+    """Rasteriser in compiled loops.
 
     Any number of threads may use one rasteriser at once, and so may a forked process.
 
@@ -131,7 +125,7 @@ class CPURasterizer(Rasterizer):
         self.info = RasterizerInfo(
             backend="cpu",
             plan="threads",
-            renderer=f"numba {version('numba')}",
+            renderer=f"rastercov {version('rastercov')}",
             driver="",
             device="cpu",
             depth="float32 1/z",
@@ -158,7 +152,11 @@ class CPURasterizer(Rasterizer):
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
         self._check_open()
         largest = MAX_BAND // (LANES << STRIP_BITS)
-        memory = _Memory(self._scene, largest, 2 * largest) if beside is None else beside.memory
+        memory = (
+            raster_loops.Worker(self._scene.checked, largest, 2 * largest)
+            if beside is None
+            else beside.memory
+        )
         return _Worker(self._scene, SampleGrid(camera), memory)
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
@@ -258,7 +256,7 @@ class CPURasterizer(Rasterizer):
         if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
             raise DeviceError(
                 f"{self.info.renderer} counted a known scene wrongly; its answers cannot be "
-                "trusted: remove the numba cache or use gl"
+                "trusted: compile the loops anew (`make native`) or use gl"
             )
 
 
@@ -269,10 +267,10 @@ class _Scene:
         self.mesh = mesh
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
         if mesh not in _CLUSTERS:
-            vertices = np.ascontiguousarray(mesh.vertices - self.centre)
-            faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
-            _CLUSTERS[mesh] = group_faces(vertices, faces, mesh.can_cull_back_faces)
-        self.clusters = _CLUSTERS[mesh]
+            vertices, faces = mesh.vertices - self.centre, in_one_order(mesh).astype(np.int32)
+            clusters = group_faces(vertices, faces, mesh.can_cull_back_faces)
+            _CLUSTERS[mesh] = clusters, raster_loops.Scene(clusters, mesh.n_faces)
+        self.clusters, self.checked = _CLUSTERS[mesh]
 
 
 def _total(parts: Any, kind: type) -> Any:
@@ -280,32 +278,41 @@ def _total(parts: Any, kind: type) -> Any:
     return parts[0] if len(parts) == 1 else parts.sum(axis=0, dtype=kind)
 
 
-class _Memory:
-    """Scratch memory of one thread: of a number of strips of blocks, and of cells."""
+class Canvas(NamedTuple):
+    """Samples of an image, for the loops.
 
-    def __init__(self, scene: _Scene, n_marks: int, n_cells: int) -> None:
-        n_samples = n_marks * (LANES << STRIP_BITS)
-        n_clusters = scene.clusters.bounds.shape[1]
-        self.buffers = Buffers(
-            marks=np.zeros(n_marks, np.uint8),
-            depth=aligned_zeros(n_samples, np.float32),
-            face=aligned_zeros(n_samples, np.int32),
-            cell_depth=np.zeros(n_cells, np.float32),
-            n_marks=n_marks,
-            kept=np.empty(n_clusters // LANES, np.int64),
-            centres=aligned_zeros((2, n_clusters), np.float64),
-            seen=np.empty(n_clusters + LANES, np.int32),
-            ordered=np.empty(n_clusters, np.int32),
-        )
-        self.scratch = make_scratch()
-        self.no_drawn = np.zeros((1, 1), np.int32)
-        self.no_counts = np.zeros((1, scene.mesh.n_faces), np.int32)
+    Attributes
+    ----------
+    magnification : (2,) float64
+        Least and greatest magnification of a length parallel to the image over its depth, samples.
+    intrinsics : (4,) float64
+        fx, fy, cx, cy in samples.
+    width, height : int
+        Size in samples.
+    inner : (rows of blocks, 2) int64
+        First block of each row that is wholly inside the image, and the one after the last.
+    first, last : (height,) int32
+        Samples of each row that count, from the first up to the last.
+    is_rolled : bool
+        Whether samples within the width and the height may be outside the image.
+    """
+
+    magnification: FloatArray
+    intrinsics: FloatArray
+    width: int
+    height: int
+    inner: IntArray
+    first: WordArray
+    last: WordArray
+    is_rolled: bool
 
 
 class _Worker:
     """Calls of the compiled loops by one thread, with memory of its own unless it is given some."""
 
-    def __init__(self, scene: _Scene, grid: SampleGrid, memory: _Memory | None = None) -> None:
+    def __init__(
+        self, scene: _Scene, grid: SampleGrid, memory: raster_loops.Worker | None = None
+    ) -> None:
         self.scene, self.grid = scene, grid
         strip = SIDE << STRIP_BITS
         n_strips = -(-grid.width // strip)
@@ -316,8 +323,7 @@ class _Worker:
         self.columns = n_strips << STRIP_BITS
         n_marks = self.block_rows * n_strips
         n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
-        self.memory = memory = memory or _Memory(scene, n_marks, n_cells)
-        self.buffers = memory.buffers._replace(n_marks=n_marks)
+        self.memory = memory or raster_loops.Worker(scene.checked, n_marks, n_cells)
         firsts, lasts = np.zeros((2, n_block_rows, SIDE), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.runs
         inner = -(-firsts.max(axis=1) // SIDE), lasts.min(axis=1) // SIDE
@@ -325,7 +331,8 @@ class _Worker:
         self.canvas = Canvas(
             magnification=np.sort(magnification),
             intrinsics=grid.lens,
-            size=np.array((grid.width, grid.height), np.int64),
+            width=grid.width,
+            height=grid.height,
             inner=np.stack(inner, axis=1).astype(np.int64),
             first=grid.runs[0],
             last=grid.runs[1],
@@ -344,21 +351,18 @@ class _Worker:
 
     def count(
         self, looks: Looks, bands: IntArray, visible: WordArray, drawn: WordArray | None,
-        filled: IntArray, weights: tuple[Any, Any] = (None, None),
+        filled: IntArray, weights: tuple[Any, Any] = (NO_WEIGHTS, NO_BOUNDS),
     ) -> None:  # fmt: skip
         """Count the bands of poses into the rows of `visible`, `drawn`, `filled`."""
         moved = self.grid.axes(looks[0]).copy()
         moved[:, :3, 3] -= self.scene.centre
-        rows = self.memory.no_drawn if drawn is None else drawn
-        output = Output(visible, rows, filled, drawn is not None, *weights)
-        raster_loops.count_poses(
-            Poses(moved, *looks[1:]), self.canvas, bands, self.scene.clusters, self.buffers, output,
-            self.memory.scratch,
-        )  # fmt: skip
+        output = visible, NO_COUNTS if drawn is None else drawn, filled, *weights
+        self.memory.count((moved, *looks[1:]), self.canvas, bands, output)
 
     def draw(self, look: Looks, band: IntArray) -> None:
         """Draw a band of one pose, (2,): first row, and the one after the last."""
-        self.count(look, band[None], self.memory.no_counts, None, np.empty(1, np.int64))
+        visible = np.empty((1, self.scene.mesh.n_faces), np.int32)
+        self.count(look, band[None], visible, None, np.empty(1, np.int64))
 
     def depths(
         self, look: Looks, top: int, bottom: int
@@ -373,14 +377,15 @@ class _Worker:
                     np.full((height, width), np.inf, np.float32),
                 )
                 self.draw(look, band)
-                raster_loops.read_band(0, height, self.columns, self.buffers, face, depth)
+                self.memory.read_band(0, height, face, depth)
                 yield (0, first, width, height), depth
 
     def render(self, look: Looks, face: WordArray, depth: NDArray[np.float32]) -> None:
         """Write the samples with a surface of one pose: face index, depth in metres."""
         for band in self.all_bands:
             self.draw(look, band)
-            raster_loops.read_band(*band, self.columns, self.buffers, face, depth)
+            top, bottom = band.tolist()
+            self.memory.read_band(top, bottom, face, depth)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         np.maximum(depth, np.float32(look[1][0]), out=depth)
 

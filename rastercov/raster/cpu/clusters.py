@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels import raster_clusters as kernels
-from rastercov.kernels.raster_memory import BOUNDS_OF_CLUSTER, FACES, LANES, aligned_zeros
+from rastercov.base.memory import aligned_zeros
+from rastercov.native import raster_clusters as kernels
+from rastercov.native.raster_clusters import BOUNDS_OF_CLUSTER, FACES, LANES
 
 FloatArray = NDArray[np.float64]
 WordArray = NDArray[np.int32]
@@ -63,17 +64,20 @@ def group_faces(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
 
     With `is_wound` false the order of a face's corners does not define its front.
     """
+    vertices, faces = np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int32)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = float((high - low).max())
     scale = 1 / extent if extent > MIN_EXTENT else 0.0
     centroids, directions = np.empty((3, len(faces)), np.float32), np.empty(len(faces), np.uint8)
-    kernels.face_centroids(vertices, faces, low, scale, is_wound, centroids, directions)
+    kernels.face_centroids(vertices, faces, low, scale, bool(is_wound), centroids, directions)
     order = np.argsort(directions, kind="stable").astype(np.int32)
     direction_starts = np.concatenate(([0], np.cumsum(np.bincount(directions, minlength=6))))
-    marks = np.full(len(vertices), -1, np.int32)
+    marks, sizes = np.full(len(vertices), -1, np.int32), np.empty(2, np.int64)
     starts = np.empty(len(faces) + 1, np.int32)
-    n, n_slots = kernels.split_at_medians(faces, order, direction_starts, centroids, marks, starts)
+    kernels.split_at_medians(faces, order, direction_starts, centroids, marks, starts, sizes)
     del centroids, directions
+    n, n_slots = sizes.tolist()
+    grouped = faces, order, starts[: n + 1]
     read = n_slots + FACES  # whole clusters are read
     corners, face_of = aligned_zeros(read, np.int32), aligned_zeros(read, np.int32)
     face_starts, vertex_starts, line_starts = np.zeros((3, n + 1), np.int32)
@@ -81,16 +85,16 @@ def group_faces(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clust
     marks[:] = -1
     local = np.empty(len(vertices), np.uint8)
     kernels.index_local_vertices(
-        faces, order, starts, n, marks, local, corners, face_of, face_starts, vertex_starts,
-        lines, line_starts,
-    )  # fmt: skip
+        *grouped, marks, local, corners, face_of, face_starts, vertex_starts, lines, line_starts
+    )
     lines = lines[: line_starts[-1]].copy()
     points = aligned_zeros(3 * int(vertex_starts[-1]) + LANES, np.float64)  # read beyond the last
     width = -(-n // LANES) * LANES  # whole vectors are read
     bounds = aligned_zeros((BOUNDS_OF_CLUSTER, width), np.float64)
     marks[:] = -1
-    kernels.gather_positions(vertices, faces, order, starts, n, marks, vertex_starts, points)
-    kernels.cluster_bounds(vertices, faces, order, starts, n, vertex_starts, points, bounds)
-    return Clusters(
-        points, corners, face_of, lines, vertex_starts, face_starts, line_starts, bounds, n, width
-    )
+    kernels.gather_positions(vertices, *grouped, marks, vertex_starts, points)
+    kernels.cluster_bounds(vertices, *grouped, vertex_starts, points, bounds)
+    arrays = points, corners, face_of, lines, vertex_starts, face_starts, line_starts, bounds
+    for array in arrays:
+        array.flags.writeable = False  # loops have looked at them once
+    return Clusters(*arrays, n, width)

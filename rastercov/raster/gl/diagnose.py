@@ -36,7 +36,7 @@ from rastercov.raster.gl.libraries import INSTALL_EGL, egl_library, osmesa_libra
 
 Report = dict[str, Any]
 PASSED = "passed"
-PACKAGES = ("moderngl", "numba", "numpy", "trimesh")
+PACKAGES = ("moderngl", "numpy", "trimesh")
 ENVIRONMENT = (
     *("LIBGL_", "GALLIUM_", "MESA_", "EGL_", "__EGL_", "LP_", "NVIDIA_"),
     "CUDA_VISIBLE_DEVICES",
@@ -85,7 +85,7 @@ def examine(timeout_s: float = 30.0) -> Report:
         "shaders": shaders.digest(),
         "versions": versions | {"OS": platform.platform()},
         "cpu": {
-            "renderer": f"numba {versions['numba']}",
+            "renderer": f"rastercov {versions['rastercov']}",
             "threads": len(os.sched_getaffinity(0)),
             "self_test": _cpu_result(),
         },
@@ -153,7 +153,7 @@ def _cpu_result() -> str:
 
 def verify_cpu() -> None:
     """Count known and convex scenes on the CPU; DeviceError when a count disagrees."""
-    from rastercov.raster.cpu import CPURasterizer  # not above: numba may be broken
+    from rastercov.raster.cpu import CPURasterizer
 
     _verify(CPURasterizer)
 

@@ -25,6 +25,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.native.raster_targets import count_shown
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,
@@ -275,8 +276,6 @@ class _Drawer:
 
     def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
-        from rastercov.kernels.raster_targets import count_shown  # loads numba
-
         face = self.picture(look)[0]
         if (last := int(face.max())) >= len(visible):
             raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
