@@ -17,22 +17,40 @@ if _TYPE_CHECKING:
     from rastercov.base.errors import RastercovError as RastercovError
     from rastercov.base.errors import ResourceError as ResourceError
     from rastercov.camera.camera import Camera as Camera
+    from rastercov.camera.exposure import Exposure as Exposure
     from rastercov.camera.formats import read_views as read_views
     from rastercov.camera.formats import write_views as write_views
     from rastercov.camera.formats.conventions import Conventions as Conventions
+    from rastercov.camera.lamp_file import load_lamps as load_lamps
+    from rastercov.camera.lamps import Lamp as Lamp
+    from rastercov.camera.lamps import Lamps as Lamps
     from rastercov.camera.pose import Poses as Poses
     from rastercov.camera.pose_file import read_poses as read_poses
     from rastercov.camera.pose_file import write_poses as write_poses
     from rastercov.camera.rig import Rig as Rig
     from rastercov.camera.rig import Views as Views
+    from rastercov.camera.rule import All as All
+    from rastercov.camera.rule import Any as Any
+    from rastercov.camera.rule import AtLeast as AtLeast
     from rastercov.camera.viewpoints import look_at as look_at
     from rastercov.camera.viewpoints import sphere_of_poses as sphere_of_poses
     from rastercov.cluster import Workers as Workers
     from rastercov.coverage.area.cells import Cells as Cells
     from rastercov.coverage.area.cells import CellShares as CellShares
     from rastercov.coverage.area.cells import cells as cells
-    from rastercov.coverage.area.regions import Regions as Regions
+    from rastercov.coverage.area.criteria import BeamDensity as BeamDensity
+    from rastercov.coverage.area.criteria import Highlight as Highlight
+    from rastercov.coverage.area.criteria import Illuminance as Illuminance
+    from rastercov.coverage.area.criteria import RayAngle as RayAngle
+    from rastercov.coverage.area.criteria import Uncertainty as Uncertainty
+    from rastercov.coverage.area.laser import LaserLine as LaserLine
+    from rastercov.coverage.area.laser import laser_line as laser_line
+    from rastercov.coverage.area.motion import over_time as over_time
+    from rastercov.coverage.area.motion import regions_over_time as regions_over_time
+    from rastercov.coverage.area.over_time import OverTime as OverTime
+    from rastercov.coverage.area.over_time import evaluate_over_time as evaluate_over_time
     from rastercov.coverage.area.regions import regions as regions
+    from rastercov.coverage.area.table import Regions as Regions
     from rastercov.coverage.area.union import Covered as Covered
     from rastercov.coverage.area.union import RegionUnion as RegionUnion
     from rastercov.coverage.area.union import unite as unite
@@ -52,6 +70,12 @@ if _TYPE_CHECKING:
     from rastercov.coverage.visibility import visibility as visibility
     from rastercov.mesh import Group as Group
     from rastercov.mesh import Mesh as Mesh
+    from rastercov.mesh.collisions import Collisions as Collisions
+    from rastercov.mesh.motion import Motion as Motion
+    from rastercov.mesh.motion import conveyor as conveyor
+    from rastercov.mesh.motion import turntable as turntable
+    from rastercov.mesh.motion_file import load_motion as load_motion
+    from rastercov.mesh.robot import Robot as Robot
     from rastercov.raster import FaceCounts as FaceCounts
     from rastercov.raster import Rasterizer as Rasterizer
     from rastercov.raster import RasterizerInfo as RasterizerInfo
@@ -62,6 +86,8 @@ if _TYPE_CHECKING:
     from rastercov.report.jobs import audit as audit
     from rastercov.report.jobs import check as check
     from rastercov.report.jobs import place as place
+    from rastercov.report.notebook import show as show
+    from rastercov.report.notebook import table as table
 
 __version__ = "0.1.0"
 
@@ -71,13 +97,22 @@ _NAMES = {
     "camera.camera": "Camera",
     "camera.formats": "read_views write_views",
     "camera.formats.conventions": "Conventions",
+    "camera.exposure": "Exposure",
+    "camera.lamp_file": "load_lamps",
+    "camera.lamps": "Lamp Lamps",
     "camera.pose": "Poses",
     "camera.pose_file": "read_poses write_poses",
     "camera.rig": "Rig Views",
+    "camera.rule": "All Any AtLeast",
     "camera.viewpoints": "look_at sphere_of_poses",
     "cluster": "Workers",
     "coverage.area.cells": "Cells CellShares cells",
-    "coverage.area.regions": "Regions regions",
+    "coverage.area.criteria": "BeamDensity Highlight Illuminance RayAngle Uncertainty",
+    "coverage.area.laser": "LaserLine laser_line",
+    "coverage.area.motion": "over_time regions_over_time",
+    "coverage.area.over_time": "OverTime evaluate_over_time",
+    "coverage.area.regions": "regions",
+    "coverage.area.table": "Regions",
     "coverage.area.union": "Covered RegionUnion unite",
     "coverage.area.zones": "DeadZones dead_zones",
     "coverage.coverage": "Coverage evaluate_batches",
@@ -90,9 +125,14 @@ _NAMES = {
     "coverage.task": "Task",
     "coverage.visibility": "Visibility visibility",
     "mesh": "Group Mesh",
+    "mesh.collisions": "Collisions",
+    "mesh.motion": "Motion conveyor turntable",
+    "mesh.motion_file": "load_motion",
+    "mesh.robot": "Robot",
     "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
     "raster.observation": "BoundKind Observation",
     "report.jobs": "audit check place",
+    "report.notebook": "show table",
 }
 """Modules and their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}

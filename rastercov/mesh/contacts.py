@@ -3,7 +3,7 @@
 The certificate needs them: one point of a face represents the whole face only if no other face cuts
 it or lies on it. So does `Mesh.can_cull_back_faces`, because a closed surface that cuts itself can
 show its back. Conservative: a false positive costs time, a false negative would break both. A tree
-of boxes finds the pairs, separating axes decide each; see `kernels.mesh_contacts`.
+of boxes finds the pairs, separating axes decide each; see `native/mesh/contacts.cpp`.
 
 The tree has the queries of all others that search a mesh, too: `coverage.line_of_sight` asks for
 segments that hit a triangle, `placement.candidates.clearance` for nearest points and winding
@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import Once, share_poses, thread_count
-from rastercov.kernels import mesh_contacts as kernels
-from rastercov.kernels import mesh_tree
 from rastercov.mesh.arrays import bounds_of, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
+from rastercov.native import mesh_contacts as kernels
+from rastercov.native import mesh_tree
 
 T = TypeVar("T")
 BoolArray = NDArray[np.bool_]
@@ -38,7 +38,7 @@ BOX_MARGIN = 2.0**-24
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """Triangles in Morton order and the boxes over them; see `kernels.mesh_tree`.
+    """Triangles in Morton order and the boxes over them; see `rastercov/native/mesh/tree.hpp`.
 
     Attributes
     ----------
@@ -73,16 +73,17 @@ class TriangleTree:
         Boxes of another type than float64 need a margin on each side, at least twice the rounding
         of a coordinate.
         """
-        points = np.ascontiguousarray(points)
+        points = np.ascontiguousarray(points, np.float64)
+        placed: NDArray[Any] = np.ascontiguousarray(faces)
         keys = np.empty(len(faces), np.uint64)
-        mesh_tree.order_keys(points, faces, keys)
+        mesh_tree.order_keys(points, placed, keys)
         order = np.argsort(keys, kind="stable")
         del keys
-        faces = np.ascontiguousarray(faces[order])
+        placed = placed[order]
         leaves = 1 << max((-(-len(faces) // LEAF) - 1).bit_length(), 1)
         boxes, nodes = np.empty((len(faces), 6), dtype), np.empty((2 * leaves, 6), dtype)
-        mesh_tree.grow_boxes(points, faces, margin, boxes, nodes)
-        return cls(points, order, faces, boxes, nodes)
+        mesh_tree.grow_boxes(points, placed, margin, boxes, nodes)
+        return cls(points, order, placed, boxes, nodes)
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -101,7 +102,7 @@ class TriangleTree:
         place, hit = np.empty(len(self.order) + 1, np.int64), np.empty(len(origins), np.int64)
         place[self.order], place[-1] = np.arange(len(self.order)), -1
         mesh_tree.first_hits(
-            origins, directions, reaches, place[own], self.corners, self.nodes, hit
+            origins, directions, reaches, place[own], True, self.corners, self.nodes, hit
         )
         return np.append(self.order, -1)[hit]
 
@@ -112,6 +113,7 @@ class TriangleTree:
         """
         squared, triangle = np.empty(len(points)), np.empty(len(points), np.int64)
         where = np.empty((len(points), 3))
+        points = np.ascontiguousarray(points)
         mesh_tree.nearest(points, self.corners, self.nodes, squared, triangle, where)
         return np.sqrt(squared), self.order[triangle], where
 
@@ -121,6 +123,7 @@ class TriangleTree:
         Each counts the crossings of a ray along +z; the boxes have no margin.
         """
         turns = np.empty(len(points), np.int64)
+        points = np.ascontiguousarray(points)
         mesh_tree.winding(points, self.points, self.faces, self.nodes, turns)
         return turns
 

@@ -7,6 +7,7 @@ of it that ends before a "/" is a part, of all groups below it.
 """
 
 import difflib
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -51,6 +52,12 @@ def listed(names: Iterable[str], near: str = "") -> str:
 def parts_above(group: str) -> list[str]:
     """Names of the parts that hold a group, the outermost first."""
     return [group[:at] for at, sign in enumerate(group) if sign == "/" and at]
+
+
+def body_of(group: str) -> str:
+    """Name of the part whose CAD face a group is; the group's own where it is none."""
+    part, _, last = group.rpartition("/")
+    return part if part and re.fullmatch(r"face \d+", last) else group
 
 
 def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:

@@ -5,7 +5,7 @@ arrays. Topology is computed on positions, because files repeat vertices along s
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import filterfalse, pairwise
 from typing import TYPE_CHECKING, Any, Self
@@ -17,7 +17,7 @@ from rastercov.base.arguments import check_kind, finite_points, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath, is_file, printable, suffix_of
-from rastercov.base.format import plural, shortened, size_in_words
+from rastercov.base.format import InNotebook, plural, shortened, size_in_words
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
     blocks,
@@ -52,8 +52,9 @@ if TYPE_CHECKING:
 __all__ = ["Group", "Mesh", "MeshSource"]
 
 DEPENDS_ON_TARGETS = {
-    "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "inside_out_mask"
-}  # fmt: skip
+    *("topology", "is_closed_outward", "can_cull_back_faces", "contacts", "inside_out_mask"),
+    "moved_from",
+}
 """Cached properties of a mesh that depend on which faces are targets."""
 BUILT_IN: dict[str, Callable[[], "Mesh"]] = {}
 """Built-in meshes by their names; `mesh.shapes` fills it."""
@@ -71,7 +72,7 @@ class MeshSource:
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Mesh:
+class Mesh(InNotebook):
     """Triangle mesh with groups of faces; a frozen value with read-only arrays.
 
     Threads may share a mesh. A derived property is computed at its first use, possibly in several
@@ -93,6 +94,8 @@ class Mesh:
         Files from which the arrays were read.
     notes : sequence of str, optional
         Oddities of the files; they come first in `warnings`.
+    spaces : sequence of (Product, Mesh), optional
+        Spaces of a building, which IFC files have, with their solids; from the lowest.
 
     Raises
     ------
@@ -109,6 +112,7 @@ class Mesh:
     source_face: NDArray[np.int64]
     sources: tuple[MeshSource, ...]
     notes: tuple[str, ...]
+    spaces: tuple[tuple[Any, "Mesh"], ...]
 
     def __init__(
         self,
@@ -119,6 +123,7 @@ class Mesh:
         source_face: ArrayLike | None = None,
         sources: Sequence[MeshSource] = (),
         notes: Sequence[str] = (),
+        spaces: Sequence[tuple[Any, "Mesh"]] = (),
     ) -> None:
         corners = checked_faces(faces)
         points = checked_vertices(vertices)
@@ -140,6 +145,7 @@ class Mesh:
             "source_face": face_labels("source_face", origin, n_faces),
             "sources": members("sources", sources, MeshSource, "MeshSource values", MeshError),
             "notes": members("notes", notes, str, "a list of texts", MeshError),
+            "spaces": members("spaces", spaces, tuple, "pairs of product and Mesh", MeshError),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
@@ -220,7 +226,13 @@ class Mesh:
                 paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
                 memory_budget=memory_budget,
             )  # fmt: skip
+            spaces = [
+                (product, Mesh(points, corners).moved(**places[row]))
+                for (row, product), points, corners in scene.spaces
+            ]
+            spaces.sort(key=lambda space: (space[1].bounds[0, 2].round(1), space[0].label))
             mesh = cls(
+                spaces=spaces,
                 vertices=scene.vertices,
                 faces=scene.faces,
                 groups=[Group(str(name)) for name in scene.group_names],
@@ -235,6 +247,48 @@ class Mesh:
         parts = np.split(mesh.faces, np.cumsum([file.n_faces for file in mesh.sources])[:-1])
         refuse_twice((str(p), mesh.vertices, own) for p, own in zip(paths, parts, strict=True))
         return mesh._with_flags(flagged(names, mesh.groups, occluders, two_sided, targets))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Mesh"], names: Sequence[str] | None = None) -> "Mesh":
+        """One mesh of several, with their groups one after the other.
+
+        Parameters
+        ----------
+        parts : sequence of Mesh
+            At least one.
+        names : sequence of str, optional
+            Names of all groups; their own unless given, of which groups of one name are one.
+
+        Raises
+        ------
+        MeshError
+            For no part, for another number of names, and for groups of one name and other roles.
+        """
+        parts = members("parts", parts, Mesh, "Mesh values", MeshError)
+        groups = [group for part in parts for group in part.groups]
+        words = "a name for each group"
+        new = members("names", names, str, words, MeshError) if names is not None else None
+        if not parts or (new is not None and len(new) != len(groups)):
+            raise MeshError(f"parts, and {words}, wanted, got {len(parts)} parts")
+        named = [replace(g, name=n) for g, n in zip(groups, new or (), strict=False)] or groups
+        unique = list(dict.fromkeys(named))
+        row_of = np.array([unique.index(group) for group in named])
+        n_vertices, n_groups = (
+            np.cumsum([0, *counts]).tolist()
+            for counts in ([p.n_vertices for p in parts], [len(p.groups) for p in parts])
+        )
+        return cls(
+            vertices=np.concatenate([part.vertices for part in parts]),
+            faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
+            groups=unique,
+            face_group=row_of[
+                np.concatenate([p.face_group + n for p, n in zip(parts, n_groups, strict=False)])
+            ],
+            source_face=np.concatenate([part.source_face for part in parts]),
+            sources=[source for part in parts for source in part.sources],
+            notes=[note for part in parts for note in part.notes],
+            spaces=[space for part in parts for space in part.spaces],
+        )
 
     @classmethod
     def from_trimesh(cls, tri: Any, *, name: str = "mesh", unit: str | float = "m") -> "Mesh":
@@ -331,6 +385,13 @@ class Mesh:
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 
+    def _with_vertices(self, vertices: NDArray[np.float64], **derived: Any) -> Self:
+        """Mesh of the same faces with other vertices, which are not checked, and derived values."""
+        other = object.__new__(type(self))
+        own = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        other.__dict__.update(own, vertices=vertices, **derived)
+        return other
+
     def moved(
         self,
         *,
@@ -374,7 +435,14 @@ class Mesh:
                 corners.reshape(-1, 3),
             )
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return Mesh(**(others | {"vertices": vertices, "faces": faces}))
+        others |= {"vertices": vertices, "faces": faces}
+        if groups is None:
+            place = scale, axis, angle_deg, translation
+            others["spaces"] = [
+                (product, Mesh(moved_points(each.vertices, *place), each.faces))
+                for product, each in self.spaces
+            ]
+        return Mesh(**others)
 
     @property
     def n_faces(self) -> int:
@@ -503,6 +571,11 @@ class Mesh:
         )
 
     @cached_property
+    def moved_from(self) -> Any:
+        """`bodies.Moved` from which a `Motion` made this mesh, or None."""
+        return None
+
+    @cached_property
     def topology(self) -> Topology:
         """Edge counts and adjacency of the faces; targets share no edge with other faces."""
         if not self.has_targets:
@@ -556,7 +629,7 @@ class Mesh:
     @cached_property
     def contacts(self) -> "Contacts":
         """Faces that touch or cut another face."""
-        from rastercov.mesh.contacts import Contacts  # which compiles loops
+        from rastercov.mesh.contacts import Contacts
 
         diagonal = float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
         topology = self.topology

@@ -155,4 +155,5 @@ def with_target(mesh: Mesh, target: Mesh, name: str, *, two_sided: bool = False)
         source_face=np.concatenate((mesh.source_face, target.source_face)),
         sources=(*mesh.sources, *target.sources),
         notes=(*mesh.notes, *target.notes),
+        spaces=mesh.spaces,
     )

@@ -24,7 +24,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
+from rastercov.mesh.formats import dae, gltf, gltf_animation, ifc, ply, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -80,8 +80,8 @@ def read_files(
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
     `scales` are the units of the coordinates in metres, one for each file. Every group has
-    a unique name. The list has the name without folders, the SHA-256 and the face count of each
-    file.
+    a unique name; a space has the row of its file before its product. The list has the name without
+    folders, the SHA-256 and the face count of each file.
     """
     parts: list[Polygons] = []
     files: list[tuple[str, str, int]] = []
@@ -112,20 +112,9 @@ def read_files(
         ),
         group_names=_unique(names),
         notes=notes,
+        spaces=[((n, a), b, c) for n, part in enumerate(parts) for a, b, c in part.spaces],
     )
     return scene, files
-
-
-def solids_of_spaces(path: StrPath, max_bytes: int = LARGEST_FILE) -> list[ifc.Solid]:
-    """Solids of the spaces of an IFC file, metres; none of other files."""
-    if Path(path).suffix.lower() != ".ifc":
-        return []
-    try:
-        _, data = _reader_and_bytes(path, max_bytes)
-        with broken_files_refused():
-            return ifc.solids_of_spaces(data, MEMORY_BUDGET)
-    except (MeshError, ResourceError) as error:
-        raise type(error)(f"{printable(str(path))}: {error}") from error
 
 
 def metres_per(unit: str | float) -> float:
@@ -172,6 +161,23 @@ def _read_file(
     for content in beside.contents.values():
         digest.update(content)
     return polygons, digest.hexdigest()
+
+
+def animation_of(path: StrPath, name: str, steps: int) -> gltf_animation.Animated:
+    """Frames of the animation of a .glb or .gltf file; MeshError with the name of the file."""
+    try:
+        reader, data = _reader_and_bytes(path, LARGEST_FILE)
+        with broken_files_refused():
+            if reader is gltf.read_glb:
+                header, buffers, _ = gltf.content_of_glb(data)
+            else:
+                wanted = "an animation of a .glb or .gltf file wanted"
+                check(reader is gltf.read_gltf, wanted, "convert it")
+                beside = _Beside(path, LARGEST_FILE - len(data))
+                header, buffers, _ = gltf.content_of_gltf(data, beside.read)
+            return gltf_animation.read_animation(header, buffers, MEMORY_BUDGET, name, steps)
+    except (MeshError, ResourceError) as error:
+        raise type(error)(f"{printable(str(path))}: {error}") from error
 
 
 class _Beside:

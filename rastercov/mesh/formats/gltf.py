@@ -105,6 +105,12 @@ BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
 def read_glb(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
+    header, buffers, notes = content_of_glb(data)
+    return _scene_polygons(header, buffers, budget, notes)
+
+
+def content_of_glb(data: bytes) -> tuple[dict[str, Any], list[memoryview], list[str]]:
+    """JSON and buffers of a GLB file, and notes on them."""
     header, binary, notes = chunks(data)
     buffers = []
     for buffer in json_list(header, "buffers")[:1]:
@@ -112,7 +118,7 @@ def read_glb(data: bytes, budget: int) -> Polygons:
             promised = json_count(buffer, "byteLength")
             notes += _length_notes(0, promised, len(binary), "the binary chunk")
             buffers.append(binary)
-    return _scene_polygons(header, buffers, budget, notes)
+    return header, buffers, notes
 
 
 def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) -> Polygons:
@@ -127,6 +133,14 @@ def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) ->
     bytes_beside : callable
         Bytes of the file of that relative name; MeshError where it is outside the folder.
     """
+    header, buffers, notes = content_of_gltf(data, bytes_beside)
+    return _scene_polygons(header, buffers, budget, notes)
+
+
+def content_of_gltf(
+    data: bytes, bytes_beside: Callable[[str], bytes]
+) -> tuple[dict[str, Any], list[memoryview], list[str]]:
+    """JSON and buffers of a .gltf file, and notes on them."""
     header = json_header(data, "JSON")
     buffers: list[memoryview] = []
     notes: list[str] = []
@@ -139,7 +153,7 @@ def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) ->
         )
         notes += _length_notes(index, promised, len(content), name)
         buffers.append(memoryview(content)[:promised])
-    return _scene_polygons(header, buffers, budget, notes)
+    return header, buffers, notes
 
 
 def read_step(data: bytes, budget: int) -> Polygons:
@@ -200,11 +214,7 @@ def _scene_polygons(
     foreign = [e[:80] for e in needed if not (e in READ or e.startswith(HARMLESS))]
     check(not foreign, f"extensions {foreign[:5]} are required, not supported", "leave them out")
     notes = [*notes, *unknown_names(header)]
-    if json_list(header, "scenes"):
-        roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
-    else:
-        roots = root_nodes(header)
-    rows = nodes_below(header, roots)
+    rows = nodes_below(header, roots_of_scene(header))
     shapes = _Shapes(Accessors(header, buffers, budget))
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
@@ -247,6 +257,13 @@ def _scene_polygons(
     )
 
 
+def roots_of_scene(header: dict[str, Any]) -> list[Any]:
+    """Indices of the nodes that a file shows, with those below them."""
+    if json_list(header, "scenes"):
+        return json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
+    return root_nodes(header)
+
+
 def root_nodes(header: dict[str, Any]) -> list[int]:
     """Indices of the nodes that are no children of others."""
     below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
@@ -283,7 +300,7 @@ def nodes_below(
 def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
     placed: NDArray[np.float64] = np.eye(4)
     if not node.keys().isdisjoint(("translation", "rotation", "scale")):
-        (placed,) = _affine(
+        (placed,) = affine(
             json_numbers(node, "translation", (0, 0, 0))[None],
             json_numbers(node, "rotation", (0, 0, 0, 1))[None],
             json_numbers(node, "scale", (1, 1, 1))[None],
@@ -299,7 +316,7 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
     return matrix
 
 
-def _affine(
+def affine(
     translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation."""
@@ -412,7 +429,7 @@ class _Shapes:
         n = counts[0]
         self._accessors.reserve(n * n_triangles, n * n_points, n * BYTES_PER_INSTANCE)
         rest = (("VEC3", (0, 0, 0)), ("VEC4", (0, 0, 0, 1)), ("VEC3", (1, 1, 1)))
-        return _affine(
+        return affine(
             *(
                 np.tile(np.array(one, float), (n, 1))
                 if index is None

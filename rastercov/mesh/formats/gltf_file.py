@@ -182,6 +182,17 @@ class Accessors:
             values = np.maximum(values / np.iinfo(dtype).max, -1)
         return values
 
+    def read_times(self, index: Any) -> NDArray[np.float64]:
+        """(N,) float64 of an accessor of float32 scalars, such as times."""
+        accessor = json_object(self.header, "accessors", index)
+        is_right = (
+            accessor.get("type") == "SCALAR" and COMPONENTS.get(accessor["componentType"]) == "f4"
+        )
+        check(is_right and "sparse" not in accessor, f"accessor {index} must be scalars of float32")
+        found = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
+        times: NDArray[np.float64] = found[:, 0].astype(np.float64)
+        return times
+
     def _replaced(self, where: str, sparse: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
         """Values of an accessor after the replacements of its sparse part."""
         n, n_values = json_count(sparse, "count"), len(values)
@@ -352,8 +363,11 @@ class GlbBuffer:
         self._n_bytes += len(piece)
         return len(self._views) - 1
 
-    def add(self, array: NDArray[Any]) -> int:
-        """Index of a new accessor of float32 or uint32 values, (N,) or (N, columns), N > 0."""
+    def add(self, array: NDArray[Any], *, with_range: bool = False) -> int:
+        """Index of a new accessor of float32 or uint32 values, (N,) or (N, columns), N > 0.
+
+        `with_range` for times, (N,), whose least and greatest a file must state.
+        """
         kind = KIND_OF_COLUMNS[1 if array.ndim == 1 else array.shape[1]]
         accessor: dict[str, Any] = {
             "bufferView": self.add_bytes(array.astype(array.dtype.newbyteorder("<")).tobytes()),
@@ -361,6 +375,8 @@ class GlbBuffer:
             "count": len(array),
             "type": kind,
         }
+        if with_range:
+            accessor |= {"min": [float(array.min())], "max": [float(array.max())]}
         if kind == "VEC3":  # required of positions
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
         self._accessors.append(accessor)

@@ -35,7 +35,6 @@ from rastercov.mesh.formats.polygons import (
 )
 
 NO_SURFACES = (
-    "IfcSpace",
     "IfcFeatureElementSubtraction",
     "IfcAnnotation",
     "IfcGrid",
@@ -43,6 +42,7 @@ NO_SURFACES = (
     "IfcSpatialZone",
     "IfcPort",
 )
+SPACE = "IfcSpace"
 FAR = 1e4
 """Distance from the origin from which a note says so, metres: 1 mm of what is drawn in float32."""
 DEFLECTION = 0.001
@@ -82,12 +82,16 @@ Solid = tuple[Product, FloatArray, IntArray]
 
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of an IFC file in metres, one group a product, in the order of the file."""
-    solids, notes = _made(data, budget, "products")
+    made, notes = _made(data, budget)
+    spaces, solids = ([s for s in made if (s[0].type == SPACE) == is_space] for is_space in (1, 0))
     check(solids, "no triangles: no product of the file has a surface")
     starts = np.cumsum([0] + [len(points) for _, points, _ in solids])
     vertices = np.concatenate([points for _, points, _ in solids])
     faces = [own + start for (_, _, own), start in zip(solids, starts, strict=False)]
-    notes = [f"triangulated by IfcOpenShell to within {DEFLECTION * 1000:g} mm, no spaces", *notes]
+    notes = [
+        f"triangulated by IfcOpenShell to within {DEFLECTION * 1000:g} mm; spaces are not surfaces",
+        *notes,
+    ]
     if (far := np.abs(vertices).max()) > FAR:
         moved = [int(-x) for x in vertices.min(axis=0).round(-1)]
         notes.append(f"{far / 1000:.0f} km from the origin; translation = {moved} moves it there")
@@ -100,19 +104,15 @@ def read(data: bytes, budget: int) -> Polygons:
         group_names=["/".join(n.replace("/", SLASH) for n in each if n) for each in levels],
         notes=notes,
         is_in_metres=True,
+        spaces=spaces,
     )
 
 
-def solids_of_spaces(data: bytes, budget: int) -> list[Solid]:
-    """Spaces of an IFC file, in its order."""
-    return _made(data, budget, "spaces")[0]
-
-
-def _made(data: bytes, budget: int, kind: str) -> tuple[list[Solid], list[str]]:
-    """Products or spaces with triangles, and notes."""
+def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str]]:
+    """Products with triangles, spaces among them, and notes."""
     if find_spec("ifcopenshell") is None:
         raise MeshError("reading IFC files needs ifcopenshell: pip install 'rastercov[building]'")
-    options = [kind, str(min(MOST_FACES, budget // PEAK_BYTES_PER_FACE))]
+    options = [str(min(MOST_FACES, budget // PEAK_BYTES_PER_FACE))]
     fault, advice = "IfcOpenShell cannot read the IFC file", "export it again, as IFC2X3 or IFC4"
     made = converted(CONVERT, data, options, fault, advice)
     with np.load(io.BytesIO(made), allow_pickle=False) as arrays:
@@ -128,18 +128,18 @@ def _made(data: bytes, budget: int, kind: str) -> tuple[list[Solid], list[str]]:
 def convert() -> None:
     """Triangulate the file of the standard input: the program of the other process.
 
-    Its arguments are the file to write, "products" or "spaces", and the greatest number of faces.
+    Its arguments are the file to write and the greatest number of faces.
     """
     ifc, geom = import_module("ifcopenshell"), import_module("ifcopenshell.geom")
-    target, kind, most = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    target, most = Path(sys.argv[1]), int(sys.argv[2])
     source = target.with_suffix(".ifc")
     source.write_bytes(sys.stdin.buffer.read())
     try:
         file = ifc.open(source)
         products = [
             each
-            for each in file.by_type("IfcSpace" if kind == "spaces" else "IfcProduct")
-            if each.Representation and (kind == "spaces" or not any(map(each.is_a, NO_SURFACES)))
+            for each in file.by_type("IfcProduct")
+            if each.Representation and not any(map(each.is_a, NO_SURFACES))
         ]
     except (ifc.Error, OSError, RuntimeError) as error:
         sys.exit(str(error))

@@ -61,6 +61,8 @@ class Polygons:
         Oddities that the user should know.
     is_in_metres : bool
         True where the file states its unit; the vertices are then in metres.
+    spaces : sequence of tuple
+        Spaces of a building: product, vertices, metres, and triangles of each.
     """
 
     vertices: NDArray[np.float64]
@@ -70,6 +72,7 @@ class Polygons:
     group_names: Sequence[str | None] = (None,)
     notes: Sequence[str] = ()
     is_in_metres: bool = False
+    spaces: Sequence[tuple[Any, FloatArray, IntArray]] = ()
 
 
 def broken(fault: str, advice: str = "export it again") -> MeshError:

@@ -1,0 +1,200 @@
+"""Collisions and clearances of a robot: its links, a scene, and each other.
+
+A tree of triangles is made once for each body; two trees are walked under a relative pose. Pairs of
+bodies that no joint moves against each other are left out, and so are a link and the one that
+carries it, which run into each other at their joint.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_kind, members
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.format import InOneLine
+from rastercov.mesh.contacts import TriangleTree
+from rastercov.mesh.mesh import Mesh
+from rastercov.mesh.robot import Robot
+from rastercov.mesh.solids import Matter
+from rastercov.native import mesh_clearance
+
+FloatArray = NDArray[np.float64]
+
+CONTACT_REL = 1e-9
+"""Distance, in diagonals of the robot, at which two bodies are in contact."""
+MOST_PAIRS = 1 << 18
+"""Points of a scene times poses of a link that are compared together: a few tens of MB."""
+SCENE = ""
+"""Body of what does not move."""
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Collisions(InOneLine):
+    """Distances of the links of a robot from a scene and from each other.
+
+    Parameters
+    ----------
+    robot : Robot
+    scene : sequence of Mesh
+        What the robot must not touch: task, occluders, volumes to keep out of; no targets. It must
+        not be inside of a closed one either, nor beyond the walls of a room.
+    allowed : pairs of str
+        Links that may touch, beside those that are next to each other.
+
+    Attributes
+    ----------
+    pairs : tuple of (str, str)
+        Bodies that are compared; "" is the scene.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown link.
+    """
+
+    robot: Robot
+    scene: tuple[Mesh, ...]
+    pairs: tuple[tuple[str, str], ...]
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Sequence[Mesh] = (),
+        allowed: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        check_kind("robot", robot, Robot, "a Robot", ConfigError)
+        meshes = members("scene", scene, Mesh, "Mesh values", MeshError)
+        opaque = tuple(mesh.opaque for mesh in meshes if not mesh.target_mask.all())
+        free = set()
+        for pair in members("allowed", allowed, tuple, "pairs of links", ConfigError):
+            for link in pair:
+                if link not in robot.links:
+                    raise ConfigError(f"allowed: there is no link {shown(link)}")
+            free.add(frozenset(pair))
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "scene", opaque)
+        pairs = [
+            (one, other)
+            for one, other in combinations(self._trees, 2)
+            if self._can_meet(robot, one, other) and frozenset((one, other)) not in free
+        ]
+        object.__setattr__(self, "pairs", tuple(pairs))
+
+    @cached_property
+    def _trees(self) -> dict[str, TriangleTree]:
+        """Trees of the faces with areas of each body that has some."""
+        bodies = dict(self.robot.shapes)
+        if self.scene:
+            bodies[SCENE] = Mesh.joined(self.scene)
+        found = {}
+        for name, mesh in bodies.items():
+            faces = mesh.faces[~mesh.degenerate_mask]
+            if len(faces):
+                found[name] = TriangleTree.over(mesh.vertices, faces)
+        return found
+
+    @cached_property
+    def _corners(self) -> dict[str, FloatArray]:
+        """A corner of each component of the links that move, in their frames."""
+        shapes = self.robot.shapes.items()
+        return {link: _corners_of(mesh) for link, mesh in shapes if self.robot.is_moving(link)}
+
+    @cached_property
+    def _matter(self) -> list[Matter]:
+        """Matter of each mesh of the scene."""
+        return [Matter(mesh) for mesh in self.scene]
+
+    @cached_property
+    def _links(self) -> dict[str, Matter]:
+        """Matter of each link with a shape, in its frame."""
+        return {link: Matter(mesh) for link, mesh in self.robot.shapes.items()}
+
+    @cached_property
+    def _points(self) -> FloatArray:
+        """A corner of each component of the scene."""
+        return np.concatenate([np.zeros((0, 3)), *map(_corners_of, self.scene)])
+
+    @staticmethod
+    def _can_meet(robot: Robot, one: str, other: str) -> bool:
+        """True for bodies that a joint moves against each other, unless one carries the other."""
+        ways = [[] if link == SCENE else robot.kinematics.chain(link) for link in (one, other)]
+        n_common = sum(a is b for a, b in zip(*ways, strict=False))
+        between = [each for way in ways for each in way[n_common:]]
+        if not any(joint.column >= 0 for joint in between):
+            return False
+        if SCENE in (one, other):
+            return True
+        shorter, longer = sorted((way[n_common:] for way in ways), key=len)
+        is_above = not shorter and not any(e.parent in robot.shapes for e in longer[1:])
+        return not is_above
+
+    def clearance(self, joints: ArrayLike, most: float = np.inf) -> FloatArray:
+        """Least distance of each configuration, metres: 0 in collision, `most` if it is greater.
+
+        Parameters
+        ----------
+        joints : (N, J) or (J,) array_like
+            As for `Robot.frames`.
+        most : float
+            Distance from which on nothing is computed, which saves time; above 0.
+
+        Returns
+        -------
+        (N,) float64
+        """
+        if not most > 0:
+            raise ConfigError(f"most must be above 0, got {shown(most)}")
+        frames: dict[str, Any] = self.robot.frames(joints)
+        n = len(next(iter(frames.values())))
+        frames[SCENE] = np.broadcast_to(np.eye(4), (n, 4, 4))
+        found = np.full(n, float(most))
+        contact = CONTACT_REL * float(np.linalg.norm(np.ptp(self.robot.mesh.bounds, axis=0)))
+        for one, other in self.pairs:
+            relative = np.linalg.inv(frames[one]) @ frames[other]
+            trees = (self._trees[one], self._trees[other])
+            mesh_clearance.distances(
+                trees[0].corners, trees[0].nodes, trees[1].corners, trees[1].nodes,
+                np.ascontiguousarray(relative), found,
+            )  # fmt: skip
+            found[found <= contact] = 0.0
+        found[self._is_inside(frames, found > 0)] = 0.0
+        return found
+
+    def _is_inside(self, frames: dict[str, Any], rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(N,) True where a part of a link is in matter, or a part of the scene is in a link."""
+        found = np.zeros(len(rows), np.bool_)
+        chosen = np.flatnonzero(rows)
+        if not len(chosen):
+            return found
+        for link, corners in self._corners.items():
+            poses = frames[link][chosen]
+            points = corners @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+            for matter in self._matter:
+                inside = matter.holds(points.reshape(-1, 3)).reshape(len(chosen), -1)
+                found[chosen] |= inside.any(axis=1)
+            found[chosen] |= self._swallows(link, poses)
+        return found
+
+    def _swallows(self, link: str, poses: FloatArray) -> NDArray[np.bool_]:
+        """(N,) True where a part of the scene is in a link under N poses."""
+        found = np.zeros(len(poses), np.bool_)
+        low, high = self.robot.shapes[link].bounds
+        for some in np.array_split(self._points, 1 + len(self._points) * len(poses) // MOST_PAIRS):
+            own = (some[:, None] - poses[:, :3, 3])[:, :, None] @ poses[:, :3, :3]
+            is_near = ((own[:, :, 0] >= low) & (own[:, :, 0] <= high)).all(axis=2)
+            rows = np.nonzero(is_near)[1]
+            np.logical_or.at(found, rows, self._links[link].holds(own[:, :, 0][is_near]))
+        return found
+
+
+def _corners_of(mesh: Mesh) -> FloatArray:
+    """A corner of each edge-connected component."""
+    first = np.unique(mesh.topology.components(), return_index=True)[1]
+    found: FloatArray = mesh.vertices[mesh.faces[first, 0]]
+    return found

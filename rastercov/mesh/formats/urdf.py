@@ -1,0 +1,345 @@
+"""URDF files (.urdf): links of a robot with their shapes, and the joints between them.
+
+Read are trees of links by fixed, revolute, continuous and prismatic joints, `mimic`, and shapes
+that are boxes, cylinders, spheres or mesh files. What moves otherwise is refused; what has no place
+in geometry (masses, transmissions, colours) is left out.
+
+Source: Open Robotics. Unified Robot Description Format, XML. 2009.
+"""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.arguments import LARGEST_COORDINATE
+from rastercov.base.checks import shown
+from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.files import (
+    LARGEST_TEXT,
+    StrPath,
+    UnknownNames,
+    UnreadableError,
+    Vocabulary,
+    file_bytes,
+    is_file,
+    printable,
+    suffix_of,
+)
+from rastercov.mesh.formats.polygons import LONGEST_NAME, broken_files_refused, check
+from rastercov.mesh.formats.xml_tree import (
+    children,
+    local_name,
+    look_at_names,
+    parsed,
+    transform_numbers,
+)
+
+FloatArray = NDArray[np.float64]
+
+TURNING, MOVING = ("revolute", "continuous", "prismatic"), ("floating", "planar")
+MOST_LINKS = 1_000
+MEMORY = 1 << 30
+"""Bytes of the tree of a file."""
+SIZES = {"box": ("size", 3), "cylinder": ("radius", 1), "sphere": ("radius", 1)}
+"""Attribute of a shape, and its count of numbers; a cylinder has a length, too."""
+NAMES = Vocabulary(
+    "robot link joint collision visual geometry mesh box cylinder sphere",
+    "origin parent child axis limit mimic xyz rpy lower upper filename scale size radius length "
+    "multiplier offset name type joint",
+    "version material color texture rgba inertial mass inertia value ixx ixy ixz iyy iyz izz "
+    "effort velocity transmission gazebo sensor dynamics damping friction calibration rising "
+    "falling safety_controller soft_lower_limit soft_upper_limit k_position k_velocity verbose "
+    "contact ros2_control ros2_control_interface plugin capsule acceleration deceleration jerk "
+    "noNamespaceSchemaLocation schemaLocation group self_collision_checking contact_coefficients "
+    "lateral_friction",
+)
+
+
+class Shape(NamedTuple):
+    """A shape of a link.
+
+    Attributes
+    ----------
+    kind : str
+        "mesh", "box", "cylinder" or "sphere".
+    origin : (4, 4) float64
+        link_from_shape.
+    sizes : tuple of float
+        Extents of a box, radius and length of a cylinder, radius of a sphere, scales of a mesh.
+    file : str
+        Name of a mesh file as it is written.
+    """
+
+    kind: str
+    origin: FloatArray
+    sizes: tuple[float, ...]
+    file: str = ""
+
+
+class Joint(NamedTuple):
+    """A joint; its value is `factor` times an entry of the joint angles, plus `offset`.
+
+    Attributes
+    ----------
+    kind : str
+        "fixed", "revolute", "continuous" or "prismatic".
+    parent, child : str
+        Links.
+    origin : (4, 4) float64
+        parent_from_joint.
+    axis : (3,) float64
+        Unit vector in the frame of the joint.
+    column : int
+        Entry of the joint angles, -1 of a fixed joint.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: FloatArray
+    axis: FloatArray
+    column: int = -1
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+class Description(NamedTuple):
+    """Content of a file.
+
+    Attributes
+    ----------
+    links : dict of str to list of Shape
+        The root is the first.
+    joints : tuple of Joint
+        A joint comes after the one that moves its parent.
+    names : tuple of str
+        Joints that move by themselves, in the order of the file.
+    limits : (J, 2) float64
+        Least and greatest value of these, radians or metres.
+    """
+
+    name: str
+    links: dict[str, list[Shape]]
+    joints: tuple[Joint, ...]
+    names: tuple[str, ...]
+    limits: FloatArray
+    notes: tuple[str, ...]
+
+
+def read(path: StrPath, geometry: str) -> Description:
+    """Links and joints of a file; MeshError, with its name, for what is no robot of rigid links."""
+    name = printable(str(path))
+    try:
+        if suffix_of(path) == ".xacro":
+            stem = printable(Path(path).name.split(".")[0])
+            fault = "a URDF file wanted, got a xacro file, which is a program that writes one"
+            check(False, fault, f"run xacrodoc {printable(Path(path).name)} -o {stem}.urdf")
+        data = file_bytes(path, LARGEST_TEXT)
+        with broken_files_refused():
+            return _described(parsed(data, "the file", MEMORY), geometry, Path(path).stem)
+    except UnreadableError as error:
+        raise MeshError(f"{name} {error}") from None
+    except (MeshError, ResourceError) as error:
+        raise type(error)(f"{name}: {error}") from error
+
+
+def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
+    """Path of a mesh file of a robot: beside its URDF, or in the folder of a package."""
+    name = shown(printable(file))
+    scheme, _, rest = file.rpartition("://")
+    found = folder / rest
+    if scheme == "package":
+        package, _, rest = rest.partition("/")
+        advice = f'pass packages={{"{printable(package)}": "its folder"}}'
+        check(package in packages, f"the folder of a package wanted for {name}, got none", advice)
+        is_inside = rest and ".." not in re.split(r"[/\\]", rest) and not Path(rest).is_absolute()
+        check(is_inside, f"a file in a package wanted, got {name}", "correct it")
+        found = Path(packages[package]) / rest
+    elif scheme == "file":
+        found = Path(rest)
+    check(scheme in ("", "file", "package"), f"a file or package:// wanted, got {name}",
+          "download it first")  # fmt: skip
+    check(is_file(found), f"its mesh {name} wanted, and there is no {printable(str(found))}",
+          "correct the name, or the folders of packages")  # fmt: skip
+    return found
+
+
+def _described(root: Element, geometry: str, stem: str) -> Description:
+    tag = local_name(root)
+    check(tag == "robot", f"an element robot wanted, got {shown(tag)}", "is this the right file?")
+    unknown = UnknownNames(MeshError)
+    look_at_names(root, NAMES, unknown)
+    links = _by_name(children(root, "link"), "link")
+    elements = _by_name(children(root, "joint"), "joint")
+    check(links, "links wanted, got none", "is this the right file?")
+    check(len(links) <= MOST_LINKS, f"at most {MOST_LINKS} links wanted, got {len(links)}",
+          "leave some out")  # fmt: skip
+    ordered = _from_root(list(links), [_joint(name, each) for name, each in elements.items()])
+    joints, names, limits = _driven(ordered, elements)
+    root_link = (set(links) - {each.child for each in joints}).pop()
+    shapes = {root_link: _shapes(links.pop(root_link), geometry)}
+    shapes |= {name: _shapes(each, geometry) for name, each in links.items()}
+    name = printable(root.get("name") or stem, LONGEST_NAME).replace("/", "_") or "robot"
+    return Description(name, shapes, joints, names, limits, tuple(unknown.notes()))
+
+
+def _by_name(elements: list[Element], kind: str) -> dict[str, Element]:
+    names = [each.get("name") or "" for each in elements]
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    check(all(names), f"every {kind} must have a name, got one without", "name it")
+    check(not twice, f"two {kind}s have the name {shown(twice[:1])[1:-1]}", "rename one")
+    return dict(zip(names, elements, strict=True))
+
+
+def _shapes(link: Element, geometry: str) -> list[Shape]:
+    found = []
+    where = f"link {shown(link.get('name'))}"
+    for owner in children(link, geometry):
+        for each in [one for element in children(owner, "geometry") for one in element]:
+            kind, sizes = local_name(each), (1.0, 1.0, 1.0)
+            if kind in SIZES:
+                name, count = SIZES[kind]
+                sizes = tuple(_numbers(each, name, count, where))
+                sizes += tuple(_numbers(each, "length", 1, where)) if kind == "cylinder" else ()
+                is_right = min(sizes) > 0
+                check(is_right, f"{where}: a {kind} of sizes above 0 wanted, got {list(sizes)}")
+            else:
+                check(kind == "mesh", f"{where}: a mesh, box, cylinder or sphere wanted, got "
+                      f"{shown(kind)}", "replace it by a mesh")  # fmt: skip
+                sizes = tuple(_numbers(each, "scale", 3, where, "1 1 1"))
+                check(all(sizes), f"{where}: a scale other than 0 wanted, got {list(sizes)}")
+                check(each.get("filename"), f"{where}: a mesh must have a filename, got none")
+            found.append(Shape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
+    return found
+
+
+def _joint(name: str, element: Element) -> Joint:
+    where, kind = f"joint {shown(name)}", element.get("type") or ""
+    if kind in MOVING:
+        fault = f"{where}: a joint of one axis wanted, got {kind}"
+        check(False, fault, "make it fixed, and move the robot by a table of poses")
+    wanted = ("fixed", *TURNING)
+    check(kind in wanted, f"{where}: type must be one of {', '.join(wanted)}, got {shown(kind)}")
+    ends = [
+        each.get("link") or "" for tag in ("parent", "child") for each in children(element, tag)
+    ]
+    check(len(ends) == 2 and all(ends), f"{where}: one parent and one child wanted, got {ends}")
+    axis = np.array([1.0, 0.0, 0.0])
+    for each in children(element, "axis")[:1]:
+        axis = _numbers(each, "xyz", 3, where, "1 0 0")
+    length = np.linalg.norm(axis)
+    check(kind == "fixed" or length > 0, f"{where}: an axis other than 0 0 0 wanted")
+    axis = axis / length if length > 0 else np.array([1.0, 0.0, 0.0])
+    return Joint(name, kind, ends[0], ends[1], _origin(element, where), axis)
+
+
+def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
+    """Joints in an order in which each comes after the one that moves its parent."""
+    for each in joints:
+        for end in (each.parent, each.child):
+            fault = f"joint {shown(each.name)}: there is no link {shown(end)}"
+            check(end in links, fault, "correct the name")
+    twice = [link for link, n in Counter(each.child for each in joints).items() if n > 1]
+    check(not twice, f"a loop of links: {shown(twice[:1])[1:-1]} is the child of two joints",
+          "cut the loop at one of them")  # fmt: skip
+    roots = sorted(set(links) - {each.child for each in joints})
+    check(roots, "a cycle of joints: every link is a child of another", "leave one link free")
+    check(len(roots) == 1, f"one link without a parent wanted, got {shown(roots)}",
+          "join them by fixed joints")  # fmt: skip
+    of_parent: dict[str, list[Joint]] = {}
+    for each in joints:
+        of_parent.setdefault(each.parent, []).append(each)
+    found: list[Joint] = []
+    reached = [roots[0]]
+    for link in reached:  # grows as it is walked through
+        found += of_parent.get(link, [])
+        reached += [each.child for each in of_parent.get(link, [])]
+    lost = sorted(set(links) - set(reached))
+    check(not lost, f"a cycle of joints about {shown(lost[:1])[1:-1]}", "leave one link free")
+    return found
+
+
+def _driven(
+    joints: list[Joint], elements: dict[str, Element]
+) -> tuple[tuple[Joint, ...], tuple[str, ...], FloatArray]:
+    """Joints with the entries that move them, the names of these, and their limits."""
+    kinds = {each.name: each.kind for each in joints}
+    masters = {name: own[0] for name, each in elements.items()
+               if kinds[name] != "fixed" and (own := children(each, "mimic"))}  # fmt: skip
+    names = tuple(n for n in elements if kinds[n] != "fixed" and n not in masters)
+    limits = np.tile((-math.inf, math.inf), (len(names), 1))
+    found: list[Joint] = []
+    for each in joints:
+        if each.kind == "fixed":
+            found.append(each)
+            continue
+        name, factor, offset, steps = each.name, 1.0, 0.0, 0
+        while name in masters:
+            where, mimic = f"joint {shown(name)}", masters[name]
+            offset += factor * float(_numbers(mimic, "offset", 1, where, "0")[0])
+            factor *= float(_numbers(mimic, "multiplier", 1, where, "1")[0])
+            name, steps = mimic.get("joint") or "", steps + 1
+            is_moving = kinds.get(name, "fixed") != "fixed"
+            check(is_moving, f"{where}: it mimics {shown(name)}, which is no joint that moves")
+            check(steps <= len(masters), f"a cycle of joints that mimic each other, at {where}")
+        column = names.index(name)
+        low, high = _limits(each, elements[each.name])
+        if not factor:  # it does not move at all
+            low, high = -math.inf, math.inf
+        else:
+            low, high = sorted(((low - offset) / factor, (high - offset) / factor))
+        limits[column] = max(low, limits[column, 0]), min(high, limits[column, 1])
+        fault = (
+            f"joint {shown(each.name)}: limits of it and those that it mimics exclude each other"
+        )
+        check(limits[column, 0] <= limits[column, 1], fault, "correct them")
+        found.append(each._replace(column=column, factor=factor, offset=offset))
+    return tuple(found), names, limits
+
+
+def _limits(joint: Joint, element: Element) -> tuple[float, float]:
+    if joint.kind == "continuous":
+        return -math.inf, math.inf
+    where, given = f"joint {shown(joint.name)}", children(element, "limit")
+    check(given, f"{where}: a {joint.kind} joint must have limits, got none", "add them")
+    low, high = (float(_numbers(given[0], name, 1, where, "0")[0]) for name in ("lower", "upper"))
+    check(low <= high, f"{where}: limits must be lower <= upper, got {low:g} and {high:g}",
+          "correct them")  # fmt: skip
+    return low, high
+
+
+def _numbers(
+    element: Element, name: str, count: int, where: str, default: str | None = None
+) -> FloatArray:
+    """Finite numbers of an attribute."""
+    try:
+        found = transform_numbers(element.get(name, default), count)
+    except ValueError:
+        found = np.full(count, np.inf)
+    got = shown(element.get(name, "nothing"))
+    check(np.abs(found).max() <= LARGEST_COORDINATE, f"{where}: {name} must be {count} finite "
+          f"{'number' if count == 1 else 'numbers'}, got {got}", "correct it")  # fmt: skip
+    return found
+
+
+def _origin(owner: Element, where: str) -> FloatArray:
+    """Pose of the element origin of another: fixed angles about x, y and z, then a translation."""
+    pose = np.eye(4)
+    for each in children(owner, "origin")[:1]:
+        roll, pitch, yaw = _numbers(each, "rpy", 3, where, "0 0 0")
+        (a, b), (c, d), (e, f) = ((math.cos(x), math.sin(x)) for x in (roll, pitch, yaw))
+        pose[:3, :3] = [
+            (e * c, e * d * b - f * a, e * d * a + f * b),
+            (f * c, f * d * b + e * a, f * d * a - e * b),
+            (-d, c * b, c * a),
+        ]
+        pose[:3, 3] = _numbers(each, "xyz", 3, where, "0 0 0")
+    return pose

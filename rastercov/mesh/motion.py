@@ -1,0 +1,321 @@
+"""Rigid bodies of a mesh and their poses, frame by frame: turntables, conveyors, tables of poses.
+
+A body is a group, or all groups of a file; what no body names is the world, which never moves. A
+vertex belongs to one body: shared ones are doubled. In a frame a body may be absent: it hides
+nothing, and is not scored.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import checked_array, finite_points
+from rastercov.base.checks import finite_number, is_one_of, shown
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.format import InOneLine
+from rastercov.base.threads import Once
+from rastercov.mesh.arrays import frozen, rotation_about
+from rastercov.mesh.bodies import Rest, moved_boxes
+from rastercov.mesh.groups import named
+from rastercov.mesh.mesh import Mesh, names_of
+
+FloatArray = NDArray[np.float64]
+
+MOST_FRAMES = 10_000
+"""Frames of a motion."""
+MOST_UNITS = 10_000
+"""Units of time of all frames together."""
+MOST_RESTS = 8
+"""Sets of bodies that are there together whose data at rest are kept."""
+RIGID = 1e-9
+"""Difference from a rotation below which a matrix is one; it is made orthogonal."""
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Motion(InOneLine):
+    """Poses of bodies of a mesh over T frames.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In its rest pose.
+    bodies : mapping of str to (T, 4, 4) or (4, 4) array_like
+        world_from_body of each body, by the name of a group or file: rigid motions from the rest
+        pose, such as `turntable` and `conveyor` give.
+    present : mapping of str to (T,) bool array_like, optional
+        Frames in which a body is there; all unless given.
+    durations : (T,) float array_like, optional
+        Weight of each frame, above 0, such as seconds: whole multiples of one unit, `MOST_UNITS` in
+        all at most. 1 each unless given.
+    groups : mapping of str to iterable of str, optional
+        Names of the groups or files of bodies that are not named for one.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the bodies; "world" is the first.
+    body : (F,) int64
+        Body of each face.
+    world_from_body : (T, B, 4, 4) float64
+    present : (T, B) bool
+    durations : (T,) float64
+
+    Raises
+    ------
+    MeshError
+        For a name that is none, and for groups that are of two bodies.
+    ConfigError
+        For poses that are no rigid motions, or of other numbers of frames.
+    """
+
+    mesh: Mesh
+    names: tuple[str, ...]
+    body: NDArray[np.int64]
+    world_from_body: FloatArray
+    present: NDArray[np.bool_]
+    durations: FloatArray
+    _rests: dict[bytes, Once[Rest]]
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        bodies: Mapping[str, ArrayLike],
+        present: Mapping[str, ArrayLike] | None = None,
+        durations: ArrayLike | None = None,
+        groups: Mapping[str, Iterable[str]] | None = None,
+    ) -> None:
+        if not isinstance(bodies, Mapping) or not bodies:
+            raise ConfigError(f"bodies must be poses by names of groups, got {shown(bodies)}")
+        of_group = np.zeros(len(mesh.groups), np.int64)
+        tables = [checked_poses(f"poses of {shown(name)}", given) for name, given in bodies.items()]
+        n = max(len(table) for table in tables)
+        for row, (name, table) in enumerate(zip(bodies, tables, strict=True), start=1):
+            own = named("bodies", (groups or {}).get(name, [name]), names_of(mesh)) or set()
+            members = np.array([group.name in own for group in mesh.groups])
+            if (taken := of_group[members]).any():
+                other = list(bodies)[taken.max() - 1]
+                raise MeshError(f"groups of {shown(name)} are of {shown(other)}, too; name one")
+            of_group[members] = row
+            if len(table) not in (1, n):
+                raise ConfigError(
+                    f"bodies must have as many poses each, or one: {shown(name)} has {len(table)}, "
+                    f"another {n}"
+                )
+        if not n <= MOST_FRAMES:
+            raise ConfigError(f"a motion has at most {MOST_FRAMES:,} frames, got {n:,}")
+        still = np.broadcast_to(np.eye(4), (n, 4, 4))
+        poses = np.stack([still, *(np.broadcast_to(each, (n, 4, 4)) for each in tables)], axis=1)
+        is_there = np.ones((n, len(tables) + 1), np.bool_)
+        weights = np.ones(n) if durations is None else _durations(durations, n)
+        for name, given in (present or {}).items():
+            if name not in bodies:
+                raise ConfigError(f"present names no body: {shown(name)}; {', '.join(bodies)} are")
+            mask = checked_array("present", given, "b", f"({n},) True or False", ConfigError)
+            if mask.shape != (n,) or mask.dtype != np.bool_:
+                raise ConfigError(f"present must be ({n},) True or False, got shape {mask.shape}")
+            is_there[:, 1 + list(bodies).index(name)] = mask
+        values: dict[str, Any] = {
+            "mesh": mesh, "names": ("world", *bodies), "body": of_group[mesh.face_group],
+            "world_from_body": poses, "present": is_there, "durations": weights,
+            "_rests": {},
+        }  # fmt: skip
+        for name, value in values.items():
+            object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
+
+    def __len__(self) -> int:
+        return len(self.world_from_body)
+
+    def _of_frames(self, rows: NDArray[np.bool_]) -> "Motion":
+        """Some of the frames, (T,) bool, of the same bodies."""
+        other = object.__new__(Motion)
+        tables = {"world_from_body", "present", "durations"}
+        values = {name: getattr(self, name) for name in ("mesh", "names", "body", *tables)}
+        for name in tables:
+            values[name] = frozen(values[name][rows])
+        other.__dict__.update(values, _rests={})
+        return other
+
+    @cached_property
+    def units(self) -> NDArray[np.int64]:
+        """(T,) durations in the greatest unit that all are multiples of."""
+        return frozen(_units(self.durations))
+
+    def _needed(self, over: str | float) -> NDArray[np.int64]:
+        """(F,) units of time in which a point is covered, of those in which its body is there.
+
+        `over` is "some", "all", or a share of these, (0, 1]; ConfigError for another.
+        """
+        share = (
+            {"some": 0.0, "all": 1.0}.get(over) if isinstance(over, str) else finite_number(over)
+        )
+        if share is None or not (0 < share <= 1 or is_one_of(over, ("some",))):
+            raise ConfigError(f'over must be "some", "all" or a share above 0, got {shown(over)}')
+        there = self.units @ self.present
+        least: NDArray[np.int64] = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
+        found: NDArray[np.int64] = least[self.body]
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:  # locks of what is kept stay here
+        return vars(self) | {"_rests": {}}
+
+    def poses_of(self, body: str) -> FloatArray:
+        """(T, 4, 4) world_from_body of a body by its name; ConfigError for another name."""
+        if not is_one_of(body, self.names):
+            raise ConfigError(f"there is no body {shown(body)}; bodies are {', '.join(self.names)}")
+        return self.world_from_body[:, self.names.index(body)]
+
+    def frame(self, row: int) -> tuple[Mesh, NDArray[np.int64]]:
+        """The mesh as it is in a frame, and the face of the rest pose of each of its faces."""
+        number = finite_number(row)
+        if not number.is_integer() or not 0 <= number < len(self):
+            raise ConfigError(f"row must be a whole number below {len(self)}, got {shown(row)}")
+        return self._at(int(number), of_occluders=True)
+
+    def _at(self, row: int, *, of_occluders: bool) -> tuple[Mesh, NDArray[np.int64]]:
+        """See `frame` and `Rest.at`."""
+        poses, is_there = self.world_from_body[row], self.present[row]
+        if self._is_still:
+            return self.mesh, np.arange(self.mesh.n_faces)
+        if not is_there[self.body].any():
+            raise ConfigError(f"no body is there in frame {row}")
+        rest = self._rest_of(is_there)
+        return rest.at(poses, self._diagonal, of_occluders=of_occluders), rest.kept
+
+    def _rest_of(self, is_there: NDArray[np.bool_]) -> Rest:
+        """Bodies that are there, (B,) bool, at rest."""
+        key = is_there.tobytes()
+        once: Once[Rest] = self._rests.setdefault(key, Once())
+        for other in list(self._rests)[: -1 - MOST_RESTS]:
+            self._rests.pop(other, None)
+        return once.get(lambda: Rest.of(self.mesh, self.body, is_there))
+
+    @cached_property
+    def _is_still(self) -> bool:
+        """True where no body ever moves or leaves: each frame is the mesh itself."""
+        return bool(self.present.all() and (self.world_from_body == np.eye(4)).all())
+
+    @cached_property
+    def boxes(self) -> FloatArray:
+        """(B, 8, 3) corners of the box of each body at rest; NaN for one without faces."""
+        return frozen(self._rest_of(np.ones(len(self.names), np.bool_)).boxes)
+
+    @cached_property
+    def _diagonal(self) -> float:
+        """Greatest diagonal of the boxes of all bodies in a frame, metres."""
+        greatest = 0.0
+        for poses in self.world_from_body:
+            corners = moved_boxes(self.boxes, poses).reshape(-1, 3)
+            extent = np.nanmax(corners, axis=0) - np.nanmin(corners, axis=0)
+            greatest = max(greatest, float(np.linalg.norm(extent)))
+        return greatest
+
+
+def _durations(given: ArrayLike, n: int) -> FloatArray:
+    wanted = f"({n},) numbers above 0"
+    with np.errstate(over="ignore"):
+        found = checked_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
+    if found.shape != (n,) or not ((found > 0) & np.isfinite(found)).all():
+        raise ConfigError(f"durations must be {wanted}, got {shown(given)}")
+    _units(found)
+    return found.copy()
+
+
+def _units(durations: FloatArray) -> NDArray[np.int64]:
+    exact = [Fraction(str(each)) for each in durations.tolist()]
+    scale = math.lcm(*(each.denominator for each in exact))
+    whole = [int(each * scale) for each in exact]
+    unit = math.gcd(*whole)
+    if sum(whole) // unit > MOST_UNITS:
+        raise ConfigError(
+            f"durations must be whole multiples of one unit, {MOST_UNITS:,} in all at most, got "
+            f"{sum(whole) // unit:,}; round them"
+        )
+    return np.array([each // unit for each in whole], np.int64)
+
+
+def turntable(
+    steps: int,
+    *,
+    axis: ArrayLike = (0.0, 0.0, 1.0),
+    centre: ArrayLike = (0.0, 0.0, 0.0),
+    degrees: float = 360.0,
+) -> FloatArray:
+    """(steps, 4, 4) poses of a body that is turned in equal steps about an axis through a point.
+
+    Parameters
+    ----------
+    steps : int
+        The first is the rest pose.
+    axis, centre : (3,) float array_like
+        Direction, counter-clockwise seen against it; a point of the axis, metres.
+    degrees : float
+        Angle of all steps together.
+    """
+    direction = finite_points("axis", axis, (3,), "a direction", ConfigError)
+    point = finite_points("centre", centre, (3,), "three finite numbers", ConfigError)
+    if not np.linalg.norm(direction) > 0:
+        raise ConfigError(f"axis must be a direction, got {direction.tolist()}")
+    poses = _still(steps)
+    for row, angle in enumerate(_steps(degrees, len(poses), is_closed=True)):
+        poses[row, :3, :3] = rotation_about(direction, math.radians(angle)) if row else np.eye(3)
+        poses[row, :3, 3] = point - poses[row, :3, :3] @ point
+    return poses
+
+
+def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray:
+    """(steps, 4, 4) poses of a body that is moved by a distance, metres, in equal steps.
+
+    The first is the rest pose, the last at the distance.
+    """
+    along = finite_points("direction", direction, (3,), "a direction", ConfigError)
+    if not np.linalg.norm(along) > 0:
+        raise ConfigError(f"direction must not be zero, got {along.tolist()}")
+    poses = _still(steps)
+    away = _steps(distance, len(poses), is_closed=False)
+    poses[:, :3, 3] = away[:, None] * along / np.linalg.norm(along)
+    return poses
+
+
+def _still(steps: int) -> FloatArray:
+    number = finite_number(steps)
+    if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
+        raise ConfigError(
+            f"steps must be a whole number of 1 to {MOST_FRAMES:,}, got {shown(steps)}"
+        )
+    return np.tile(np.eye(4), (int(number), 1, 1))
+
+
+def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
+    """(n,) equal steps to a total, the last of which a closed motion leaves out."""
+    whole = finite_number(total)
+    if not math.isfinite(whole):
+        raise ConfigError(f"a motion goes a finite way, got {shown(total)}")
+    return np.linspace(0.0, whole, n, endpoint=not is_closed)
+
+
+def checked_poses(name: str, given: ArrayLike) -> FloatArray:
+    """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError for what is no rigid motion."""
+    rigid = "(T, 4, 4) rigid motions"
+    wanted = f"{name} must be {rigid}"
+    array = checked_array(name, given, "iuf", rigid, ConfigError)
+    array = finite_points(name, array[None] if array.ndim == 2 else array, (-1, 4, 4), rigid)
+    if not len(array):
+        raise ConfigError(f"{wanted}, got none")
+    turns = array[:, :3, :3]
+    with np.errstate(all="ignore"):
+        off = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        is_rigid = (off <= RIGID) & (np.linalg.det(turns) > 0)
+    is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
+    if not is_rigid.all():
+        raise ConfigError(f"{wanted}: pose {int(is_rigid.argmin())} is none")
+    found = array.copy()
+    moved = off > 1e-15
+    u, _, vt = np.linalg.svd(turns[moved])
+    found[moved, :3, :3] = u @ vt
+    return found

@@ -1,0 +1,274 @@
+"""Files of motions: tables of poses in JSON and CSV, animations of glTF.
+
+JSON: {"bodies": {"head": {"poses": [4 x 4, ...], "present": [true, ...]}}, "durations": [...]};
+poses are rigid motions from the rest pose, and all but the names may be left out. "times", at which
+frames begin, are taken instead of durations; the last frame is as long as the one before.
+
+CSV: a row a frame. Columns are `time` or `duration`, and of each body NAME.x, NAME.y, NAME.z,
+metres, NAME.qw ... NAME.qz, a quaternion of any length, and NAME.present, 0 or 1; those left out
+is 0, no turn, and there.
+"""
+
+import csv
+import io
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.files import (
+    LARGEST_ARRAY,
+    StrPath,
+    UnreadableError,
+    file_bytes,
+    printable,
+    read_json,
+    suffix_of,
+)
+from rastercov.mesh.arrays import rotations_of_quaternions
+from rastercov.mesh.formats import animation_of, metres_per
+from rastercov.mesh.mesh import Mesh
+from rastercov.mesh.motion import MOST_FRAMES, Motion
+
+FloatArray = NDArray[np.float64]
+PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+COLUMNS = (*PLACE, *TURN, "present")
+OF_GLTF = (".glb", ".gltf")
+OFF_RIGID, STILL = 1e-5, 1e-7
+"""Scale, and difference from the rest pose, up to which they are rounding of float32."""
+
+
+def load_motion(
+    mesh: Mesh,
+    path: StrPath,
+    *,
+    animation: str = "",
+    steps: int = 50,
+    unit: str | float = "m",
+) -> Motion:
+    """Motion of a mesh from a file: a table of poses, JSON or CSV, or an animation of glTF.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : path
+    animation : str
+        Name of the animation of a .glb or .gltf file, "" for the only one.
+    steps : int
+        Frames of it, at equal steps of its time.
+    unit : str or float
+        Unit of a glTF file, as for `Mesh.load`.
+
+    Raises
+    ------
+    ConfigError
+        For a file that cannot be read or holds something else, in one line with its name.
+    MeshError
+        For a name that is no group and no file of the mesh, and for a file that is no glTF.
+    """
+    try:
+        suffix = suffix_of(path)
+    except UnreadableError as error:
+        raise ConfigError(str(error)) from None
+    if suffix in OF_GLTF:
+        found = read_gltf_motion(mesh, path, animation, steps, unit)
+        return Motion(mesh, **found)
+    return Motion(mesh, **read_motion(path))
+
+
+def read_gltf_motion(
+    mesh: Mesh,
+    path: StrPath,
+    animation: str = "",
+    steps: int = 50,
+    unit: str | float = "m",
+    world_from_file: FloatArray | None = None,
+) -> dict[str, Any]:
+    """Arguments of `Motion` beside the mesh from an animation of glTF; see `load_motion`.
+
+    `world_from_file`, (4, 4), is where the mesh has the file, in metres; groups that move alike are
+    one body.
+    """
+    number = finite_number(steps)
+    if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
+        raise ConfigError(f"steps must be 1 to {MOST_FRAMES:,}, got {shown(steps)}")
+    found = animation_of(path, animation, int(number))
+    name, stem = printable(Path(path).name), printable(Path(path).stem)
+    poses = found.poses.copy()
+    poses[:, :, :3, 3] *= metres_per(unit)
+    if world_from_file is not None:
+        poses = world_from_file @ poses @ np.linalg.inv(world_from_file)
+    u, sizes, vt = np.linalg.svd(poses[:, :, :3, :3])
+    if not (np.abs(sizes - 1) <= OFF_RIGID).all():
+        raise ConfigError(f"{name}: a node is scaled over time; bodies are rigid")
+    poses[:, :, :3, :3] = u @ vt
+    groups = {group.name for group in mesh.groups}
+    bodies: dict[bytes, list[int]] = {}
+    for row in range(len(poses)):
+        if (np.abs(poses[row] - np.eye(4)).max() > STILL) or not found.present[row].all():
+            key = np.round(poses[row], 9).tobytes() + found.present[row].tobytes()
+            bodies.setdefault(key, []).append(row)
+    if not bodies:
+        raise ConfigError(f"{name}: the animation moves no mesh")
+
+    def group_of(path: str) -> str:
+        known = [each for each in (path, f"{stem}/{path}", stem) if each in groups]
+        if not known:
+            raise ConfigError(f"{name}: the mesh has no group {shown(path)}, which is animated")
+        return known[0]
+
+    named = {rows[0]: [group_of(found.names[row]) for row in rows] for rows in bodies.values()}
+    return {
+        "bodies": {own[0]: poses[row] for row, own in named.items()},
+        "present": {own[0]: found.present[row] for row, own in named.items()},
+        "groups": {own[0]: own for own in named.values()},
+    }
+
+
+def read_motion(path: StrPath) -> dict[str, Any]:
+    """Arguments of `Motion` beside the mesh; errors as of `load_motion`."""
+    try:
+        suffix = suffix_of(path)
+        if suffix == ".json":
+            return _of_json(read_json(path, LARGEST_ARRAY))
+        if suffix == ".csv":
+            return _of_csv(file_bytes(path, LARGEST_ARRAY).decode("utf-8-sig"))
+        raise ConfigError("a motion is a file of JSON or CSV")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{printable(str(path))}: not a text in UTF-8") from None
+    except (UnreadableError, ConfigError) as error:
+        raise ConfigError(f"{printable(Path(path).name)}: {error}") from None
+
+
+def _of_json(content: Any) -> dict[str, Any]:
+    known = {"bodies", "durations", "times"}
+    if not isinstance(content, dict) or not isinstance(content.get("bodies"), dict):
+        raise ConfigError('a motion holds {"bodies": {NAME: {"poses": [4 x 4, ...]}}}')
+    if unknown := sorted(content.keys() - known):
+        raise ConfigError(f"there is no entry {shown(unknown[0])}; there are {', '.join(known)}")
+    bodies, present = {}, {}
+    for name, entry in content["bodies"].items():
+        if not isinstance(entry, dict) or entry.keys() - {"poses", "present"}:
+            raise ConfigError(f"body {shown(name)} holds poses and present, got {shown(entry)}")
+        bodies[name] = entry.get("poses", np.eye(4))
+        if "present" in entry:
+            present[name] = entry["present"]
+    return {"bodies": bodies, "present": present} | _durations(content)
+
+
+def _durations(content: Any) -> dict[str, Any]:
+    """`durations`, from times where these are given."""
+    if "times" not in content:
+        return {"durations": content["durations"]} if "durations" in content else {}
+    if "durations" in content:
+        raise ConfigError("times and durations exclude each other; give one of them")
+    given = content["times"]
+    if not isinstance(given, list) or not given:
+        raise ConfigError(f"times must be a list of numbers, got {shown(given)}")
+    times = [finite_number(each) for each in given]
+    if not np.isfinite(times).all():
+        raise ConfigError(f"times must be finite numbers, got {shown(given)}")
+    for row, (before, after) in enumerate(pairwise(times), start=1):
+        if not after > before:
+            raise ConfigError(f"times must rise, got {after:g} after {before:g} in frame {row}")
+    # As decimals: 0.3 - 0.2 is no 0.1.
+    lengths = np.diff(times).round(9).tolist() or [1.0]
+    return {"durations": [*lengths, lengths[-1]][: len(times)]}
+
+
+def columns_of(text: str) -> dict[str, list[float]]:
+    """Columns of numbers of a CSV table by name, a row a frame; ConfigError for what is none."""
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
+    except csv.Error as error:
+        raise ConfigError(f"not a table of CSV ({error})") from None
+    if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
+        raise ConfigError(f"wanted a row of names and 1 to {MOST_FRAMES:,} frames")
+    names = [name.strip() for name in rows[0]]
+    if len(set(names)) < len(names):
+        raise ConfigError("two columns have one name")
+    if uneven := [frame for frame, row in enumerate(rows[1:]) if len(row) != len(names)]:
+        raise ConfigError(f"frame {uneven[0]}: wanted {len(names)} numbers, as there are names")
+    columns: dict[str, list[float]] = {}
+    for at, name in enumerate(names):
+        columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
+        if not np.isfinite(columns[name]).all():
+            wrong = int(np.isfinite(columns[name]).argmin())
+            raise ConfigError(f"column {shown(name)}, frame {wrong}: wanted a number")
+    return columns
+
+
+def _of_csv(text: str) -> dict[str, Any]:
+    columns = columns_of(text)
+    table: dict[str, Any] = {}
+    bodies: dict[str, dict[str, list[float]]] = {}
+    for name, values in columns.items():
+        body, _, field = name.rpartition(".")
+        if name in ("time", "duration"):
+            table[f"{name}s"] = values
+        elif body and field in COLUMNS:
+            bodies.setdefault(body, {})[field] = values
+        else:
+            raise ConfigError(
+                f"there is no column {shown(name)}; there are time, duration, and of a body "
+                f"NAME.{', NAME.'.join(COLUMNS)}"
+            )
+    if not bodies:
+        raise ConfigError("there is no body; name a column BODY.x")
+    n = len(next(iter(columns.values())))
+    poses = {name: _poses_of(name, own, n) for name, own in bodies.items()}
+    present = {
+        name: np.array(own["present"]) != 0 for name, own in bodies.items() if "present" in own
+    }
+    return {"bodies": poses, "present": present} | _durations(table)
+
+
+def _number(text: str) -> Any:
+    try:
+        return None if "_" in text else float(text)  # Python's 1_000
+    except ValueError:
+        return None
+
+
+def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
+    found = np.tile(np.eye(4), (n, 1, 1))
+    for axis, field in enumerate(PLACE):
+        found[:, axis, 3] = own.get(field, 0.0)
+    if any(field in own for field in TURN):
+        turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
+        size = np.linalg.norm(turns, axis=1, keepdims=True)
+        if not (size > 0).all() or not np.isfinite(size).all():
+            raise ConfigError(f"body {shown(name)}, frame {int(size.argmin())}: no quaternion")
+        found[:, :3, :3] = rotations_of_quaternions((turns / size)[:, [1, 2, 3, 0]])
+    return found
+
+
+def quaternions_of(rotations: FloatArray) -> FloatArray:
+    """(T, 4) unit quaternions w, x, y, z of rotations (T, 3, 3), each on the side of the last.
+
+    K. Shoemake. Animating Rotation with Quaternion Curves. 1985. The largest of four squares is
+    divided by, so that no digit is lost.
+    """
+    r = rotations
+    trace = np.trace(r, axis1=1, axis2=2)
+    squares = np.stack((trace, r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]), axis=1)
+    found = np.empty((len(r), 4))
+    for row, largest in enumerate(squares.argmax(axis=1)):  # 10 us each
+        m = r[row]
+        if largest == 0:
+            q = (1 + trace[row], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])
+        else:
+            i, j, k = (largest - 1 + np.arange(3)) % 3
+            values = {
+                0: m[k, j] - m[j, k], 1 + i: 1 + m[i, i] - m[j, j] - m[k, k],
+                1 + j: m[j, i] + m[i, j], 1 + k: m[k, i] + m[i, k],
+            }  # fmt: skip
+            q = tuple(values[at] for at in range(4))
+        found[row] = np.array(q) / np.linalg.norm(q)
+        if row and found[row] @ found[row - 1] < 0:
+            found[row] *= -1
+    return found

@@ -1,0 +1,367 @@
+"""Robots of rigid links: a mesh with a group for each link, and its poses by the joint angles.
+
+A file in URDF names shapes and mesh files. These are read by the readers of meshes, with their
+limits. A robot hides and is not scored; a camera may be fixed to one of its links.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_choice, check_seed, checked_array, finite_points
+from rastercov.base.checks import finite_number, is_one_of, shown
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.files import (
+    LARGEST_TEXT,
+    StrPath,
+    UnreadableError,
+    file_bytes,
+    printable,
+)
+from rastercov.base.format import InOneLine
+from rastercov.base.typed import check_type
+from rastercov.mesh.arrays import frozen
+from rastercov.mesh.formats import MEMORY_BUDGET, urdf
+from rastercov.mesh.formats.polygons import LONGEST_NAME, check_budget
+from rastercov.mesh.formats.urdf import Shape
+from rastercov.mesh.groups import Group
+from rastercov.mesh.kinematics import Kinematics, Solutions
+from rastercov.mesh.mesh import Mesh
+from rastercov.mesh.motion import checked_poses
+from rastercov.mesh.motion_file import columns_of
+from rastercov.mesh.shapes import box, sphere
+
+FloatArray = NDArray[np.float64]
+
+GEOMETRIES = ("collision", "visual")
+SIDES = 32
+"""Sides of the prism in place of a cylinder; its edges lie on it."""
+ROUNDING = 1e-9
+"""Radians or metres beyond a limit that are taken for rounding of a file."""
+DURATION = "duration"
+"""Column of a path that has no joint."""
+
+
+class JointPath(NamedTuple):
+    """Configurations of a robot, one a frame.
+
+    Attributes
+    ----------
+    joints : (T, J) float64
+        Radians, or metres of prismatic joints, in the order of `Robot.joint_names`.
+    duration : (T,) float64
+        Weight of each, such as seconds; 1 unless the file has it.
+    """
+
+    joints: FloatArray
+    duration: FloatArray
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Robot(InOneLine):
+    """Rigid links on joints, from a URDF file; read by `Robot.load`.
+
+    Attributes
+    ----------
+    name : str
+        Name of the robot in its file.
+    mesh : Mesh
+        All links in the rest pose, a group "name/link" for each with a shape, which are occluders.
+    links : tuple of str
+        The root is the first.
+    joint_names : tuple of str
+        Joints that move by themselves, J of them: revolute, continuous and prismatic, no mimics.
+    limits : (J, 2) float64
+        Radians, or metres of prismatic joints; infinite where there is none.
+    rest : (J,) float64
+        Configuration of `mesh`.
+    shapes : dict of str to Mesh
+        Links with shapes, each in its own frame.
+    kinematics : Kinematics
+        Joints, without meshes.
+    """
+
+    name: str
+    mesh: Mesh
+    links: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    limits: FloatArray
+    rest: FloatArray
+    shapes: dict[str, Mesh]
+    kinematics: Kinematics
+
+    def __init__(
+        self,
+        description: urdf.Description,
+        shapes: Mapping[str, Mesh],
+        base: FloatArray,
+        rest: ArrayLike | None = None,
+        name: str | None = None,
+    ) -> None:
+        limits = frozen(description.limits)
+        kinematics = Kinematics(tuple(description.links), description.joints, limits, base)
+        values: dict[str, Any] = {
+            "name": name or description.name, "links": tuple(description.links),
+            "joint_names": description.names, "limits": limits, "kinematics": kinematics,
+            "shapes": dict(shapes),
+        }  # fmt: skip
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+        still = np.clip(np.zeros(len(limits)), *limits.T)
+        if rest is not None:
+            still = self._configurations("rest", rest)[0]
+        object.__setattr__(self, "rest", frozen(still))
+        frames = kinematics.frames(still[None])
+        placed = [
+            _placed(shape, f"{self.name}/{link}", frames[link][0]) for link, shape in shapes.items()
+        ]
+        mesh = Mesh.joined(placed)
+        notes = (*description.notes, *mesh.notes)
+        fields = (mesh.vertices, mesh.faces, mesh.groups, mesh.face_group, mesh.source_face)
+        object.__setattr__(self, "mesh", Mesh(*fields, mesh.sources, notes))
+
+    @classmethod
+    def load(
+        cls,
+        path: StrPath,
+        packages: Mapping[str, StrPath] | None = None,
+        geometry: Literal["collision", "visual"] = "collision",
+        *,
+        base: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        name: str | None = None,
+    ) -> "Robot":
+        """Robot of a URDF file.
+
+        Parameters
+        ----------
+        path : path
+            Fixed, revolute, continuous and prismatic joints, mimics; meshes, boxes, cylinders and
+            spheres. No other file than its meshes is opened.
+        packages : mapping of str to path, optional
+            Folder of each package of which it has files, as in `package://ur_description/...`.
+        geometry : {"collision", "visual"}
+            Shapes that are read: the simple ones, or those that are drawn.
+        base : (4, 4) array_like, optional
+            world_from_base, where the root link is; the origin unless given.
+        rest : (J,) array_like, optional
+            Configuration of the mesh, 0 unless given, or the limit that is nearest to it.
+        name : str, optional
+            In place of that of the file.
+
+        Raises
+        ------
+        MeshError
+            In one line: a file that is no robot, joints that are loops, cycles or of other kinds,
+            limits that exclude each other, meshes that are missing, a xacro file.
+        ConfigError
+            For another geometry, a base that is no pose, a rest outside the limits.
+        """
+        check_choice("geometry", geometry, GEOMETRIES)
+        root = np.eye(4) if base is None else checked_poses("base", base)[0]
+        found, folders = urdf.read(path, geometry), dict(packages or {})
+        folder, cached, n_faces = Path(path).parent, dict[Any, Mesh](), 0
+        shapes: dict[str, Mesh] = {}
+        try:
+            for link, each in found.links.items():
+                parts = [_mesh_of(shape, link, folder, folders, cached) for shape in each]
+                n_faces += sum(part.n_faces for part in parts)
+                check_budget(n_faces, MEMORY_BUDGET)
+                if parts:
+                    shapes[link] = _placed(Mesh.joined(parts), link, np.eye(4))
+        except MeshError as error:
+            raise MeshError(f"{printable(str(path))}: {error}") from None
+        if not shapes:
+            other = GEOMETRIES[geometry == "collision"]
+            raise MeshError(
+                f"{printable(str(path))}: {geometry} shapes wanted, got none; "
+                f'try geometry="{other}"'
+            )
+        return cls(found, shapes, root, rest, name)
+
+    def frames(self, joints: ArrayLike) -> dict[str, FloatArray]:
+        """world_from_link of all links, (T, 4, 4) each, in (T, J) or (J,) configurations.
+
+        Parameters
+        ----------
+        joints : (T, J) or (J,) array_like
+            Radians, or metres of prismatic joints, within the limits.
+
+        Raises
+        ------
+        ConfigError
+            For other shapes, and values outside the limits.
+        """
+        return self.kinematics.frames(self._configurations("joints", joints))
+
+    def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
+        """Table for `Motion`: (T, 4, 4) poses of each link that moves, from the rest pose.
+
+        Keys are groups of `mesh`; arguments as for `frames`. Links without shapes have no group.
+        """
+        frames, still = self.frames(joints), self.frames(self.rest)
+        return {
+            f"{self.name}/{link}": frames[link] @ np.linalg.inv(still[link])
+            for link in self.shapes
+            if self.is_moving(link)
+        }
+
+    def is_moving(self, link: str) -> bool:
+        """True for a link that some joint moves."""
+        self._check_link(link)
+        return any(each.column >= 0 for each in self.kinematics.chain(link))
+
+    def read_path(self, path: StrPath) -> JointPath:
+        """Configurations of a CSV file: a column for each joint, by name, and perhaps `duration`.
+
+        Parameters
+        ----------
+        path : path
+            Comma-separated, one header, one row a frame; radians, or metres of prismatic joints.
+            All joints of `joint_names` are there, in any order.
+
+        Raises
+        ------
+        ConfigError
+            Names the line and what is wrong with it.
+        """
+        shown_path = printable(str(path))
+        try:
+            columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"))
+        except UnicodeDecodeError:
+            raise ConfigError(f"{shown_path}: not a text in UTF-8") from None
+        except (UnreadableError, ConfigError) as error:
+            raise ConfigError(f"{shown_path}: {error}") from None
+        wanted = set(self.joint_names)
+        if wanted - set(columns) or set(columns) - wanted - {DURATION}:
+            joints, got = ", ".join(self.joint_names), shown(", ".join(map(printable, columns)))
+            raise ConfigError(f"{shown_path}: columns {joints} and perhaps duration, got {got}")
+        rows = np.array([columns[name] for name in self.joint_names]).T
+        duration = np.array(columns.get(DURATION, np.ones(len(rows))))
+        if not (duration > 0).all():
+            line = int((duration <= 0).argmax())
+            raise ConfigError(f"{shown_path}: frame {line}: a duration above 0 wanted")
+        return JointPath(self._configurations(shown_path, rows), duration)
+
+    def solve(
+        self,
+        poses: ArrayLike,
+        link: str,
+        link_from_tip: ArrayLike | None = None,
+        *,
+        starts: int = 16,
+        most: int = 8,
+        seed: int = 0,
+    ) -> Solutions:
+        """Joint angles that bring a frame of a link to poses, by damped least squares.
+
+        Parameters
+        ----------
+        poses : (N, 4, 4) array_like
+            world_from_tip.
+        link : str
+            Link to which the frame is fixed.
+        link_from_tip : (4, 4) array_like, optional
+            Pose of the frame, such as a camera, on the link; the link's own unless given.
+        starts, seed : int
+            Random configurations to start from, and their seed.
+        most : int
+            Solutions of a pose, which differ by more than 0.01 in some joint.
+
+        Returns
+        -------
+        Solutions
+            Each within the limits, and its pose to 1e-6 m and rad. Poses without one have no row:
+            the robot does not reach them, or no start led there.
+
+        Raises
+        ------
+        ConfigError
+            For an unknown link, or poses that are none.
+        """
+        self._check_link(link)
+        tip = (
+            np.eye(4) if link_from_tip is None else checked_poses("link_from_tip", link_from_tip)[0]
+        )
+        for name, value in {"starts": starts, "most": most}.items():
+            if not 1 <= finite_number(value) <= 10_000:
+                raise ConfigError(f"{name} must be 1 to 10,000, got {shown(value)}")
+        check_type("seed", seed, int)
+        check_seed(seed)
+        given = checked_poses("poses", poses)
+        return self.kinematics.solve(given, link, tip, int(starts), seed, int(most))
+
+    def _check_link(self, link: str) -> None:
+        if not is_one_of(link, self.links):
+            known = shown(", ".join(self.links))
+            raise ConfigError(f"there is no link {shown(link)}; links are {known}")
+
+    def _configurations(self, name: str, joints: ArrayLike) -> FloatArray:
+        """(T, J) configurations within the limits, or ConfigError."""
+        n = len(self.joint_names)
+        wanted = f"(T, {n}) values of {', '.join(self.joint_names)}"
+        array = checked_array(name, joints, "iuf", wanted, ConfigError)
+        array = array[None] if array.ndim == 1 else array
+        found = finite_points(name, array, (-1, n), wanted)
+        beyond = np.maximum(self.limits[:, 0] - found, found - self.limits[:, 1]) > ROUNDING
+        if beyond.any():
+            row, joint = np.argwhere(beyond)[0].tolist()
+            low, high = self.limits[joint]
+            raise ConfigError(
+                f"{name}: row {row}: {self.joint_names[joint]} must lie in {low:g} ... {high:g}, "
+                f"got {found[row, joint]:g}"
+            )
+        return np.clip(found, *self.limits.T)
+
+
+def _mesh_of(
+    shape: Shape,
+    link: str,
+    folder: Path,
+    packages: Mapping[str, StrPath],
+    cached: dict[Any, Mesh],
+) -> Mesh:
+    """A shape in the frame of its link."""
+    sizes = shape.sizes
+    if shape.kind == "box":
+        mesh = box((sizes[0], sizes[1], sizes[2]))
+    elif shape.kind == "sphere":
+        mesh = sphere(2, sizes[0])
+    elif shape.kind == "cylinder":
+        mesh = _prism(*sizes)
+    else:
+        path = urdf.located(shape.file, folder, packages)
+        if path not in cached:
+            cached[path] = Mesh.load(path)
+        mesh = cached[path]
+        if sizes != (1.0, 1.0, 1.0):
+            faces = mesh.faces if np.prod(sizes) > 0 else mesh.faces[:, ::-1]
+            mesh = Mesh(mesh.vertices * sizes, faces, sources=mesh.sources, notes=mesh.notes)
+    return _placed(mesh, link, shape.origin)
+
+
+def _placed(mesh: Mesh, name: str, pose: FloatArray) -> Mesh:
+    """A mesh as one group that hides, where a pose brings it."""
+    vertices = mesh.vertices
+    if not np.array_equal(pose, np.eye(4)):
+        vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+    groups = [Group(name[:LONGEST_NAME], is_occluder=True)]
+    return Mesh(vertices, mesh.faces, groups, sources=mesh.sources, notes=mesh.notes)
+
+
+def _prism(radius: float, length: float) -> Mesh:
+    """Prism of `SIDES` sides in a cylinder about the z axis, closed, outward."""
+    angle = 2 * np.pi / SIDES * np.arange(SIDES)
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    low, high = (np.column_stack([ring, np.full(SIDES, z)]) for z in (-length / 2, length / 2))
+    ends = np.array([(0, 0, -length / 2), (0, 0, length / 2)])
+    a, b = np.arange(SIDES), np.roll(np.arange(SIDES), -1)
+    bottom, top = np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    corners = [(a, b, b + SIDES), (a, b + SIDES, a + SIDES), (bottom, b, a)]
+    corners.append((top, a + SIDES, b + SIDES))
+    faces = np.concatenate([np.stack(each, axis=1) for each in corners])
+    return Mesh(np.concatenate([low, high, ends]), faces)
