@@ -1,4 +1,4 @@
-"""Coverage with whole arrays: the twin of `rastercov.kernels.coverage` and `kernels.network`.
+"""Coverage with whole arrays: the twin of `native/coverage/figures.cpp` and `network.cpp`.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
@@ -15,11 +15,10 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.reasons import Reason
+from rastercov.coverage.records import ROW_TYPES, PairRows
 from rastercov.coverage.task import Task
-from rastercov.kernels.criteria import MOST_DOUBTFUL, SIDE_ROUNDING
-from rastercov.kernels.face_bounds import BORDER_ROUNDING
-from rastercov.kernels.network import ROW_TYPES, PairRows
 from rastercov.mesh import Mesh
+from rastercov.native.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference.criteria import (
     FaceGeometry,

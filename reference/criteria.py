@@ -1,4 +1,4 @@
-"""Criteria of all faces of one pose with whole arrays: the twin of `rastercov.kernels.criteria`.
+"""Criteria of all faces of one pose with whole arrays: the twin of `native/coverage/criteria.hpp`.
 
 The same figures in the same order of operations, so both give the same bits, except angles of
 incidence, for which numpy and the C library have different arccosines, and areas of faces that the

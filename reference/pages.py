@@ -9,11 +9,13 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
+from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.report import theme as pages
@@ -225,7 +227,15 @@ def picture_of(alt: str, light: "Figure", dark: "Figure") -> Picture:
 
 
 def opened(out: Path | ReportFolder, kind: ReportKind) -> AbstractContextManager[ReportFolder]:
-    """Context manager of a folder: of one that is open already, that one."""
+    """Context manager of a folder: of one that is open already, that one.
+
+    Raises
+    ------
+    ConfigError
+        Without matplotlib, which draws the plots at the end of the work.
+    """
+    if find_spec("matplotlib") is None:
+        raise ConfigError("plots need matplotlib; run: pip install 'rastercov[compare]'")
     return nullcontext(out) if isinstance(out, ReportFolder) else ReportFolder(out, kind)
 
 

@@ -1,26 +1,51 @@
-"""Stages of the CPU rasteriser in numpy, with the names of `rastercov.kernels.raster_stage_*`.
+"""Stages of the CPU rasteriser in numpy, with the names of `rastercov/native/raster`.
 
 Each function takes any number of vertices, faces or clusters and returns what the SIMD stage
 writes. Integer stages are exact; floating-point stages have the same order of operations, so
 results are equal bit for bit. Faces are `places` (N, 3, 2) int64, their corners in whole steps.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels import raster_memory
-from rastercov.kernels.raster_memory import (
-    BEHIND,
-    GUARD_BAND,
-    LARGE,
-    NEEDS_CLIPPING,
-    SIDE,
-    STEPS,
-    Window,
-)
-from rastercov.kernels.raster_targets import TIE_REL
+from rastercov.native.raster_clusters import ALTITUDE, RADIUS
+from rastercov.native.raster_loops import GUARD_BAND, SIDE, STEPS
+from rastercov.native.raster_stages import BEHIND, LARGE, NEEDS_CLIPPING
+from rastercov.native.raster_targets import TIE_REL
+
+EYE, INTRINSICS, NEAR, MAGNIFICATION = 9, 12, 16, 17
+"""Values of a camera: rotation world_from_camera (9, by rows), camera centre (3), fx, fy, cx, cy in
+samples, depth of the near plane in metres, and the greatest magnification of a length parallel to
+the image over its depth, in samples."""
+CONE_COS, CONE_SIN, PLANE_OFFSET = 7, 8, 9
+"""Rows of `Clusters.bounds`."""
+
+
+class Window(NamedTuple):
+    """Band of an image.
+
+    Attributes
+    ----------
+    right, top, bottom : int
+        Last column, first row, last row.
+    hides_back : bool
+    columns, height : int
+        Blocks in a row of memory, and rows of the image.
+    full_x, full_y : int
+        Columns and rows of blocks below which every block is wholly inside the image.
+    """
+
+    right: int
+    top: int
+    bottom: int
+    hides_back: bool
+    columns: int
+    height: int
+    full_x: int
+    full_y: int
+
 
 Array = NDArray[Any]
 Arrays = tuple[Array, ...]
@@ -28,18 +53,15 @@ Arrays = tuple[Array, ...]
 
 def project_vertices(points: Array, camera: Array, is_safe: bool) -> Arrays:
     """Positions (u, v) in steps, 1/z, and whole steps (x, y) of points (3, N)."""
-    rotation, (ex, ey, ez) = (
-        camera[: raster_memory.EYE].reshape(3, 3),
-        camera[raster_memory.EYE :][:3],
-    )
-    fx, fy, cx, cy = STEPS * camera[raster_memory.INTRINSICS : raster_memory.NEAR]
+    rotation, (ex, ey, ez) = camera[:EYE].reshape(3, 3), camera[EYE:][:3]
+    fx, fy, cx, cy = STEPS * camera[INTRINSICS:NEAR]
     dx, dy, dz = points[0] - ex, points[1] - ey, points[2] - ez
     right, down, z = (dx * a + dy * b + dz * c for a, b, c in rotation.T)
     w = 1 / z
     u, v = fx * right * w + cx, fy * down * w + cy
     x, y = np.floor(u + 0.5), np.floor(v + 0.5)
     if not is_safe:
-        is_front = z >= camera[raster_memory.NEAR]
+        is_front = z >= camera[NEAR]
         is_seen = is_front & (np.abs(u) <= GUARD_BAND) & (np.abs(v) <= GUARD_BAND)
         unseen = np.where(is_front, NEEDS_CLIPPING, BEHIND)
         x, y = np.where(is_seen, x, unseen), np.where(is_seen, y, unseen)
@@ -50,26 +72,23 @@ def cull_clusters(
     bounds: Array, camera: Array, frustum: Array, magnification: float, hides_backs: bool
 ) -> Arrays:
     """Clusters (N,) to be drawn, those that are safe, and down and forward of their centres."""
-    dx, dy, dz = bounds[:3] - camera[raster_memory.EYE :][:3, None]
-    radius, near = bounds[raster_memory.RADIUS], camera[raster_memory.NEAR]
+    dx, dy, dz = bounds[:3] - camera[EYE:][:3, None]
+    radius, near = bounds[RADIUS], camera[NEAR]
     is_outside = radius < 0
     for plane, limit in zip(frustum, (0, 0, 0, 0, near), strict=True):
         forward = dx * plane[0] + dy * plane[1] + dz * plane[2]
         is_outside |= forward + radius * plane[3] < limit
     down = dx * camera[1] + dy * camera[4] + dz * camera[7]
     squared = dx * dx + dy * dy + dz * dz
-    axis, cosine, sine = bounds[4:7], bounds[raster_memory.CONE_COS], bounds[raster_memory.CONE_SIN]
+    axis, cosine, sine = bounds[4:7], bounds[CONE_COS], bounds[CONE_SIN]
     along = dx * axis[0] + dy * axis[1] + dz * axis[2]
     across = np.sqrt(np.maximum(squared - along * along, 0))
     distance = np.sqrt(squared)
     highest = np.where(-along >= distance * cosine, distance, across * sine - along * cosine)
-    height, reach = highest - bounds[raster_memory.PLANE_OFFSET], distance + radius
-    is_back = (
-        height * bounds[raster_memory.ALTITUDE] * (magnification * STEPS) < reach * reach * -3.1
-    )
+    height, reach = highest - bounds[PLANE_OFFSET], distance + radius
+    is_back = height * bounds[ALTITUDE] * (magnification * STEPS) < reach * reach * -3.1
     is_safe = (forward - radius >= near) & (
-        reach * camera[raster_memory.MAGNIFICATION]
-        <= (forward - radius) * (GUARD_BAND // STEPS // 2)
+        reach * camera[MAGNIFICATION] <= (forward - radius) * (GUARD_BAND // STEPS // 2)
     )
     return ~(is_outside | (is_back & is_safe & hides_backs)), is_safe, np.stack((down, forward))
 
@@ -149,7 +168,7 @@ def bin_faces(
 
 
 def set_up_triangles(exact: Array, places: Array, window: Window) -> Arrays:
-    """Edge functions (9, N), bounds (4, N) and rows of `Setup.plane64`, `Setup.plane32`."""
+    """Edge functions (9, N), bounds (4, N) and planes of 1/z in float64 and in float32."""
     bounds = sample_bounds(places, *window[:3])
     x, y = (bounds[k] // SIDE * SIDE * STEPS + STEPS // 2 for k in (0, 2))
     a, b, c = places.swapaxes(0, 1)
@@ -243,11 +262,6 @@ def count_samples(places: Array, bounds: Array) -> Any:
     )
 
 
-def coverage_of_samples(coverage: Array) -> Any:
-    """Triangles (4, N) that cover sample 0, 1, 2, 3 of their 2 x 2, from their masks."""
-    return coverage >> np.arange(4)[:, None] & 1 > 0
-
-
 def depth_of_samples(
     k: int, bounds: Array, window: Window, plane64: Array, plane32: Array
 ) -> Arrays:
@@ -300,11 +314,6 @@ def nearest_vertex(w: Array) -> Any:
     return w.max().astype(np.float32)
 
 
-def samples_of_later_faces(owner: Array, face: int) -> Any:
-    """Samples of a block of which a face of a higher index is the nearest."""
-    return owner > face
-
-
 def append_set_bits(listed: Array, bits: Array, base: int) -> Any:
     """List with base + index of each set bit behind it."""
     return np.append(listed, base + np.flatnonzero(bits))
@@ -323,7 +332,7 @@ def count_triangle(
 ) -> tuple[int, int]:
     """Samples that a part of a face covers, and those of them with no surface in front of it.
 
-    Arguments as of `rastercov.kernels.raster_targets.count_triangle`.
+    Arguments as of `rastercov.native.raster_targets.count_triangle`.
     """
     left, top, width, height = tile
     rows, columns = np.mgrid[top : top + height, left : left + width]

@@ -16,8 +16,9 @@ from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
+from rastercov.camera.rig import Rig
+from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.task import Task
-from rastercov.kernels.jit import compiled
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -73,15 +74,48 @@ def covers_points(
         local = (points - pose[:3, 3]) @ pose[:3, :3]
         corners = (mesh.vertices[mesh.faces] - pose[:3, 3]) @ pose[:3, :3]
         meets = meets_criteria(mesh, camera, task, pose, near[row], local, face)
-        hidden = np.zeros(len(points), np.bool_)
-        rows = np.flatnonzero(meets)
-        faces = face.astype(np.int64)
-        depth = _depth(local, is_wide=is_wide)
-        _find_hidden(
-            corners, mesh.degenerate_mask, mesh.target_mask, near[row], local, depth, faces, rows,
-            hidden,
+        is_open, depth = mesh.degenerate_mask | mesh.target_mask, _depth(local, is_wide=is_wide)
+        hidden = _find_hidden(
+            corners, is_open, mesh.target_mask, near[row], local, depth, face.astype(np.int64),
+            np.flatnonzero(meets),
         )  # fmt: skip
         found[row] = meets & ~hidden
+    return found
+
+
+def rig_covers_points(
+    mesh: Mesh,
+    rig: Rig,
+    world_from_rig: NDArray[Any],
+    task: Task,
+    points: FloatArray,
+    face: IntArray,
+) -> BoolArray:
+    """Mask of the points of faces that each pose of a rig covers by its rule, (R, N).
+
+    Each camera by itself as in `covers_points`, and then those on either side of the face, counted.
+    """
+    placed = rig.poses(world_from_rig)
+    gate, n = rig.gates[0], len(rig)
+    sees = np.empty((n, len(placed) // n, len(points)), np.bool_)
+    tasks = tasks_of(rig, task)
+    for row, (camera, own) in enumerate(zip(rig.cameras, tasks, strict=True)):
+        matrices = placed.world_from_camera[row::n]
+        sees[row] = covers_points(mesh, camera, matrices, own, points, face)
+    eyes = placed.world_from_camera[:, :3, 3].reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
+    front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
+    found = np.zeros(sees.shape[1:], np.bool_)
+    for side in (front, ~front):
+        counts = (sees & side).sum(axis=0) >= gate.k
+        for row in gate.needs:
+            counts &= (sees & side)[row]
+        found |= counts
+    if gate.has_baseline:
+        rays = eyes - points
+        rays /= np.linalg.norm(rays, axis=3, keepdims=True)
+        cosines = [(rays[a] * rays[b]).sum(axis=2) for b in range(n) for a in range(b)]
+        angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+        found &= (angles.max(axis=0) >= gate.least_deg) & (angles.max(axis=0) <= gate.most_deg)
     return found
 
 
@@ -181,40 +215,38 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
     return found
 
 
-@compiled
-def _find_hidden(corners, degenerate, target, near, local, depth, face, rows, hidden):  # type: ignore[no-untyped-def] # compiled
-    """Mark the points, in camera axes, that some face in front of them hides.
+def _find_hidden(
+    corners: FloatArray,
+    is_open: BoolArray,
+    is_target: BoolArray,
+    near: float,
+    local: FloatArray,
+    depth: FloatArray,
+    face: IntArray,
+    rows: IntArray,
+) -> BoolArray:
+    """Mask of the points, in camera axes, that some face in front of them hides, (N,).
 
     The ray through a point crosses a face if it is on the inner side of the planes through its
-    edges and the camera centre. (N F) operations.
+    edges and the camera centre. `is_open` are faces that hide nothing; of the points only `rows`
+    are asked for. (N F) operations.
     """
-    for index in range(rows.shape[0]):
-        i = rows[index]
-        x, y, z = local[i, 0], local[i, 1], local[i, 2]
-        w = 1 / depth[i]
-        for m in range(corners.shape[0]):
-            if m == face[i] or degenerate[m] or target[m]:
-                continue
-            side = 0
-            nx = ny = nz = 0.0
-            for s in range(3):
-                t = s + 1 if s < 2 else 0
-                ax, ay, az = corners[m, s, 0], corners[m, s, 1], corners[m, s, 2]
-                bx, by, bz = corners[m, t, 0], corners[m, t, 1], corners[m, t, 2]
-                cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-                nx, ny, nz = nx + cx, ny + cy, nz + cz
-                value = cx * x + cy * y + cz * z
-                side += 1 if value > 0 else -1 if value < 0 else 0
-            if abs(side) != 3:
-                continue
-            d = nx * corners[m, 0, 0] + ny * corners[m, 0, 1] + nz * corners[m, 0, 2]
-            if d == 0:
-                continue
-            its = (nx * x * w + ny * y * w + nz * (z * w)) / d  # 1/depth of the face on the ray
-            if not its > 0 or its * near > 1:
-                continue
-            apart = its - w
-            is_tied = abs(apart) <= DEPTH_TIE_REL * max(its, w)
-            if (is_tied and m < face[i] and not target[face[i]]) or (not is_tied and apart > 0):
-                hidden[i] = True
-                break
+    hidden = np.zeros(len(local), bool)
+    edges = np.cross(corners, np.roll(corners, -1, axis=1))
+    normals = edges[:, 0] + edges[:, 1] + edges[:, 2]
+    heights = normals[:, 0] * corners[:, 0, 0] + normals[:, 1] * corners[:, 0, 1]
+    heights += normals[:, 2] * corners[:, 0, 2]
+    for m in np.flatnonzero(~is_open & (heights != 0)):  # of the laboratory: 20 us a face
+        at = rows[~hidden[rows] & (face[rows] != m)]
+        x, y, z = local[at].T
+        sides = [np.sign(a * x + b * y + c * z) for a, b, c in edges[m]]
+        inside = np.abs(sides[0] + sides[1] + sides[2]) == 3
+        at, x, y, z = at[inside], x[inside], y[inside], z[inside]
+        w = 1 / depth[at]
+        a, b, c = normals[m]
+        its = (a * x * w + b * y * w + c * (z * w)) / heights[m]  # 1/depth of the face on the ray
+        apart = its - w
+        is_tied = np.abs(apart) <= DEPTH_TIE_REL * np.maximum(its, w)
+        wins_tie = (m < face[at]) & ~is_target[face[at]]
+        hidden[at] = (its > 0) & (its * near <= 1) & np.where(is_tied, wins_tie, apart > 0)
+    return hidden

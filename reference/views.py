@@ -1,6 +1,6 @@
 """Faces that cameras cover by number and angle of the views, or see, with whole arrays.
 
-The twin of `rastercov.kernels.spread` and of `rastercov.placement.uncovered.CandidateBounds`.
+The twin of `native/coverage/spread.hpp` and of `rastercov.placement.uncovered.CandidateBounds`.
 """
 
 from itertools import combinations

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import distance as in_words
 from rastercov.base.format import number, percent
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
@@ -28,6 +29,19 @@ STEP_REL = 1e-4
 """Step of a derivative of the image, relative to the distance of the point."""
 
 
+GENERAL = {
+    "outside": "turn the camera towards it",
+    "out_of_focus": "focus on it, or move the camera",
+    "too_coarse": "come nearer, or take a longer lens",
+    "too_oblique": "move the camera towards its normal",
+}
+"""Advice by reason where figures of a camera are in the usual one, and none are known."""
+
+
+SOMETHING = "what is before it"
+"""Words on what hides, where it has no name."""
+
+
 class Short(NamedTuple):
     """The least value that is missed by most: factor of nearness that is missing, found, wanted."""
 
@@ -36,14 +50,17 @@ class Short(NamedTuple):
     wanted: str
 
 
-def short_of(figures: Mapping[str, Any], task: Task) -> Short | None:
-    """Least value of a task that figures miss by most; None where they miss none."""
+def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short | None:
+    """Least value of a task that figures miss by most; None where they miss none.
+
+    `unit` is that of lengths, as of `rastercov.base.format.area`.
+    """
     missed = [
         Short(
-            (least / figures[name]) ** power, density_text(figures[name], unit),
-            density_text(least, unit),
+            (least / figures[name]) ** power,
+            *(density_text(each, per.replace("m", unit)) for each in (figures[name], least)),
         )
-        for name, of_task, power, unit in LIMITS
+        for name, of_task, power, per in LIMITS
         if 0 < figures.get(name, 0.0) < (least := float(getattr(task, of_task)))
     ]  # fmt: skip
     return max(missed, default=None)
@@ -51,7 +68,7 @@ def short_of(figures: Mapping[str, Any], task: Task) -> Short | None:
 
 def advice(
     reason: Reason, figures: Mapping[str, Any], depth: FloatArray, task: Task, camera: Camera,
-    hider: str = "",
+    hider: str = "", unit: str = "m",
 ) -> str:  # fmt: skip
     """Advice for a camera to cover what it does not cover.
 
@@ -67,27 +84,41 @@ def advice(
         Thresholds, and the camera that has these figures.
     hider : str
         Name of what is before it.
+    unit : {"m", "unit"}
+        Of lengths.
     """
-    short, distance = short_of(figures, task), float(figures["distance"])
+    short, distance = short_of(figures, task, unit), float(figures["distance"])
     if reason == Reason.TOO_COARSE and short is None:
-        return "come nearer, or take a longer lens"
+        return GENERAL["too_coarse"]
     z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
-    reach = "or more" if math.isinf(z_f) else f"to {number(z_f)} m"
-    near, far = number(float(depth.min())), number(float(depth.max()))
+    reach = "or more" if math.isinf(z_f) else f"to {in_words(z_f, unit)}"
     factor, found, wanted = short or Short(1.0, "", "")
     return REASONS[reason.name.lower()].advice.format(
         wider=", or take a wider lens" if (depth > 0).all() else "",
-        depth=f"{near} m" if near == far else f"{near} to {far} m",
-        in_focus=f"{number(z_n)} m {reach}",
+        depth=depth_in_words(depth, unit),
+        in_focus=f"{in_words(z_n, unit)} {reach}",
         found=found,
         wanted=wanted,
-        distance=f"{number(distance)} m",
-        nearer=f"{number(distance / factor)} m",
+        distance=in_words(distance, unit),
+        nearer=in_words(distance / factor, unit),
         times=f"{factor:.2g} times",
-        hider=hider or "what is before it",
+        hider=hider or SOMETHING,
         angle=f"{math.degrees(figures['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
     )
+
+
+def general_advice(name: str, hider: str = "") -> str:
+    """Advice for a reason, by its name, without figures of a camera; `hider` as for `advice`."""
+    return GENERAL.get(name, REASONS[name].advice).format(hider=hider or SOMETHING)
+
+
+def depth_in_words(depth: FloatArray, unit: str = "m") -> str:
+    """Least and greatest depth: "0.4 to 0.6 m", or "0.4 m" where they are the same."""
+    near, far = in_words(float(depth.min()), unit), in_words(float(depth.max()), unit)
+    if near == far:
+        return far
+    return f"{near.removesuffix(far[far.index(' ') :])} to {far}"
 
 
 def figures_of_point(
@@ -115,6 +146,10 @@ def figures_of_point(
     }
 
 
+def _light(value: float) -> str:
+    return f"{number(value)} {getattr(value, 'unit', '')}".rstrip()
+
+
 _NAMES = {value: name for name, value in EDITIONS["EN 62676-4:2015"].items()}
 WORDS: dict[str, Callable[[Any], str]] = {
     "min_pixel_density": lambda value: f"with {density_text(value)} or more on the surface",
@@ -123,6 +158,9 @@ WORDS: dict[str, Callable[[Any], str]] = {
         + (f" ({_NAMES[value]})" if value in _NAMES else "")
     ),
     "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",
+    "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
+    "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
+    "max_highlight_deg": lambda value: f"with no lamp within {value:g}° of its mirror direction",
     "max_incidence_deg": lambda value: f"within {value:g}° of its normal",
     "max_blur": lambda value: f"with a blur of {value:g} px or less",
     "focus_rule": lambda value: "with the centroid of its face in focus",

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base.format import InNotebook, plural
 from rastercov.base.memory import aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -39,7 +39,7 @@ def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class Coverage(InNotebook):
     """Every figure of every pose and face; arrays are (P, F) unless noted.
 
     Attributes
@@ -161,17 +161,29 @@ def check_observer(observer: object) -> None:
         )
 
 
-def measurements(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Measured]]:
-    """Poses and what is measured of them, a few at a time; at least once, maybe of none."""
-    for part in in_batches(poses, observer.mesh.n_faces, observer.threads):
+def measurements(
+    observer: Observer, poses: Poses, rows: IntArray | None = None
+) -> Iterator[tuple[Poses, Measured]]:
+    """Poses and what is measured of them, a few at a time, see `in_batches`."""
+    for part in in_batches(poses, observer.mesh.n_faces, observer.threads, rows):
         yield part, observer.measure(part)
 
 
-def in_batches(poses: Poses, n_faces: int, threads: int) -> Iterator[Poses]:
-    """Poses a few at a time, see `batch_size`; at least once, maybe none."""
-    step = batch_size(n_faces, threads)
-    for at in range(0, max(1, len(poses)), step):
-        yield poses[at : at + step]
+def in_batches(
+    poses: Poses, n_faces: int, threads: int, rows: IntArray | None = None
+) -> Iterator[Poses]:
+    """Poses a few at a time, see `batch_size`; at least once, maybe none.
+
+    Poses of one of the `rows` of the result, (P,), come together.
+    """
+    step, at = batch_size(n_faces, threads), 0
+    while at < max(1, len(poses)):
+        end = min(at + step, len(poses))
+        if rows is not None and end < len(poses) and rows[end] == rows[end - 1]:
+            end = int(np.searchsorted(rows, rows[end]))
+            end = end if end > at else int(np.searchsorted(rows, rows[at], side="right"))
+        yield poses[at:end]
+        at = max(end, at + 1)
 
 
 def batch_size(n_faces: int, threads: int) -> int:

@@ -37,6 +37,11 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254}
 """Metres in the unit of "px/UNIT"."""
 LEVELS = {name: value for levels in EDITIONS.values() for name, value in levels.items()}
 """Pixels a metre of every name."""
+DORI_EDITION = "EN 62676-4:2015"
+DORI = {
+    name: EDITIONS[DORI_EDITION][name] for name in ("detect", "observe", "recognise", "identify")
+}
+"""Levels of plans of cameras: in the legends of pictures, and offered as thresholds."""
 _BY_NAME = LEVELS | {name: LEVELS[name.replace("ize", "ise")] for name in _AMERICAN}
 _QUANTITY = re.compile(r"([-+]?[0-9.]+(?:e[-+]?[0-9]+)?)\s*(?:px\s*/\s*(\w+))?")
 

@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.format import plural
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.pose import Poses
@@ -19,6 +21,7 @@ from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
@@ -28,6 +31,16 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
+BEYOND, OUTDOORS = (
+    "inside of a body, or beyond the walls of the room",
+    "in none of the spaces of the building",
+)
+MOST_OF_SOLIDS = 100_000
+"""Faces up to which cameras are looked for in solids: about 0.3 s."""
+BEFORE_FACE = 0.01
+"""Distance in front of a face at which a space is, metres."""
+MOST_NAMED = 5
+"""Cameras that a line names."""
 MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
@@ -52,9 +65,45 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
         *convention_doubts(network.mesh, cameras, placed),
     ]
+    eyes = placed.world_from_camera[:, :3, 3]
+    if not lines and network.mesh.n_faces <= MOST_OF_SOLIDS:  # else that is why
+        from rastercov.mesh.solids import in_solid
+
+        lines += named_places(BEYOND, eyes, in_solid(network.mesh, eyes))
+    if network.mesh.spaces:
+        lines += _outdoors(network.mesh, eyes)
     for index in np.unique(placed.camera):
         lines += _lens_line(names_of(camera)[index], cameras[index])
     return lines
+
+
+def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
+    """A line on (P, 3) camera centres in none of the spaces, where the task is in them, metres.
+
+    It is where most of its area, or most of the cameras are.
+    """
+    from rastercov.mesh.solids import in_solid
+
+    faces = np.flatnonzero(mesh.task_mask)
+    faces = faces[_spread(len(faces), MOST_FACES)]
+    weights = np.append(mesh.areas[faces], np.ones(len(eyes)))
+    points = np.concatenate((mesh.centroids[faces] + BEFORE_FACE * mesh.normals[faces], eyes))
+    is_in = np.zeros(len(points), np.bool_)
+    for _, space in mesh.spaces:
+        near = ((space.bounds[0] < points) & (points < space.bounds[1])).all(axis=1)
+        is_in[near] |= in_solid(space, points[near])
+    halves = np.split(weights * (2.0 * is_in - 1), [len(faces)])
+    is_indoors = max(half.sum() for half in halves) > 0
+    return named_places(OUTDOORS, eyes, ~is_in[len(faces) :]) if is_indoors else []
+
+
+def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]:
+    """A line on those of (P, 3) camera centres that are somewhere, metres; often none."""
+    rows = np.flatnonzero(is_there)
+    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]]
+    more = ["..."] if len(rows) > MOST_NAMED else []
+    line = f"{plural(len(rows), 'camera', 'are')} {where}: {', '.join(named + more)}"
+    return [line] if named else []
 
 
 def dead_pixels(camera: Cameras) -> dict[str, float]:
@@ -69,7 +118,7 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 def _dead_area(camera: Camera) -> float:
     if camera.is_pinhole:
         return 0.0
-    from rastercov.camera.lenses.of_camera import blind_area, lens_of  # compiles loops
+    from rastercov.camera.lenses.of_camera import blind_area, lens_of
 
     lens = lens_of(camera)
     return 0.0 if lens.is_whole else blind_area(lens)

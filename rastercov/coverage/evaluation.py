@@ -1,6 +1,7 @@
 """Result of `evaluate`: figures of all cameras together, and of each pair of pose and face."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of
-from rastercov.coverage.area.network import AreaNetwork, ByCamera
+from rastercov.camera.rig import cameras_of, led_by
+from rastercov.coverage.area.network import AreaNetwork, ByCamera, light_doubts
+from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.doubts import dead_pixels, doubts
@@ -41,8 +43,6 @@ class Evaluation(Coverage):
         Covered area, where the result is by area; see `covered`.
     apart : ByCamera
         Figures of each of several cameras alone.
-    kept : dict
-        Coverage (F,) float64 of the poses to keep, by their ids.
     pairs : str
         Pairs of pose and face that went to a table, `n_rows` of them.
     is_kept : bool
@@ -62,13 +62,18 @@ class Evaluation(Coverage):
     by_face_because: str
     areas: AreaNetwork | None
     apart: ByCamera
-    kept: Mapping[int, FloatArray]
     pairs: str
     n_rows: int
     is_kept: bool
     quarantined: Mapping[int, str]
     seconds: float
     interrupted: bool
+
+    def _with_areas(self, areas: AreaNetwork) -> "Evaluation":
+        """The same with other covered areas, such as those over time."""
+        found = copy(self)  # not `replace`, which asks for figures that were not kept
+        found.__dict__["areas"] = areas
+        return found
 
     @property
     def by(self) -> str:
@@ -88,7 +93,7 @@ class Evaluation(Coverage):
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
         if self.areas is not None:
             self.areas.add_to(found)
-            found |= self.areas.dead_zones(self.camera, placed)
+            found |= self.areas.dead_zones(self.camera, placed) | self.apart.of_light()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -108,11 +113,16 @@ class Evaluation(Coverage):
             "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
             "warnings": list(self.mesh.warnings),
             "dead_pixels": dead_pixels(self.camera),
-            "doubts": doubts(network, self.camera, placed),
+            "doubts": [*doubts(network, self.camera, placed), *light_doubts(found)],
             "per_pose": per_pose,
         }
+        if isinstance(self.areas, TimeAreas):
+            return found | {"over_time": self.areas.over_time.summary()}
         if len(cameras_of(self.camera)) > 1:
             found["by_camera"] = self.apart.summary()
-            for entry, index in zip(per_pose, placed.camera.tolist(), strict=True):
+            leads = led_by(self.camera, placed)
+            for entry, index in zip(per_pose, placed.camera[leads].tolist(), strict=True):
                 entry["camera"] = self.apart.names[index]
+            if devices := self.apart.by_device():
+                found["by_device"] = devices
         return found

@@ -10,7 +10,7 @@ from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits_of_poses
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.camera.rig import Cameras, cameras_of, shared_rows
 from rastercov.coverage.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
@@ -32,6 +32,11 @@ def room_for(n_poses: int, n_faces: int) -> Observation:
     return Observation(np.empty(shape), np.empty(shape), kind, np.empty(shape), clipped)
 
 
+def _figures(seen: Observation) -> tuple[NDArray[Any], ...]:
+    """Figures of faces, a row a pose."""
+    return seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error
+
+
 class PoseSolver:
     """Solver of a surface through its cameras, one pose at a time, for one thread.
 
@@ -49,8 +54,9 @@ class PoseSolver:
         from rastercov.exact.surface import surface_of
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
-        self.camera = cameras[0]
-        """Camera of the poses from now on."""
+        self.mesh = mesh
+        self.camera, self.index = cameras[0], 0
+        """Camera of the poses from now on, and its index."""
         self.solver = solver_type(surface_of(mesh), cameras[0])
         self._lent: Any = self.solver
         """Solver that may write to the arrays of a result; not to those of planes of a lens."""
@@ -59,6 +65,17 @@ class PoseSolver:
             from rastercov.exact.lens_solver import LensSolver
 
             self._lent = LensSolver(self.solver)
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """Take the mesh in another frame of its motion, with the same bodies."""
+        if mesh is self.mesh:
+            return
+        from rastercov.exact.surface import surface_of
+
+        self.mesh, surface = mesh, surface_of(mesh)
+        self.solver.set_surface(surface)
+        if self._lent is not self.solver:
+            self._lent.set_surface(surface)
 
     @property
     def figures(self) -> Any:
@@ -119,17 +136,13 @@ class ExactPass:
     def __init__(
         self, mesh: Mesh, camera: Cameras, engine: Engine, solver_type: SolverType = PoseSolver
     ) -> None:
-        # These compile, or load what was compiled.
-        from rastercov.exact import certificate
-
-        certificate.compile_once()
         cameras = cameras_of(camera)
         self.mesh, self.camera, self.cameras = mesh, camera, cameras
         self.threads, self.method = thread_count(engine.threads), engine.method
         is_certified = self.method == "certified"
         self._scratch: ScratchPool[Any] = ScratchPool(
             lambda: solver_type(mesh, cameras, is_certified), self.threads
-        )
+        )  # without self: a cycle would keep the memory until garbage is collected
 
     def run(
         self,
@@ -139,7 +152,8 @@ class ExactPass:
     ) -> list[Any]:
         """Results of the solvers for each pose; `seen`, of `room_for`, is filled where given.
 
-        `prepare` is called with each solver before its first pose.
+        A fixed camera is solved once, and its other poses have the same result. `prepare` is called
+        with each solver before its first pose.
         """
         matrices = poses.world_from_camera
         n_poses = len(matrices)
@@ -148,13 +162,17 @@ class ExactPass:
         if seen is not None:
             seen.clipped[:] = clipped
         found: list[Any] = [None] * n_poses
+        first = shared_rows(self.camera, poses)
+        own = np.flatnonzero(first == np.arange(n_poses)).tolist()
 
         def worker(solver: PoseSolver) -> Callable[[slice], None]:
+            solver.set_mesh(self.mesh)
             prepare(solver)
 
             def work(turn: slice) -> None:
-                for row in range(n_poses)[turn]:
-                    solver.camera = self.cameras[poses.camera[row]]
+                for row in own[turn]:
+                    solver.index = int(poses.camera[row])
+                    solver.camera = self.cameras[solver.index]
                     of_pose = matrices[row], near[row], front_only[row]
                     if seen is None:
                         found[row] = solver.find(*of_pose, is_measured=False)
@@ -163,12 +181,20 @@ class ExactPass:
 
             return work
 
-        solvers = self._scratch.take(max(1, min(self.threads, n_poses)))
-        share_poses(n_poses, [worker(solver) for solver in solvers])
+        solvers = self._scratch.take(max(1, min(self.threads, len(own))))
+        share_poses(len(own), [worker(solver) for solver in solvers])
         for solver in solvers:
             solver.take_back()
         self._scratch.give_back(solvers)
+        for row in np.flatnonzero(first != np.arange(n_poses)).tolist():
+            found[row] = found[first[row]]
+            for array in () if seen is None else _figures(seen):
+                array[row] = array[first[row]]
         return found
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """See `PoseSolver.set_mesh`; for the poses from now on."""
+        self.mesh = mesh
 
     def close(self) -> None:
         """Release the scratch memory."""

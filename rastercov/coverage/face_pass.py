@@ -1,6 +1,6 @@
 """Passes over poses and faces, in threads: what an observer measured becomes figures of each face.
 
-A network adds them up. The loops are in `kernels.coverage`.
+A network adds them up. The loops are in `native/coverage`.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,9 +14,12 @@ from rastercov.base.memory import read_only
 from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.camera.rig import Cameras, cameras_of, lamps_of
+from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.native.coverage_figures import judge_poses
 from rastercov.raster.contract import FaceCounts
 from rastercov.raster.observation import Observation
 
@@ -26,7 +29,7 @@ Measured = Observation | FaceCounts
 """Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
 arrays of them would take as long as half the judging."""
 Scope = tuple[Any, Any, Any, Any]
-"""Arguments scene, lens, seen and work of the loops."""
+"""Arguments scene, lens, seen and points of the loops."""
 Worker = Callable[[slice, int, Scope], None]
 """Does the work of consecutive poses of one camera, given by its index."""
 
@@ -38,27 +41,19 @@ class FacePass:
     """
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:
-        from rastercov.coverage import records  # loads numba
-        from rastercov.kernels import coverage
-
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        self.rules = [task.rules(each) for each in self.cameras]
-        self.kernels, self._records = coverage, records
-        self._scene = records.scene_of(mesh)
-        self._lenses = [records.lens_of(each) for each in self.cameras]
+        task.check_light(lamps_of(camera))
+        tasks = tasks_of(camera, task)
+        self.rules = [own.rules(each) for each, own in zip(self.cameras, tasks, strict=True)]
+        self._scene = scene_of(mesh)
+        self._lenses = [lens_of(each) for each in self.cameras]
 
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
-        out = self.kernels.record(figures)
-        # Faces before the first at a cache line, in each array of float64 that `evaluate` makes.
-        places = (array.ctypes.data for array in figures.values() if array.dtype == np.float64)
-        skew = next(places, 0) // 8
+        out = figures_of(figures)
 
         def work(rows: slice, index: int, scope: Scope) -> None:
-            rules = self.rules[index]
-            self.kernels.judge_poses((rows.start, rows.stop), *scope, rules, out, skew)
-            if out.incidence.size:
-                self.kernels.replace_by_angles(out.incidence[rows])
+            judge_poses(rows.start, rows.stop, *scope, self.rules[index], out)
 
         self.share(measured, poses, lambda: work)
 
@@ -76,7 +71,7 @@ class FacePass:
                     index = int(poses.camera[start])
                     lens = self._lenses[index]
                     if type(lens) not in spaces:
-                        spaces[type(lens)] = self._records.workspace(self.mesh.n_vertices, lens)
+                        spaces[type(lens)] = workspace(self.mesh.n_vertices, lens)
                     scope = self._scene, lens, seen, spaces[type(lens)]
                     work(slice(start, stop), index, scope)
 
@@ -84,7 +79,7 @@ class FacePass:
 
         share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
 
-    def _seen(self, measured: Measured, poses: Poses) -> Any:
+    def _seen(self, measured: Measured, poses: Poses) -> Seen:
         """Measurement of an observer, for the loops."""
         visible: NDArray[Any]
         drawn: NDArray[Any]
@@ -101,7 +96,7 @@ class FacePass:
             scale, samples, kind = 1.0, float(measured.samples_per_pixel), measured.kind
             if any(measured.area_error.strides):
                 error = measured.area_error
-        return self.kernels.Seen(
+        return Seen(
             read_only(poses.world_from_camera, np.float64),
             read_only(near_limits(self.cameras, self.mesh.opaque.bounds, poses), np.float64),
             read_only(visible, dtype),

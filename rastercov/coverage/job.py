@@ -4,6 +4,7 @@
 and for the command, which writes chosen pairs to a table while it runs.
 """
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -15,10 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, check_scene
+from rastercov.camera.rig import Cameras, check_scene, is_joint, with_lamps
 from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
+from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.coverage import (
     FIGURES,
     arrays_for,
@@ -39,7 +42,6 @@ from rastercov.coverage.shards import (
     open_for,
 )
 from rastercov.coverage.task import Task
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -54,6 +56,7 @@ def evaluate(
     task: Task | None = None,
     *,
     by: str | None = "face",
+    lamps: Lamps | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
     skip_bad_poses: bool = False,
@@ -73,6 +76,8 @@ def evaluate(
         Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
         zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
         face or the method counts samples.
+    lamps : Lamps, optional
+        Lamps that must light what is covered, by area; see docs/light.md.
     method, threads
         As for `open_observer`.
     skip_bad_poses : bool
@@ -91,10 +96,11 @@ def evaluate(
         When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
     """
     check_scene(mesh, camera)
+    camera = with_lamps(camera, lamps)
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
-    task = Task() if task is None else task
+    task = (Task() if task is None else task).lit_by(lamps)
     engine = Engine.of(method, threads)
-    unit, reason = unit_of_result(by, task, engine)
+    unit, reason = unit_of_result(by, task, engine, camera, len(accepted))
     size = sum(np.dtype(FIGURES[name]).itemsize for name in names) * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
         raise ResourceError(
@@ -157,23 +163,23 @@ def measure(
     judge = FacePass(mesh, camera, observer.threads, task) if whole else None
     # Otherwise the figures are added up; not the rays to cameras, of which the network keeps rows.
     is_summed = task.min_angle_deg > 0 or not SUMMED.keys() <= set(fields)
+    is_summed |= is_joint(camera)
     shards = None
     if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
         shards = EvaluationShards(folder / UNFINISHED, observer, poses, task, wanted)
     done, interrupted, table = 0, False, None
     ids, clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
-    kept: dict[int, FloatArray] = {}
     with ExitStack() as opened:
         if open_table is not None:
             header = provenance_of(mesh, camera, poses.given, task, options, observer.info)
             table = opened.enter_context(open_table(header))
-        clock = Stopwatch()
+        began = time.perf_counter()
         if is_summed:
             parts = judged_parts(network, observer, poses, wanted, shards, staff)
         else:
             nothing: Any = ()  # no rows
             parts = (
-                JudgedPoses.of(part, seen, nothing, {}, {})
+                JudgedPoses.of(part, seen, nothing, {}, camera)
                 for part, seen in measurements(observer, poses)
             )
         try:
@@ -191,12 +197,11 @@ def measure(
                     network.add(batch)
                     apart.add_batch(batch)
                     if areas is not None and batch.regions is not None:
-                        areas.add(batch.regions)
+                        areas.add(gated(batch.regions, camera, batch.poses))
                         # The table has the area of every pair, also of faces that need no more.
                         # Shards do not depend on one another.
                         if table is None and shards is None:
                             observer.closed = apart.closed(areas.closed)
-                    kept |= batch.kept
                     ids.append(batch.poses.ids)
                     clipped.append(batch.clipped)
                     done += len(batch.poses)
@@ -209,7 +214,7 @@ def measure(
                 opened.close()
         except KeyboardInterrupt:
             interrupted = True
-        seconds = clock.seconds
+        seconds = time.perf_counter() - began
     measured = poses[np.isin(poses.ids, np.concatenate(ids))]
     return Evaluation(
         mesh, camera, task, observer.info, measured.ids, np.concatenate(clipped),
@@ -217,7 +222,7 @@ def measure(
         eyes=measured.world_from_camera[:, :3, 3],
         poses=replace(measured, rejected=poses.rejected),
         engine=wanted.engine, options=options, network=network, by_face_because=reason, areas=areas,
-        apart=apart, kept=kept, pairs=wanted.pairs, n_rows=0 if table is None else table.n_rows,
+        apart=apart, pairs=wanted.pairs, n_rows=0 if table is None else table.n_rows,
         is_kept=shards is not None, quarantined={} if shards is None else shards.quarantined,
         seconds=seconds, interrupted=interrupted,
     )  # fmt: skip

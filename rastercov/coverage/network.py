@@ -5,8 +5,7 @@ not covered when its coverage is 0 in every camera.
 """
 
 import math
-from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,22 +14,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import InNotebook
 from rastercov.base.memory import read_only
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
-from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
+from rastercov.camera.rig import Cameras, is_joint, lamps_of, led_by, rows_of_result
+from rastercov.coverage.area.sensors import gated, gated_reasons
+from rastercov.coverage.coverage import (
+    Coverage,
+    arrays_for,
+    batch_size,
+    check_observer,
+    measurements,
+)
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, Reason, reason_rows
+from rastercov.coverage.reasons import NAMES, UNLIT, Reason, reason_rows
+from rastercov.coverage.records import ROW_TYPES, PairRows, Sink, Sums
 from rastercov.coverage.task import Task
-from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import parts_of
+from rastercov.native.coverage_network import add_poses, add_rows
+from rastercov.native.coverage_spread import add_rays
 from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
-    from rastercov.coverage.area.regions import Regions
-    from rastercov.kernels.network import PairRows, Sink, Sums
+    from rastercov.coverage.area.table import Regions
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -66,37 +75,50 @@ class JudgedPoses:
         Whether the near plane cut away a surface in view.
     rows : PairRows
         Figures of the pairs that were asked for, by pose, then by face.
-    kept : dict
-        Coverage (F,) float64 of the poses to keep, by their ids.
     measured : Observation or FaceCounts, or None
         Measurement of the poses, of those that this process has measured.
     sums : dict of int to Sums
         Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1.
     regions : Regions or None
         Regions of the poses, where the observer finds any.
+    leads : (P,) bool, or None
+        Of rigs with a rule, the first pose of each, at which `RESULT` has the sums of the rig.
     """
 
     poses: Poses
     clipped: BoolArray
-    rows: "PairRows"
-    kept: dict[int, FloatArray]
+    rows: PairRows
     measured: Measured | None
-    sums: "dict[int, Sums]"
+    sums: dict[int, Sums]
     regions: "Regions | None"
+    leads: BoolArray | None = None
 
     @classmethod
     def of(
-        cls, poses: Poses, measured: Measured, rows: "PairRows", kept: Any, sums: Any
+        cls, poses: Poses, measured: Measured, rows: PairRows, sums: Any, camera: Cameras
     ) -> "JudgedPoses":
-        """Poses that this process has measured."""
-        found = getattr(measured, "regions", None)
-        return cls(poses, measured.clipped, rows, kept, measured, sums, found)
+        """Poses of a camera or several that this process has measured."""
+        found, leads = getattr(measured, "regions", None), leads_of(camera, poses)
+        return cls(poses, measured.clipped, rows, measured, sums, found, leads)
 
 
-def no_sums(n_faces: int, n_poses: int) -> "Sums":
+OF_PARTS = "rules of rigs and lamps are of parts of faces; give by area"
+"""Reason why these are refused by face."""
+RESULT = -1
+"""Camera by which sums of all poses, or of rigs with a rule, are kept."""
+
+
+def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
+    """`JudgedPoses.leads` of some poses; None where no rig has a rule and no lamp counts."""
+    if not is_joint(camera):
+        return None
+    found = np.zeros(len(poses), np.bool_)
+    found[led_by(camera, poses)] = True
+    return found
+
+
+def no_sums(n_faces: int, n_poses: int) -> Sums:
     """Sums of poses before any is added."""
-    from rastercov.kernels.network import Sums  # loads numba
-
     return Sums(
         views=np.zeros(n_faces, np.int64),
         best=np.zeros(n_faces),
@@ -109,7 +131,7 @@ def no_sums(n_faces: int, n_poses: int) -> "Sums":
     )
 
 
-def merge(ours: "Sums", theirs: "Sums", first: int = 0) -> None:
+def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
     """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
     ours.views[:] += theirs.views
     rows = theirs.best_row + first
@@ -123,7 +145,7 @@ def merge(ours: "Sums", theirs: "Sums", first: int = 0) -> None:
     ours.totals[own] += theirs.totals
 
 
-def _merged(parts: "Sequence[Sums]") -> "Sums":
+def _merged(parts: Sequence[Sums]) -> Sums:
     """Sums of different poses of one batch together."""
     if len(parts) == 1:
         return parts[0]
@@ -133,32 +155,54 @@ def _merged(parts: "Sequence[Sums]") -> "Sums":
     return whole
 
 
-def _scored(mesh: Mesh) -> IntArray | slice:
-    """Faces that are scored."""
-    return slice(None) if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
-
-
 def sums_of(
     mesh: Mesh, figures: Mapping[str, NDArray[Any]], camera: NDArray[np.int32], *, apart: bool
-) -> "dict[int, Sums]":
+) -> dict[int, Sums]:
     """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
-    from rastercov.kernels.network import add_rows
-
-    is_scored, scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
-    arrays = [read_only(figures[name], kind) for name, kind in SUMMED.items()]
+    is_scored = read_only(mesh.task_mask, np.bool_)
+    coverage, reason, bound, kind, part = (
+        read_only(figures[name], dtype) for name, dtype in SUMMED.items()
+    )
     found = {}
     for index in np.unique(camera).tolist() if apart else [-1]:
         sums = found[index] = no_sums(mesh.n_faces, len(camera))
         own = np.flatnonzero((camera == index) | (index < 0))
-        add_rows(own, is_scored, *arrays, sums)
-        for row in own:  # 10 us each
-            sums.totals[row] = arrays[0][row, scored].sum()
+        add_rows(own, is_scored, coverage, reason, bound, kind, part, sums)
     return found
 
 
-def _adder(
-    judge: FacePass, sink: "Sink", kept: dict[int, FloatArray], *, apart: bool
-) -> "tuple[dict[int, Sums], Worker]":
+def sums_of_rigs(
+    mesh: Mesh, task: Task, camera: Cameras, poses: Poses, figures: Mapping[str, Any], found: Any
+) -> Sums:
+    """Sums of rigs with a rule, or with lamps, from the figures of P poses and their `Regions`.
+
+    A rig covers a face by the share of its area that its cameras cover together, lit, and its
+    reason is that of the camera that is missed most.
+    """
+    rows = led_by(camera, poses)
+    shares = gated(found, camera, poses).areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
+    shares[:, mesh.degenerate_mask] = 0.0
+    folded = {name: np.zeros((len(poses), mesh.n_faces), kind) for name, kind in SUMMED.items()}
+    folded["coverage"][rows] = np.minimum(shares, 1.0)
+    folded["in_view_fraction"][rows] = figures["in_view_fraction"][rows]
+    covered = (shares >= task.min_coverage) & (shares > 0)
+    on = mesh.centroids, mesh.normals
+    reason = gated_reasons(figures["reason"], camera, poses, *on)[0]
+    # Each camera may cover most of the face, and together they cover less: one is in the shadow.
+    left = Reason.OCCLUDED if lamps_of(camera) is None else UNLIT
+    reason[~covered & (reason == Reason.COVERED)] = left
+    reason[covered] = Reason.COVERED
+    folded["reason"][rows] = reason
+    sums = no_sums(mesh.n_faces, len(poses))
+    coverage, reasons, bound, kind, part = (
+        read_only(folded[name], dtype) for name, dtype in SUMMED.items()
+    )
+    is_scored = read_only(mesh.task_mask, np.bool_)
+    add_rows(rows, is_scored, coverage, reasons, bound, kind, part, sums)
+    return sums
+
+
+def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums], Worker]:
     """Sums of one thread, and the worker that judges poses of a batch and adds them to these.
 
     Parameters
@@ -166,29 +210,18 @@ def _adder(
     judge : FacePass
     sink : Sink
         Memory for the rows of the batch.
-    kept : dict
-        Coverage of the poses to keep, to be filled.
     apart : bool
         Keep the sums of each camera apart.
     """
-    from rastercov.kernels.network import add_pose
-
-    mesh, of_camera = judge.mesh, dict[int, "Sums"]()
-    is_scored, scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
-    coverage = np.empty(mesh.n_faces)
-    calls: defaultdict[int, DirectCalls] = defaultdict(DirectCalls)
+    mesh, of_camera = judge.mesh, dict[int, Sums]()
+    is_scored, coverage = read_only(mesh.task_mask, np.bool_), np.empty(mesh.n_faces)
 
     def add(rows: slice, index: int, scope: Scope) -> None:
         camera, rules = index if apart else -1, judge.rules[index]
         if camera not in of_camera:
             of_camera[camera] = no_sums(mesh.n_faces, len(sink.pose_ids))
-        sums, call = of_camera[camera], calls[index]
-        for row in range(rows.start, rows.stop):
-            call(add_pose, row, rows.start, *scope, rules, is_scored, sums, coverage, sink)
-            sums.totals[row] = coverage[scored].sum()
-            pose_id = int(sink.pose_ids[row])
-            if pose_id in kept:
-                kept[pose_id][:] = coverage
+        sums = of_camera[camera]
+        add_poses(rows.start, rows.stop, *scope, rules, is_scored, sums, coverage, sink)
 
     return of_camera, add
 
@@ -232,8 +265,6 @@ class ViewSpread:
         """Add a camera at `eye`, (3,), that covers faces (N,), none of them twice."""
         if not self._is_asked:
             return
-        from rastercov.kernels.spread import add_rays
-
         self._eyes = _with_room(self._eyes, self._n_eyes + 1)
         self._before, self._camera = (
             _with_room(each, self._n_pairs + len(faces)) for each in (self._before, self._camera)
@@ -254,7 +285,7 @@ def _with_room(array: NDArray[Any], n: int) -> NDArray[Any]:
     return np.resize(array, (max(n, 2 * len(array)), *array.shape[1:]))
 
 
-class Network:
+class Network(InNotebook):
     """Coverage of each face by all cameras, added up batch by batch.
 
     `add` changes it, so one thread at a time may use it.
@@ -325,7 +356,6 @@ class Network:
         poses: Poses,
         *,
         pairs: str = "none",
-        keep: Collection[int] = (),
         apart: bool = False,
     ) -> "Iterator[JudgedPoses]":
         """Measure poses, a few at a time, for `add`; at least one batch, maybe empty.
@@ -341,8 +371,6 @@ class Network:
             World from camera.
         pairs : {"none", "covered", "seen", "all"}
             Pairs of pose and face whose figures are kept as rows; see `CHOICES`.
-        keep : collection of int
-            Ids of poses whose coverage is kept.
         apart : bool
             Keep the sums of each camera apart, so that networks may add those of one camera.
 
@@ -357,8 +385,6 @@ class Network:
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
-        from rastercov.kernels.network import ROW_TYPES, PairRows, Sink
-
         judge = FacePass(observer.mesh, observer.camera, observer.threads, self.task)
         choice, n_faces = CHOICES.index(pairs), self.mesh.n_faces
         n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces if choice else 0
@@ -367,11 +393,10 @@ class Network:
 
         def judged(batch: Poses, seen: Measured) -> JudgedPoses:
             sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
-            kept = {pose: np.empty(n_faces) for pose in batch.ids.tolist() if pose in keep}
             of_threads: list[dict[int, Sums]] = []
 
             def worker() -> Worker:
-                sums, add = _adder(judge, sink, kept, apart=apart)
+                sums, add = _adder(judge, sink, apart=apart)
                 of_threads.append(sums)
                 return add
 
@@ -387,16 +412,31 @@ class Network:
                 for part in memory
             )
             whole = {camera: _merged(some) for camera, some in parts.items()}
-            return JudgedPoses.of(batch, seen, PairRows(*columns), kept, whole)
+            rows = PairRows(*columns)
+            found = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
+            if found.leads is not None and found.regions is None:
+                raise ConfigError(OF_PARTS)
+            if found.leads is not None and len(batch):
+                figures = arrays_for(list(SUMMED), (len(batch), n_faces))
+                judge.fill(seen, batch, figures)
+                whole[RESULT] = sums_of_rigs(
+                    self.mesh, self.task, observer.camera, batch, figures, found.regions
+                )
+                whole[RESULT].kinds[:] = sum(part.kinds for at, part in whole.items() if at >= 0)
+            return found
 
-        return (judged(batch, seen) for batch, seen in measurements(observer, poses))
+        together = rows_of_result(observer.camera, poses)
+        return (judged(batch, seen) for batch, seen in measurements(observer, poses, together))
 
     def _add_judged(self, batch: JudgedPoses, camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""
-        parts = [sums for index, sums in batch.sums.items() if camera in (None, index)]
+        wanted = RESULT if camera is None and batch.leads is not None else camera
+        parts = [sums for index, sums in batch.sums.items() if wanted in (None, index)]
         if not parts:
             return
         own = slice(None) if camera is None else batch.poses.camera == camera
+        if wanted == RESULT:
+            own = batch.leads
         self._take(batch.poses.ids, batch.clipped, _merged(parts), own)
         if self.task.min_angle_deg > 0:
             placed, rows = batch.poses[own], batch.rows
@@ -408,7 +448,7 @@ class Network:
         self,
         pose_ids: IntArray,
         clipped: BoolArray,
-        sums: "Sums",
+        sums: Sums,
         own: slice | BoolArray = slice(None),
     ) -> None:
         """Add the sums of a batch of poses; `own` are those that count."""
@@ -495,7 +535,7 @@ class Network:
     @property
     def unseeable_areas(self) -> FloatArray:
         """(F,) area that no camera can ever see: proved, m^2; see `rastercov.mesh.unseeable`."""
-        from rastercov.mesh.unseeable import unseeable_where_seen  # loads numba
+        from rastercov.mesh.unseeable import unseeable_where_seen
 
         return unseeable_where_seen(self.mesh, self.best)
 

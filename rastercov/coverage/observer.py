@@ -118,7 +118,7 @@ class ExactObserver(Observer):
 
     def __init__(self, solvers: ExactPass) -> None:
         self.mesh, self.camera, method = solvers.mesh, solvers.camera, solvers.method
-        renderer = f"{method}, numba {version('numba')}"
+        renderer = f"{method}, rastercov {version('rastercov')}"
         self.info = RasterizerInfo("analytic", method, renderer, "", "cpu", "float64", "")
         self._pass, self.threads = solvers, solvers.threads
 

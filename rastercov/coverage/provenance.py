@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.camera.formats.own import rule_entries
+from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
@@ -67,16 +68,18 @@ def provenance_of(
 
 
 def plain_cameras(camera: Cameras) -> dict[str, Any]:
-    """Entry "camera" of one camera, or "cameras" with the names of all, ready for JSON."""
+    """Entry "camera" of one camera, or "cameras" with the names of all, ready for JSON.
+
+    Of a rig with a rule, that and the thresholds of its cameras, too.
+    """
     cameras = cameras_of(camera)
     if len(cameras) == 1:
         return {"camera": cameras[0].to_json()}
-    return {
-        "cameras": [
-            {"name": name} | each.to_json()
-            for name, each in zip(names_of(camera), cameras, strict=True)
-        ]
-    }
+    entries = [
+        {"name": name} | each.to_json()
+        for name, each in zip(names_of(camera), cameras, strict=True)
+    ]
+    return {"cameras": entries} | (rule_entries(camera) if isinstance(camera, Rig) else {})
 
 
 def sha256(*parts: NDArray[Any] | str) -> str:

@@ -113,11 +113,57 @@ REASONS = {
         6,
     ),
     "no_cameras": Words("no cameras", "have no camera", "add a camera", (218, 198, 176), 9),
+    "baseline": Words(
+        "wrong angle between rays",
+        "are seen at a wrong angle between rays",
+        "move the cameras of the rig apart, or nearer together, or the rig to another distance",
+        (150, 160, 60),
+        7,
+    ),
+    "unlit": Words(
+        "unlit",
+        "are lit by no lamp",
+        "add a lamp that reaches it, or move what is between",
+        (51, 41, 70),
+        11,
+    ),
+    "too_dark": Words(
+        "too dark",
+        "get too little light",
+        "bring a lamp nearer, or give it more intensity",
+        (109, 98, 200),
+        13,
+    ),
+    "too_bright": Words(
+        "too bright",
+        "get too much light",
+        "move the lamps away, or give them less intensity",
+        (248, 230, 62),
+        14,
+    ),
+    "highlight": Words(
+        "in a highlight",
+        "mirror a lamp into the camera",
+        "move the lamp or the camera off the mirror direction",
+        (255, 120, 111),
+        15,
+    ),
+    "uncertain": Words(
+        "too uncertain",
+        "are too uncertain",
+        "move the cameras of the rig apart, or nearer to it, or use more pixels",
+        (130, 20, 20),
+        9,
+    ),
 }
-"""By the name of the reason: the members of `Reason`, in their order, and two of a network."""
+"""By the name of the reason: the members of `Reason`, in their order, and those of networks."""
 NAMES = tuple(REASONS)
 TOO_FEW_VIEWS, NO_CAMERAS = NAMES.index("too_few_views"), NAMES.index("no_cameras")
-"""Rows of the reasons of a network."""
+BASELINE, UNCERTAIN = NAMES.index("baseline"), NAMES.index("uncertain")
+UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(
+    NAMES.index, ("unlit", "too_dark", "too_bright", "highlight")
+)
+"""Rows of the reasons of a network, of a rig with a rule, and of light."""
 
 
 def reason_rows(
@@ -139,3 +185,12 @@ def reason_rows(
     rows = np.where(reason == Reason.COVERED, np.uint8(TOO_FEW_VIEWS), reason)
     rows[covered] = Reason.COVERED
     return rows
+
+
+CONDITIONS = ("the angle between rays", "the uncertainty")
+"""Conditions that fail of a rig with a rule where no device does: `BASELINE`, `UNCERTAIN`."""
+
+
+def fails(device: str) -> str:
+    """Words on a device, or one of `CONDITIONS`, for which something is not measured."""
+    return f"{device} fails"

@@ -1,17 +1,167 @@
-"""Meshes and cameras as the loops over faces take them, and memory for those loops."""
+"""Records of the loops over faces: meshes, cameras, observations, figures and sums.
 
-from typing import Any
+Their fields are in the order of the structs of `native/coverage`.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rastercov.base.memory import aligned_array, read_only
+from rastercov.base.memory import FloatArray, aligned_array, read_only
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import curved_lens
-from rastercov.kernels.cameras import COLUMNS, CurvedLens, Lens
-from rastercov.kernels.criteria import MOST_CORNERS, MOST_DOUBTFUL, SIDE_ROUNDING, Scene, Workspace
-from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
-from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
 from rastercov.mesh import Mesh
+from rastercov.native.coverage_figures import (
+    COLUMNS,
+    CURVED_COLUMNS,
+    MOST_DOUBTFUL,
+    SIDE_ROUNDING,
+)
+
+if TYPE_CHECKING:
+    from rastercov.camera.lenses.records import CurvedLens
+
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+Longs = NDArray[np.int64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+
+class Lens(NamedTuple):
+    """Intrinsics and image size of a pinhole, pixels."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float
+    height: float
+
+
+class Scene(NamedTuple):
+    """Arrays of a mesh, read-only."""
+
+    vertices: FloatArray
+    faces: NDArray[np.uint64]
+    normals: FloatArray
+    degenerate: Bools
+    two_sided: Bools
+    offsets: FloatArray
+    reach: float  # greatest coordinate
+    doubtful_cosine: float  # below which a face may be edge-on
+
+
+class Seen(NamedTuple):
+    """An observation, read-only; see `rastercov.Observation`.
+
+    Areas are `visible / scale` and `drawn / scale`, px^2: counts of samples are float64 or int32.
+    `kind` is (0, 0) where all figures are counted, and `area_error` where it is 0 everywhere.
+    """
+
+    poses: FloatArray
+    near: FloatArray
+    visible: NDArray[Any]
+    drawn: NDArray[Any]
+    scale: float
+    kind: Bytes
+    area_error: FloatArray
+    samples_per_pixel: float
+
+
+class Figures(NamedTuple):
+    """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
+
+    in_view: Bools
+    in_view_fraction: FloatArray
+    projected_area: FloatArray
+    visible_pixels: FloatArray
+    drawn_pixels: FloatArray
+    resolution: FloatArray
+    pixel_density: FloatArray
+    facing_density: FloatArray
+    in_focus: Bools
+    visibility: FloatArray
+    visibility_bound: FloatArray
+    visibility_kind: Bytes
+    incidence: FloatArray
+    coverage: FloatArray
+    reason: Bytes
+
+
+TYPES: dict[str, type] = {
+    name: np.bool_ if name in ("in_view", "in_focus") else np.float64 for name in Figures._fields
+} | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
+"""Types of the arrays of `Figures`."""
+
+
+def figures_of(arrays: Mapping[str, NDArray[Any]]) -> Figures:
+    """Record of the (P, F) arrays that are given, by their names."""
+    return Figures(*(arrays.get(name, np.empty((0, 0), kind)) for name, kind in TYPES.items()))
+
+
+class Sums(NamedTuple):
+    """Sums over poses of a batch, see `rastercov.Network`; (F,) unless noted.
+
+    `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
+    largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
+    the scored faces that it covers, and the total of their coverage.
+    """
+
+    views: Longs
+    best: FloatArray
+    best_row: Longs
+    reason: Bytes
+    kinds: Longs
+    bounds: FloatArray
+    covered_faces: Longs
+    totals: FloatArray
+
+
+class PairRows(NamedTuple):
+    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
+
+    Figures are named as in `Figures`, floats are float32, and what has a name is its code.
+    """
+
+    pose: Ints
+    face: Ints
+    in_view: Bools
+    in_view_fraction: Singles
+    projected_area: Singles
+    visible_pixels: Singles
+    drawn_pixels: Singles
+    resolution: Singles
+    pixel_density: Singles
+    facing_density: Singles
+    in_focus: Bools
+    visibility: Singles
+    visibility_bound: Singles
+    visibility_kind: Ints
+    incidence: Singles
+    coverage: Singles
+    reason: Ints
+
+
+_SHORT = {np.bool_: np.bool_, np.float64: np.float32, np.uint8: np.int32}
+ROW_TYPES: dict[str, type] = {"pose": np.int32, "face": np.int32} | {
+    name: _SHORT[kind] for name, kind in TYPES.items()
+}
+"""Types of the columns of `PairRows`."""
+
+
+class Sink(NamedTuple):
+    """Memory for the rows of a batch of P poses: room for all P * F pairs.
+
+    The rows of the poses that a thread takes together, `turn` the first of them, are the
+    `counts[turn]` from `turn * F` on.
+    """
+
+    choice: int  # index of `network.CHOICES`
+    pose_ids: Longs
+    counts: Longs
+    rows: PairRows
 
 
 def scene_of(mesh: Mesh) -> Scene:
@@ -24,13 +174,17 @@ def scene_of(mesh: Mesh) -> Scene:
         read_only(mesh.two_sided_mask, np.bool_),
         read_only(mesh.plane_offsets, np.float64),
         float(np.abs(mesh.bounds).max()),
-        min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL),
+        float(min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL)),
     )
 
 
-def lens_of(camera: Camera) -> Lens | CurvedLens:
-    """Numbers of a `Camera`; the loops are compiled for either kind."""
-    return pinhole_of(camera) if camera.is_pinhole else curved_lens(camera)
+def lens_of(camera: Camera) -> "Lens | CurvedLens":
+    """Numbers of a `Camera`."""
+    if camera.is_pinhole:
+        return pinhole_of(camera)
+    from rastercov.camera.lenses.of_camera import curved_lens
+
+    return curved_lens(camera)
 
 
 def pinhole_of(camera: Camera) -> Lens:
@@ -39,10 +193,7 @@ def pinhole_of(camera: Camera) -> Lens:
     return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
 
 
-def workspace(n_vertices: int, lens: Any = None) -> Workspace | CurvedWorkspace:
-    """Memory for one thread, for a lens."""
-    block = aligned_array((BLOCK_ROWS, AT_A_TIME), np.float64)
-    if isinstance(lens, CurvedLens):
-        return curved_workspace(n_vertices, block)
-    polygon, spare = np.empty((2, MOST_CORNERS, 2))
-    return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
+def workspace(n_vertices: int, lens: "Lens | CurvedLens") -> FloatArray:
+    """Memory of one thread for the projected vertices."""
+    columns = COLUMNS if isinstance(lens, Lens) else CURVED_COLUMNS
+    return aligned_array((n_vertices, columns), np.float64)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, gates_to_json
 from rastercov.cluster import ShardStore, Staff, fill
 from rastercov.cluster.inputs import (
     INPUTS,
@@ -31,11 +31,13 @@ from rastercov.cluster.inputs import (
 )
 from rastercov.cluster.run import counted
 from rastercov.cluster.store import remove as remove_files
-from rastercov.coverage.area.regions import RegionObserver, Regions
+from rastercov.coverage.area.regions import RegionObserver
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import JudgedPoses, Network, merge, no_sums
+from rastercov.coverage.network import JudgedPoses, Network, leads_of, merge, no_sums
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
+from rastercov.coverage.records import PairRows, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -67,8 +69,6 @@ class Wanted:
         True where regions are kept.
     pairs : str
         Rows of the table, of `rastercov.coverage.network.CHOICES`.
-    keep : tuple of int
-        Ids of poses whose coverage is kept, for pictures.
     apart : bool
         True where the sums of each camera are kept apart.
     """
@@ -76,7 +76,6 @@ class Wanted:
     engine: Engine
     by_area: bool
     pairs: str = "none"
-    keep: tuple[int, ...] = ()
     apart: bool = False
 
 
@@ -124,23 +123,22 @@ class EvaluationShards:
             yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
 
     def _part(self, data: bytes, poses: Poses) -> JudgedPoses:
-        from rastercov.kernels.network import PairRows, Sums
-
         arrays = read_npz(data)
         left, found = poses[np.isin(poses.ids, arrays["ids"])], None
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
             own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
-            found = Regions(pose_ids=left.ids, **own)
+            own["light"] = getattr(self.observer, "light", None)
+            found = Regions(pose_ids=left.ids, eyes=left.world_from_camera[:, :3, 3], **own)
         cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
         return JudgedPoses(
             poses=left,
             clipped=arrays["clipped"],
             rows=PairRows(**_under("rows", arrays)),
-            kept={int(pose): values for pose, values in _under("kept", arrays).items()},
             measured=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
             regions=found,
+            leads=leads_of(self.observer.camera, left),
         )
 
 
@@ -170,9 +168,7 @@ def judged_parts(
         yield from shards.parts(staff)
         return
     did = counted(len(poses), staff.progress)
-    for batch in network.judge(
-        observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
-    ):
+    for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
         yield batch
         did(len(batch.poses))
 
@@ -200,7 +196,7 @@ def _opened(folder: Path, inputs: Inputs) -> tuple[Any, Poses, Task, Wanted]:
     """Observer of a folder, its poses, thresholds and figures."""
     task, entries = Task(**inputs.header["task"]), inputs.header["wanted"]
     engine = Engine(**entries["engine"] | {"threads": 1})
-    wanted = Wanted(**entries | {"engine": engine, "keep": tuple(entries["keep"])})
+    wanted = Wanted(**entries | {"engine": engine})
     return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
 
 
@@ -215,6 +211,10 @@ def inputs_of(observer: Observer, poses: Poses, task: Task, n_elements: int) -> 
     """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
     mesh = observer.mesh
     cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
+    if rules := gates_to_json(observer.camera):
+        cameras.append(json.dumps(rules, sort_keys=True))
+    together = max((gate.n for gate in gates_of(observer.camera).values()), default=1)
+    size = max(1, PAIRS_A_SHARD // max(1, n_elements) // together) * together
     groups = json.dumps([group.to_json() for group in mesh.groups])
     return {
         "rastercov": version("rastercov"),
@@ -223,7 +223,7 @@ def inputs_of(observer: Observer, poses: Poses, task: Task, n_elements: int) -> 
         "poses": hash_of(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
-        "poses_a_shard": max(1, PAIRS_A_SHARD // max(1, n_elements)),
+        "poses_a_shard": size,
     }
 
 
@@ -241,9 +241,7 @@ def _measured(
 ) -> bytes:
     """File of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = Network(observer.mesh, task), []
-    for batch in network.judge(
-        observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
-    ):
+    for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
         batches.append(batch)
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _joined(poses, batches)
@@ -263,8 +261,6 @@ def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[A
     columns = map(np.concatenate, zip(*rows, strict=True))
     arrays = {"clipped": np.concatenate([batch.clipped for batch in batches])}
     arrays |= _below("rows", dict(zip(rows[0]._fields, columns, strict=True)))
-    for batch in batches:
-        arrays |= _below("kept", batch.kept)
     for camera, part in sorted(sums.items()):
         arrays |= _below(f"sums.{camera}", part._asdict())
     return arrays

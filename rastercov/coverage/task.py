@@ -7,7 +7,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -15,7 +15,11 @@ from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
 from rastercov.base.arguments import check_limits
+from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
+from rastercov.camera.exposure import Exposure
+from rastercov.camera.lamps import Lamps
+from rastercov.camera.light_units import GLOSS, LIGHT, check_unit
 from rastercov.coverage.densities import PX_PER_M
 
 
@@ -83,6 +87,12 @@ class Task:
     min_pixels_per_m2 : float
         Least pixels on a square metre of the surface, fx fy h / z^3 with h the distance of the
         camera from the plane of the face: at its deepest vertex, or at each point by area.
+    min_illuminance, max_illuminance : float
+        Least and greatest illuminance, in the unit of the lamps, or text such as "300 lx"; with
+        lamps only.
+    max_highlight_deg : float
+        Angle between the normal and the half vector of the rays to the camera and to a lamp, up to
+        which the surface mirrors the lamp; or "matt", "satin" or "polished". With lamps only.
     min_coverage : float
         A camera covers a face when coverage is at least this and not 0, [0, 1].
     views : int
@@ -118,6 +128,14 @@ class Task:
     min_pixels_per_m2: Annotated[
         float, Ge(0), Doc("Least pixels on a square metre of the surface.")
     ] = 0.0
+    min_illuminance: Annotated[float, Ge(0), LIGHT, Doc("Least illuminance, with lamps.")] = 0.0
+    max_illuminance: (
+        Annotated[float, Gt(0), LIGHT, Doc("Greatest illuminance, with lamps.")] | None
+    ) = None
+    max_highlight_deg: Annotated[
+        float, Ge(0), Le(90), GLOSS,
+        Doc("Angle off the mirror direction in which a lamp dazzles; or matt, satin, polished."),
+    ] = 0.0  # fmt: skip
     min_coverage: Annotated[Share, Doc("Coverage from which a camera covers a face.")] = 0.5
     views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
     min_angle_deg: Annotated[
@@ -130,6 +148,50 @@ class Task:
 
     def __post_init__(self) -> None:
         check_limits(self)
+        if self.max_illuminance is not None and self.max_illuminance <= self.min_illuminance:
+            raise ConfigError(
+                f"max_illuminance must be above min_illuminance {self.min_illuminance:g}, "
+                f"got {self.max_illuminance:g}"
+            )
+
+    @property
+    def asks_for_light(self) -> bool:
+        """True where a threshold is of light, beyond that some lamp reaches a part."""
+        return (
+            self.max_illuminance is not None
+            or max(self.min_illuminance, self.max_highlight_deg) > 0
+        )
+
+    def exposed(self, exposure: Exposure, unit: str = "lx") -> Self:
+        """The same task within the band of illuminance of an exposure, too; in "lx" or "W/m2".
+
+        ConfigError where the band and the limits of the task have nothing in common.
+        """
+        least, most = exposure.band(unit)
+        upper = most if self.max_illuminance is None else min(most, self.max_illuminance)
+        lower = max(least, self.min_illuminance)
+        return replace(self, min_illuminance=lower, max_illuminance=upper)
+
+    def lit_by(self, lamps: Lamps | None) -> Self:
+        """The same task within the band of the exposure of lamps, where they have one."""
+        if lamps is None or lamps.exposure is None:
+            return self
+        return self.exposed(lamps.exposure, lamps.unit)
+
+    def check_light(self, lamps: Lamps | None) -> None:
+        """Raise ConfigError for thresholds of light without lamps, or in another unit."""
+        if lamps is None:
+            for name in OF_LIGHT:
+                if getattr(self, name):
+                    raise ConfigError(f"{name} is of light; give lamps, or leave it out")
+            return
+        for name in OF_LIGHT[:2]:
+            check_unit(name, getattr(self, name), lamps.unit)
+        if self.max_illuminance is not None and self.max_illuminance <= lamps.ambient:
+            raise ConfigError(
+                f"max_illuminance {self.max_illuminance:g} is not above the ambient light, "
+                f"{lamps.ambient:g} {lamps.unit}, so nothing is covered"
+            )
 
     @classmethod
     def thesis(cls, **changes: Any) -> Self:
@@ -156,5 +218,7 @@ class Task:
         )
 
 
+OF_LIGHT = ("min_illuminance", "max_illuminance", "max_highlight_deg")
+"""Thresholds that need lamps."""
 THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
 """Values of `Task.thesis`."""

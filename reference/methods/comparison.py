@@ -224,7 +224,7 @@ def _partly_hidden(
 
 
 def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> dict[str, Any]:
-    packages = ("rastercov", "numba", "numpy", "shapely")
+    packages = ("rastercov", "numpy", "shapely")
     entries = provenance_of(mesh, camera, poses, packages=packages)
     del entries["scene"]
     return entries | {"machine": {"system": platform.platform(), "processor": platform.machine()}}

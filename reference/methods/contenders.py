@@ -1,5 +1,6 @@
 """Contenders of a comparison with their observers, and the reference."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -14,7 +15,6 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ROLL, Observer, open_observer
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation
 from rastercov.reference.methods.convergence import fractions
@@ -50,9 +50,9 @@ class Timed:
 
     def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses."""
-        clock = Stopwatch()
+        began = time.perf_counter()
         self.observation = self.observer.observe(poses)
-        self.seconds += clock.seconds
+        self.seconds += time.perf_counter() - began
         self.poses += len(poses)
 
 
@@ -130,10 +130,10 @@ def open_contender(
     engine: Engine, mesh: Mesh, camera: Camera, poses: FloatArray, n_worst: int
 ) -> Iterator[Contender]:
     """Open an engine and observe one pose, so that its kernels are compiled."""
-    clock = Stopwatch()
+    began = time.perf_counter()
     with open_engine(engine, mesh, camera) as observer:
         observer.observe(poses[:1])
-        yield Contender(engine, observer, n_worst, clock.seconds)
+        yield Contender(engine, observer, n_worst, time.perf_counter() - began)
 
 
 class AnalyticReference(Timed):
@@ -166,10 +166,10 @@ class ReferenceModule:
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Visible area and area of the image of faces in a pose of the batch, and their error."""
-        clock = Stopwatch()
+        began = time.perf_counter()
         visible = self._module.visible_area(*self._scene, self._batch[row], faces)
         area = self._module.image_area(*self._scene, self._batch[row], faces)
-        self.seconds += clock.seconds
+        self.seconds += time.perf_counter() - began
         self.poses += 1
         return visible, area, np.full(len(area), self.error)
 

@@ -9,6 +9,7 @@ D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948.
 """
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -21,7 +22,6 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import arrays_for
 from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.coverage.observer import Observer
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -122,9 +122,9 @@ def converge(
         spent, done = 0.0, 0
         with opener(mesh, lens, supersample) as observer:
             for faces, rows in zip(known, chosen, strict=True):
-                clock = Stopwatch()
+                began = time.perf_counter()
                 seen = observer.observe(faces.pose[None])
-                spent += clock.seconds
+                spent += time.perf_counter() - began
                 value = fractions(FacePass(mesh, (lens,), 1), seen, Poses.of(faces.pose))[0][0]
                 off = value[faces.face[rows]] - faces.truth[rows]
                 square[level, done : done + len(rows)] = off**2

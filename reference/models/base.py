@@ -209,7 +209,7 @@ def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
     if camera.is_pinhole:
         z = points[..., 2]
         return np.where(z > 0, min(camera.fx, camera.fy) / np.where(z > 0, z, 1.0), 0.0)
-    from rastercov.camera.lenses.of_camera import lens_of  # loads numba
+    from rastercov.camera.lenses.of_camera import lens_of
 
     slopes = lens_of(camera).jacobian(points)
     across, down = np.moveaxis(np.nan_to_num(slopes), -2, 0)

@@ -7,6 +7,7 @@ differ; only the bivalent occlusion test of several models is compared with the 
 E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one model, by eye.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from heapq import nlargest
@@ -24,7 +25,6 @@ from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.models import MODELS, zhang
@@ -160,17 +160,17 @@ def compare_models(
         zhang.visible(mesh, camera, matrices[:1])
         for start in range(0, len(matrices), POSES_A_BATCH):
             of_batch = matrices[start : start + POSES_A_BATCH]
-            clock = Stopwatch()
+            began = time.perf_counter()
             batches = list(evaluate_batches(observer, of_batch, task))
-            statistics.seconds[OURS] += clock.seconds
+            statistics.seconds[OURS] += time.perf_counter() - began
             values: Values = {}
             for name in names:
                 if name == OURS:
                     values[name] = np.concatenate([batch.coverage for batch in batches])
                     continue
-                clock = Stopwatch()
+                began = time.perf_counter()
                 values[name] = MODELS[name](mesh, camera, of_batch, task)
-                statistics.seconds[name] += clock.seconds
+                statistics.seconds[name] += time.perf_counter() - began
             bivalent = zhang.visible(mesh, camera, of_batch) > 0
             rows = [(batch, row) for batch in batches for row in range(len(batch.pose_ids))]
             for pose, (batch, row) in enumerate(rows):

@@ -33,16 +33,17 @@ from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
 from rastercov.reference.pages import milliseconds, opened, percent_of, publish
-from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     Key,
     contact_sheet,
     framed,
+    greys,
     png,
 )
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.panorama import Scene, seen
+from rastercov.report.panorama import Scene, neutral, paint, scene_keys, seen
+from rastercov.report.theme import Pixels
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -286,6 +287,44 @@ def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArra
     corner = whole[0] + float(left) * zoom, whole[1] + float(top) * zoom
     box = (*corner, corner[0] + across * zoom, corner[1] + down * zoom)
     return _look(mesh, camera, pose, box, WIDTH)
+
+
+def coverage_picture(scene: Scene, values: ArrayLike, title: str = "") -> Image.Image:
+    """Picture of one pose, brighter where coverage is higher, with its scale below.
+
+    E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
+
+    Parameters
+    ----------
+    scene : Scene
+        As `panorama.seen` gives it.
+    values : (F,) array_like
+        Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
+    title : str
+        One line above.
+
+    Returns
+    -------
+    PIL.Image.Image
+        RGB; the image is at its own size below the title, see `coverage_pixels`.
+        Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
+    """
+    scale = Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")
+    return framed(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
+
+
+def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
+    """Pixels of `coverage_picture` without its frame, (H, W, 3).
+
+    The grey of a face is fixed by its coverage except for a head-light of at most 14 %, which keeps
+    the form readable: of two faces the one whose coverage is 0.15 higher is brighter in any
+    shading. Lines between faces fade out where faces are small.
+    """
+    mesh = scene.mesh
+    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
+    colours = neutral(mesh, scene.setting)
+    colours[mesh.task_mask] = greys(levels[mesh.task_mask])
+    return paint(scene, colours)
 
 
 def occlusion_sheet(

@@ -7,7 +7,7 @@ is the area of the camera's regions in it, so that cells need not fit along the 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,9 @@ from rastercov.base.format import InOneLine
 from rastercov.base.memory import read_only
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.coverage.area.polygons import starts_of
-from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.table import Regions
 from rastercov.mesh import Mesh
+from rastercov.native import area_cell
 
 FloatArray = NDArray[np.float64]
 
@@ -29,6 +30,28 @@ USUAL_CELLS = 10_000
 """Cells of `usual_size`, besides two a face."""
 FINEST_REL = 1 / 500
 """Least size of `usual_size`, relative to the diagonal of the task faces."""
+
+
+class Trees(NamedTuple):
+    """Cells of all faces as leaves of binary trees, see `rastercov.native.area_cell`.
+
+    Attributes
+    ----------
+    corners : (F, 3, 2) float64
+        The faces in their planes.
+    first_cell, first_node : (F + 1,) int64
+        First cell and first node of each face.
+    leaves : (N,) int32
+        Leaves below each node.
+    areas : (C,) float64
+        m^2 of each cell.
+    """
+
+    corners: FloatArray
+    first_cell: NDArray[np.int64]
+    first_node: NDArray[np.int64]
+    leaves: NDArray[np.int32]
+    areas: FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +95,7 @@ class Cells(InOneLine):
     area : (C,) float64
         m^2.
     trees : Trees
-        How the faces are halved, see `rastercov.kernels.area_cell`.
+        How the faces are halved.
     """
 
     mesh: Mesh
@@ -81,7 +104,7 @@ class Cells(InOneLine):
     faces: NDArray[np.int64]
     source_face: NDArray[np.int32]
     area: FloatArray
-    trees: Any
+    trees: Trees
 
     def __len__(self) -> int:
         return len(self.area)
@@ -94,28 +117,26 @@ class Cells(InOneLine):
 
     def share(self, regions: Regions) -> CellShares:
         """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
-        from rastercov.kernels import area_cell as kernels
-
         check_same_mesh(self.mesh, regions.mesh)
-        ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1))
+        ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1)).tolist()
         xy = read_only(regions.xy, np.float64)
         starts, face = read_only(regions.starts, np.int64), read_only(regions.face, np.int32)
-        scratch = kernels.cell_scratch(len(self))
         room = 1024 + 2 * len(regions)
         cell, share = np.empty(room, np.int32), np.empty(room)
-        counts = np.zeros(len(ends), np.int64)
+        counts = [0]
         for row in range(len(ends) - 1):  # 10 us each, and the loop over its pieces
             while True:
-                done = kernels.find_shares(
-                    xy, starts, face, ends[row], ends[row + 1], self.trees, scratch, cell, share,
-                    counts[row],
-                )  # fmt: skip
+                done = area_cell.find_shares(
+                    xy, starts, face, ends[row], ends[row + 1], self.trees, cell, share, counts[-1]
+                )
                 if done <= len(cell):
                     break
-                cell, share = (np.resize(array, done * 3 // 2) for array in (cell, share))
-            counts[row + 1] = done
-        used = int(counts[-1])
-        return CellShares(regions.pose_ids, counts, cell[:used].copy(), share[:used].copy())
+                cell, share = np.resize(cell, done * 3 // 2), np.resize(share, done * 3 // 2)
+            counts.append(done)
+        used, starts_of_poses = counts[-1], np.array(counts, np.int64)
+        return CellShares(
+            regions.pose_ids, starts_of_poses, cell[:used].copy(), share[:used].copy()
+        )
 
 
 def cells(mesh: Mesh, size: float) -> Cells:
@@ -135,8 +156,6 @@ def cells(mesh: Mesh, size: float) -> Cells:
     ResourceError
         For more than `MOST_CELLS` cells; the message has a size that fits.
     """
-    from rastercov.kernels import area_cell as kernels
-
     longest = finite_number(size)
     if not longest > 0:
         raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
@@ -154,11 +173,10 @@ def cells(mesh: Mesh, size: float) -> Cells:
     n_cells = int(counts.sum())
     first_cell, first_node = starts_of(counts), starts_of(np.maximum(2 * counts - 1, 0))
     leaves, areas = np.empty(first_node[-1], np.int32), np.empty(n_cells)
-    parents = np.empty(2 * int(counts.max(initial=0)) + 1, np.int64)
     triangles = np.empty((n_cells, 3, 2))
-    trees = kernels.Trees(corners, first_cell, first_node, leaves, areas)
-    kernels.fill_cells(
-        corners, counter.is_asked, longest, counter.scratch, trees, parents, triangles
+    trees = Trees(corners, first_cell, first_node, leaves, areas)
+    area_cell.fill_cells(
+        corners, counter.is_asked, longest, first_cell, first_node, leaves, areas, triangles
     )
     source = np.repeat(np.arange(mesh.n_faces, dtype=np.int32), counts)
     vertices = to_world(mesh, np.repeat(source, 3), triangles.reshape(-1, 2))
@@ -188,19 +206,15 @@ class _Counter:
     """Number of cells of each face that is asked for, `counts`, by their size."""
 
     def __init__(self, mesh: Mesh) -> None:
-        from rastercov.kernels import area_cell as kernels
-
         frames = frames_of(mesh)
         self.is_asked = read_only(mesh.task_mask & (frames.areas > 0), np.bool_)
         self.area = float(frames.areas[self.is_asked].sum())
         self.corners = read_only(frames.corners, np.float64)
-        self.counts, self.scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
-        self._count = kernels.count_cells
+        self.counts = np.zeros(mesh.n_faces, np.int64)
 
     def count(self, side: float, most: int = MOST_CELLS) -> int:
         """Cells with no side longer than this; some number above `most` for more."""
-        triangles = self.scratch.triangles
-        return int(self._count(self.corners, self.is_asked, side, most, triangles, self.counts))
+        return area_cell.count_cells(self.corners, self.is_asked, side, most, self.counts)
 
 
 def rounded_up(size: float) -> float:

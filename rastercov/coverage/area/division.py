@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.coverage.area.polygons import chosen, extents, following, starts_of
+from rastercov.native import area_union
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,22 +46,48 @@ class Pieces(NamedTuple):
     xy : (C, 2) float64
     starts : (N + 1,) int64
     cell : (N,) int64
-    tag : (N,) int32
+    tag : (N,) int64
         A number that the parts of a piece keep.
     """
 
     xy: FloatArray
     starts: IntArray
     cell: IntArray
-    tag: NDArray[np.int32]
+    tag: IntArray
 
     def taken(self, rows: IntArray) -> "Pieces":
         """Some of the pieces, in this order."""
         return Pieces(*chosen(self.xy, self.starts, rows), self.cell[rows], self.tag[rows])
 
 
+class Halves(NamedTuple):
+    """Parts of pieces on the two sides of lines, for `native.area_union`.
+
+    Attributes
+    ----------
+    xy, starts : (C, 2) float64, (N + 1,) int64
+    row, side : (N,) int64
+        Row of the piece, and the side of its line.
+    used : (2,) int64
+        Parts and corners so far.
+    """
+
+    xy: FloatArray
+    starts: IntArray
+    row: IntArray
+    side: IntArray
+    used: IntArray
+
+    @classmethod
+    def of_room(cls, n: int, corners: int) -> "Halves":
+        """Memory for the parts of n pieces: a line adds 4 corners, and a part of too many 2."""
+        row, side = np.empty((2, 4 * n), np.int64)
+        starts, used = np.zeros(4 * n + 1, np.int64), np.zeros(2, np.int64)
+        return cls(np.empty((corners + 8 * n, 2)), starts, row, side, used)
+
+
 NO_PIECES = Pieces(
-    np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0, np.int32)
+    np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
 )
 
 
@@ -158,12 +185,12 @@ class Cells:
 
     def _halved(self, pieces: Pieces, lost: FloatArray) -> Pieces:
         """Pieces in divided cells, in the halves of these."""
-        from rastercov.kernels.area_union import halve_pieces, room_for_halves
-
         face, at = self.face[pieces.cell], self.division[pieces.cell]
         n, corners = len(pieces.cell), len(pieces.xy)
-        out, change = room_for_halves(n, corners), np.empty(n)
-        halve_pieces(pieces.xy, pieces.starts, self._lines[at], self._nearest[face], change, out)
+        out, change = Halves.of_room(n, corners), np.empty(n)
+        area_union.halve_pieces(
+            pieces.xy, pieces.starts, self._lines[at], self._nearest[face], change, out
+        )
         n, corners = out.used.tolist()
         lost += np.bincount(face, change, minlength=len(lost))
         row, starts = out.row[:n], out.starts[: n + 1]
@@ -200,12 +227,10 @@ class Cells:
 
     def _halves_of(self, cell: int, line: FloatArray) -> list[FloatArray] | None:
         """Corners of the halves of a cell; None where they have too many sides, or no area."""
-        from rastercov.kernels.area_union import halve_pieces, room_for_halves
-
         xy, starts = self.polygons(np.array([cell]))
-        out = room_for_halves(1, len(xy))
+        out = Halves.of_room(1, len(xy))
         nearest = self._nearest[self.face[[cell]]]
-        halve_pieces(xy, starts, line[None], nearest, np.empty(1), out)
+        area_union.halve_pieces(xy, starts, line[None], nearest, np.empty(1), out)
         if len(xy) >= MOST_SIDES or out.used[0] != 2 or out.side[:2].tolist() != [0, 1]:
             return None
         return [out.xy[out.starts[side] : out.starts[side + 1]].copy() for side in (0, 1)]

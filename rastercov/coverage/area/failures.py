@@ -9,33 +9,73 @@ fraction of the time of exact regions, and serves searches over poses, which mea
 them exactly.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from itertools import groupby
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import Lists, read_only
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.camera.rig import (
+    Cameras,
+    Rig,
+    cameras_of,
+    gates_of,
+    lamps_of,
+    rows_of_result,
+)
 from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.criteria import baseline_holds
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.area.sensors import (
+    gated_lists,
+    gated_reasons,
+    in_front,
+    is_certain,
+    tasks_of,
+)
+from rastercov.coverage.reasons import (
+    BASELINE,
+    HIGHLIGHT,
+    TOO_BRIGHT,
+    TOO_DARK,
+    UNCERTAIN,
+    UNLIT,
+    Reason,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
+from rastercov.native import area_point
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+TINY = np.finfo(float).tiny
 MARGIN_REL = 1e-9
 """Distance from the point up to which a surface hides nothing, relative to the diagonal of the
 mesh: coincident surfaces are not found."""
+
+
+class Points(NamedTuple):
+    """Points in a scene of diagonal 1 about the origin, their unit normals, and their triangles.
+
+    `own` is the triangle of each point in the order of the tree, -1 where it is not in it;
+    `two_sided` says whether either side counts.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    two_sided: NDArray[np.bool_]
+    own: IntArray
 
 
 def first_failures(
@@ -58,13 +98,64 @@ def first_failures(
         Points of faces with an area, metres.
     """
     placed = Poses.of(poses)
-    judge = PointPass(mesh, cameras_of(camera), task, points, face)
+    judge = PointPass(mesh, camera, task, points, face)
     near = near_limits(judge.cameras, mesh.bounds, placed)
     judge_pose = judge.worker(placed, near, is_nearest=True)
     for row in range(len(placed)):
         reason, hidden_by = np.empty(len(points), np.uint8), np.empty(len(points), np.int64)
         judge_pose(row, reason, hidden_by)
         yield reason, np.where(hidden_by >= 0, judge.faces[hidden_by], -1)
+
+
+def failures_of_rows(
+    mesh: Mesh,
+    camera: Cameras,
+    task: Task,
+    poses: Poses,
+    points: FloatArray,
+    face: IntArray,
+) -> Iterator[tuple[IntArray, NDArray[np.uint8], IntArray]]:
+    """As `first_failures` for each row of the result, and the pose that has each reason, (N,).
+
+    Of a rig with a rule, it is that of the camera that is missed most, `BASELINE` or `UNCERTAIN`;
+    of what its cameras see, a reason of light, such as `UNLIT`.
+    """
+    rows, normals = rows_of_result(camera, poses), frames_of(mesh).normal[face]
+    light = LightOfPoints.of(mesh, camera, task, points, face)
+    judged = enumerate(first_failures(mesh, camera, task, poses, points, face))
+    for _, group in groupby(judged, lambda each: rows[each[0]]):
+        own, found = zip(*group, strict=True)
+        at, reason, hider = _of_row(camera, poses, own, found, points, normals)
+        if light is not None:
+            seen = reason == Reason.COVERED
+            reason = np.where(seen, light.reasons(poses[np.array(own)]), reason)
+        yield at, reason, hider
+
+
+def _of_row(
+    camera: Cameras,
+    poses: Poses,
+    own: Sequence[int],
+    found: Sequence[tuple[NDArray[np.uint8], IntArray]],
+    points: FloatArray,
+    normals: FloatArray,
+) -> tuple[IntArray, NDArray[np.uint8], IntArray]:
+    """Pose, reason and hiding face of points in a row of the result, of its own poses."""
+    if len(own) == 1:
+        return np.full(len(points), own[0]), *found[0]
+    reason, hider = (np.array(each) for each in zip(*found, strict=True))
+    some = poses[np.array(own)]
+    fails, at = gated_reasons(reason, camera, some, points, normals)
+    hidden_by = np.take_along_axis(hider, at, axis=0)[0]
+    hidden_by[fails[0] != Reason.OCCLUDED] = -1
+    gate = gates_of(camera)[int(some.camera[0])]
+    if gate.has_baseline:
+        holds = baseline_holds(gate, some.world_from_camera[:, :3, 3], points)
+        fails[0][(fails[0] == Reason.COVERED) & ~holds] = BASELINE
+    if gate.has_deviation:
+        holds = is_certain(gate, some.world_from_camera, points)
+        fails[0][(fails[0] == Reason.COVERED) & ~holds] = UNCERTAIN
+    return own[0] + at[0], fails[0], hidden_by
 
 
 class PointPass:
@@ -80,15 +171,14 @@ class PointPass:
     def __init__(
         self,
         mesh: Mesh,
-        cameras: Sequence[Camera],
+        camera: Cameras,
         task: Task,
         points: FloatArray,
         face: NDArray[np.integer[Any]],
     ) -> None:
         from rastercov.coverage.records import lens_of
-        from rastercov.kernels import area_point
 
-        self.cameras, self._kernels = cameras, area_point
+        self.cameras = cameras_of(camera)
         self._centre = mesh.bounds.mean(axis=0)
         self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))) or 1.0
         solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
@@ -99,14 +189,15 @@ class PointPass:
             corners, nodes, self.faces = tree.corners, tree.nodes, solid[tree.order]
             row[self.faces] = np.arange(len(self.faces))
         self._tree = read_only(corners, np.float64), read_only(nodes, np.float64)
-        self._points = area_point.Points(
+        self._points = Points(
             points=read_only(self._placed(points), np.float64),
             normals=read_only(frames_of(mesh).normal[face], np.float64),
             two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
             own=read_only(row[face], np.int64),
         )
         self._of_camera = [
-            (lens_of(each), task.rules(each).in_units_of(self._diagonal)) for each in self.cameras
+            (lens_of(each), own.rules(each).in_units_of(self._diagonal))
+            for each, own in zip(self.cameras, tasks_of(camera, task), strict=True)
         ]
 
     def _placed(self, points: FloatArray) -> FloatArray:
@@ -122,24 +213,144 @@ class PointPass:
         It takes the row of the pose, (N,) `Reason` and (N,) rows of `faces`, -1 where nothing
         hides. `near`, (P,), are the depths of the near planes; see `judge_points` for the rest.
         """
-        from rastercov.kernels.mesh_tree import STACK_SIZE
+        rotations = np.ascontiguousarray(poses.world_from_camera[:, :3, :3])
+        eyes = self._placed(poses.world_from_camera[:, :3, 3])
 
-        matrices, stack = poses.world_from_camera, np.empty(STACK_SIZE, np.int64)
-        eyes = self._placed(matrices[:, :3, 3])
+        corners, nodes = self._tree
 
         def judge(row: int, reason: NDArray[np.uint8], hider: IntArray) -> None:
             lens, rules = self._of_camera[poses.camera[row]]
-            self._kernels.judge_points(
-                self._points, lens, rules, *self._tree,
-                np.ascontiguousarray(matrices[row, :3, :3]), eyes[row],
-                float(near[row]) / self._diagonal, MARGIN_REL, is_nearest, stack, reason, hider,
+            area_point.judge_points(
+                self._points, lens, rules, rotations[row], eyes[row],
+                float(near[row]) / self._diagonal, MARGIN_REL, is_nearest, corners, nodes, reason,
+                hider,
             )  # fmt: skip
 
         return judge
 
 
+class LightOfPoints:
+    """Light of the lamps of cameras at points of faces, (N, 3) metres; one thread may use it."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        rig: Rig,
+        lamps: Lamps,
+        task: Task,
+        points: FloatArray,
+        face: NDArray[np.integer[Any]],
+    ) -> None:
+        self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
+        self._normals = frames_of(mesh).normal[face]
+        self._two_sided = mesh.two_sided_mask[face]
+        self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
+        self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+        self._dazzled = [own.max_highlight_deg for own in tasks_of(rig, task)]
+        self._carried = lamps.carried_by(rig.names)
+        self._rides = np.asarray(self._carried.any(axis=1))
+        self._fixed = self._reached(points_of(lamps, ~self._rides))
+
+    @classmethod
+    def of(
+        cls,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        points: FloatArray,
+        face: NDArray[np.integer[Any]],
+    ) -> "LightOfPoints | None":
+        """Light of cameras; None where they have no lamps."""
+        lamps = lamps_of(camera)
+        if lamps is None or not isinstance(camera, Rig):
+            return None
+        return cls(mesh, camera, lamps, task, points, face)
+
+    def is_lit(self, own: Poses) -> NDArray[np.bool_]:
+        """(N,) points that are lit as the task asks, for the poses of a row of the result."""
+        return np.asarray(self.reasons(own) == Reason.COVERED)
+
+    def of_cell(self) -> FloatArray:
+        """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
+        poses, reached = self._fixed
+        fronts = in_front(poses.world_from_camera[:, :3, 3], self._points, self._normals)
+        on = self._points, self._normals
+        sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
+        found: FloatArray = np.where(self._two_sided, np.maximum(*sides), sides[0])
+        return found
+
+    def reasons(self, own: Poses) -> NDArray[np.uint8]:
+        """(N,) reason of light, for the poses of a row of the result: `COVERED` where none is.
+
+        On the side of the face that the first pose is on.
+        """
+        poses, reached = self._fixed
+        if self._rides.any():
+            world = own.world_from_camera[:1] @ self._camera_from_rig[own.camera[:1]]
+            on_rig = self._reached(points_of(self.lamps, self._rides, world))
+            is_there = self._carried[on_rig[0].camera, own.camera[0]]
+            reached = np.concatenate([reached, on_rig[1] & is_there[:, None]])
+            camera = np.concatenate([poses.camera, on_rig[0].camera])
+            matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
+            poses = Poses.of(matrices, camera=camera)
+        on, task, eyes = (self._points, self._normals), self.task, poses.world_from_camera[:, :3, 3]
+        is_front = in_front(own.world_from_camera[:1, :3, 3], *on)[0]
+        sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
+        found = np.full(len(self._points), Reason.COVERED, np.uint8)
+        for centre, index in zip(own.world_from_camera[:, :3, 3], own.camera, strict=True):
+            if degrees := self._dazzled[index]:
+                found[self._mirrored(centre, eyes, sees, degrees)] = HIGHLIGHT
+        light = illuminances(self.lamps, poses, sees, *on)
+        if task.max_illuminance is not None:
+            found[light > task.max_illuminance] = TOO_BRIGHT
+        found[light < task.min_illuminance] = TOO_DARK
+        found[~are_lit(self.lamps, sees, poses.camera)] = UNLIT
+        return found
+
+    def _mirrored(
+        self, centre: FloatArray, eyes: FloatArray, sees: NDArray[np.bool_], degrees: float
+    ) -> NDArray[np.bool_]:
+        """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
+        to_camera = centre - self._points
+        to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
+        found = np.zeros(len(self._points), np.bool_)
+        for eye, own in zip(eyes, sees, strict=True):
+            half = eye - self._points
+            half /= np.maximum(np.linalg.norm(half, axis=1), TINY)[:, None]
+            half += to_camera
+            along = np.abs(np.einsum("ni,ni->n", half, self._normals))
+            found |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
+        return found
+
+    def _reached(self, poses: Poses) -> tuple[Poses, NDArray[np.bool_]]:
+        """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
+        n = len(self._points)
+        near = near_limits(self._judge.cameras, self._mesh.opaque.bounds, poses)
+        judge = self._judge.worker(poses, near, is_nearest=False)
+        found = np.zeros((len(poses), n), np.bool_)
+        for row in range(len(poses)):  # as many as there are points of lamps, at most 64
+            reason, hider = np.empty(n, np.uint8), np.empty(n, np.int64)
+            judge(row, reason, hider)
+            found[row] = reason == Reason.COVERED
+        return poses, found
+
+
+def illuminance_of_faces(mesh: Mesh, camera: Cameras) -> FloatArray | None:
+    """(F,) illuminance of faces at their centroids by the lamps of the cell; None without lamps.
+
+    From the side that gets more, of two-sided faces; 0 for occluders.
+    """
+    faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+    light = LightOfPoints.of(mesh, camera, Task(), mesh.centroids[faces], faces)
+    if light is None:
+        return None
+    found = np.zeros(mesh.n_faces)
+    found[faces] = light.of_cell()
+    return found
+
+
 class CentrePass:
-    """Cells whose centre a pose covers; any number of threads may use it.
+    """Cells whose centre a pose covers, or a pose of a rig with a rule; for any number of threads.
 
     A point is judged as in `rastercov.coverage.area.failures`: coincident surfaces hide nothing.
 
@@ -157,13 +368,16 @@ class CentrePass:
         self, cells: Cells, camera: Cameras, task: Task, threads: int | None = None
     ) -> None:
         check_pointwise(task)
-        self._n_cells, self._mesh, cameras = len(cells), cells.mesh, cameras_of(camera)
+        self._n_cells, self._mesh, self._camera = len(cells), cells.mesh, camera
         centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
-        self._judge = PointPass(cells.mesh, cameras, task, centres, cells.source_face)
+        self._judge = PointPass(cells.mesh, camera, task, centres, cells.source_face)
+        frames = frames_of(cells.mesh)
+        self._planes = centres, frames.normal[cells.source_face]
         self._threads = thread_count(threads)
+        self._light = LightOfPoints.of(cells.mesh, camera, task, centres, cells.source_face)
 
     def find(self, poses: ArrayLike | Poses) -> Lists:
-        """Cells whose centre each of (P, 4, 4) poses covers."""
+        """Cells whose centre each row of the result of (P, 4, 4) poses covers."""
         placed, cameras = Poses.of(poses), self._judge.cameras
         placed.check_cameras(len(cameras))
         found = [np.empty(0, np.int32)] * len(placed)
@@ -182,4 +396,9 @@ class CentrePass:
 
         n_workers = max(1, min(self._threads, len(placed)))
         share_poses(len(placed), [worker() for _ in range(n_workers)])
+        found = gated_lists(found, self._camera, placed, *self._planes)
+        if self._light is not None:
+            rows = rows_of_result(self._camera, placed)
+            for row in range(len(found)):
+                found[row] = found[row][self._light.is_lit(placed[rows == row])[found[row]]]
         return Lists.of(found)

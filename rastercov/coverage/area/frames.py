@@ -6,6 +6,7 @@ x runs along that edge, and y to the third corner, so that the face is the trian
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -18,6 +19,9 @@ from rastercov.base.memory import read_only
 from rastercov.base.threads import Once
 from rastercov.coverage.area.polygons import boxes
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.mesh.bodies import Moved
+from rastercov.native import area_point, mesh_bodies
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -53,8 +57,29 @@ _FRAMES: WeakKeyDictionary[Mesh, Once[Frames]] = WeakKeyDictionary()
 
 
 def frames_of(mesh: Mesh) -> Frames:
-    """Frames of a mesh, made at the first call."""
-    return _FRAMES.setdefault(mesh, Once()).get(lambda: _build(mesh))
+    """Frames of a mesh, made at the first call.
+
+    Those of a mesh that a `Motion` made are chosen at rest, and moved with its bodies.
+    """
+    moved = mesh.moved_from
+    make = partial(_build, mesh) if moved is None else partial(_moved, moved)
+    return _FRAMES.setdefault(mesh, Once()).get(make)
+
+
+def _moved(moved: Moved) -> Frames:
+    rest, poses = moved
+    if not len(poses):  # at rest, some bodies of the whole
+        return Frames(*(frozen(each[rest.kept]) for each in frames_of(rest.whole)))
+    still = frames_of(rest.mesh)
+    arrays = np.empty((4, rest.mesh.n_faces, 3))
+    mesh_bodies.move_points(still.origin, rest.body, poses, arrays[0], np.empty((2, 3)))
+    for axis, out in zip(still[1:4], arrays[1:], strict=True):
+        mesh_bodies.turn(axis, rest.body, poses, out)
+    arrays[0][still.areas == 0] = 0.0
+    origin, *axes = map(frozen, arrays)
+    return still._replace(
+        origin=origin, x_axis=axes[0], y_axis=axes[1], normal=axes[2],
+    )  # fmt: skip
 
 
 def to_world(mesh: Mesh, face: ArrayLike, xy: ArrayLike) -> FloatArray:
@@ -126,8 +151,6 @@ def rows_at(
 
     `row`, one of each polygon, is below `n_rows`.
     """
-    from rastercov.kernels import area_point
-
     mesh, faces = polygons.mesh, np.asarray(face, np.int64)
     found = np.zeros((len(faces), n_rows), np.bool_)
     order = np.argsort(polygons.face, kind="stable")

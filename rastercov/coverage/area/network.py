@@ -7,22 +7,40 @@ camera where any of its poses covers it, whatever number of views the task wants
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.checks import shown
+from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base.format import percent, plural, with_bound
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, is_joint, lamps_of, names_of
+from rastercov.camera.rule import Gate
 from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.regions import Regions, check_pointwise
+from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.regions import check_pointwise
+from rastercov.coverage.area.sensors import (
+    gated,
+    through,
+    without_highlights,
+    worst_deviations,
+)
+from rastercov.coverage.area.spread import SpreadUnion, check_poses
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, dead_zones, summary_of
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import JudgedPoses, Network, percent_of_seeable, share_of_faces
+from rastercov.coverage.network import (
+    OF_PARTS,
+    JudgedPoses,
+    Network,
+    percent_of_seeable,
+    share_of_faces,
+)
+from rastercov.coverage.reasons import CONDITIONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import parts_of
@@ -31,19 +49,28 @@ UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
 
 
-def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str]:
+def unit_of_result(
+    by: str | None,
+    task: Task,
+    engine: Engine,
+    camera: Cameras | None = None,
+    n_poses: int | None = None,
+) -> tuple[str, str]:
     """Unit of a result, "area" or "face"; and the reason for "face" where it was not chosen.
 
-    Without a choice it is "area", unless a threshold of the task is of a face or the method counts
-    samples.
+    Without a choice it is "area", unless a threshold of the task is of a face or of pairs of poses,
+    or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
 
     Raises
     ------
     ConfigError
         For an unknown unit, or by area where that cannot be.
     """
-    if by is not None and by not in UNITS:
+    if by is not None and not is_one_of(by, UNITS):
         raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
+    is_gated = camera is not None and is_joint(camera)
+    if is_gated and by == "face":
+        raise ConfigError(OF_PARTS)
     if by == "face":
         return by, ""
     obstacle = ""
@@ -51,11 +78,23 @@ def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str
         if engine.method == "sampled":
             raise ConfigError("method sampled counts whole faces; by area, use certified or exact")
         check_pointwise(task)
+        if task.min_angle_deg > 0:
+            _check_pairs(by, is_gated, n_poses)
     except ConfigError as error:
-        if by == "area":
+        if by == "area" or is_gated:
             raise
         obstacle = str(error)
     return "face" if obstacle else "area", obstacle
+
+
+def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
+    if is_gated:
+        raise ConfigError(
+            "min_angle_deg is between single cameras; of a rig with a rule, give min_baseline_deg"
+        )
+    if by is None:
+        raise ConfigError("min_angle_deg takes all pairs of poses by area; ask for by area")
+    check_poses(n_poses or 0)
 
 
 class AreaNetwork:
@@ -69,12 +108,21 @@ class AreaNetwork:
         Mesh of all regions.
     task : Task
         Its `views` is the largest number of views that is counted.
+
+    Attributes
+    ----------
+    least, views : int
+        Least and largest number of cameras that may be wanted: 2 and more with `min_angle_deg`.
     """
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
-        self.mesh, self.task, self.views = mesh, task, task.views
-        self._union = RegionUnion(mesh, task.views)
+        self.mesh, self.task = mesh, task
+        self.least = 2 if task.min_angle_deg > 0 else 1
+        self.views = max(task.views, self.least)
+        self._union: RegionUnion | SpreadUnion = RegionUnion(mesh, self.views)
+        if task.min_angle_deg > 0:
+            self._union = SpreadUnion(mesh, self.views, task.min_angle_deg)
         self._kept: dict[Any, Any] = {}
         """Figures computed since regions were added."""
 
@@ -153,7 +201,7 @@ class AreaNetwork:
         """Dead zones, kept like their summary; `views` as for `summary`."""
         names = [group.name for group in self.mesh.groups]
         wanted = [self.views if views is None else views.get(name, 1) for name in names]
-        of_face = np.minimum(wanted, self.views)[self.mesh.face_group]
+        of_face = np.clip(wanted, self.least, self.views)[self.mesh.face_group]
         found: DeadZones = self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face))
         return found
 
@@ -163,7 +211,7 @@ class AreaNetwork:
         Percentages are of the area of the faces. The true area is within `bound_m2` of each.
         `views` is that of the task unless given.
         """
-        views = self.views if views is None else views
+        views = self.views if views is None else max(views, self.least)
         total = float(frames_of(self.mesh).areas[members].sum())
         found, bound = self.covered.area[:views], float(self.covered.bound[members].sum())
         square_metres = [min(float(row[members].sum()), total) for row in found]
@@ -185,14 +233,47 @@ class AreaNetwork:
 
 def in_words(figures: Mapping[str, Any]) -> str:
     """Covered area with its bound, in words."""
-    bound = max(figures["bound_percent"], 1e-12)
-    digits = min(max(1, -math.floor(math.log10(bound)) - 1), 6)
-    text = f"{figures['percent']:.{digits}f} % of the area, within {bound:.1g} % of it"
+    text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
     if isinstance(figures["views"], int) and figures["views"] > 1:
-        text += f", by {plural(figures['views'], 'camera')} or more; " + ", ".join(
-            f"{each['percent']:.1f} % by {each['views']}" for each in figures["by_views"][:-1]
-        )
+        fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
+        text += f", by {plural(figures['views'], 'camera')} or more; "
+        text += ", ".join(f"{percent(share)} by {views}" for share, views in fewer)
     return text
+
+
+def missed_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on what is lost by one camera of a rig with a rule alone, and unlit; often none."""
+    lines = [
+        f"missed by {entry['device'] or entry['condition']} alone: {size} of the area"
+        for entry in summary.get("by_device", ())
+        for size in [with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])]
+    ]
+    if "light" in summary:
+        light = summary["light"]
+        lines += [light["exposure"]] if "exposure" in light else []
+        fixed = [lamp for lamp in light["lamps"] if lamp["lit_percent"] is not None]
+        shares = [f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in fixed]
+        for name, words in OF_LIGHT.items():
+            if name in light:
+                lost = with_bound(light[name]["percent"], light[name]["bound_percent"])
+                by_lamp = f"; lit, seen or not: {', '.join(shares)}" if shares else ""
+                lines.append(
+                    f"seen, and {words}: {lost} of the area" + (by_lamp if name == "unlit" else "")
+                )
+    return lines
+
+
+OF_LIGHT = {"unlit": "unlit", "out_of_limits": "too dark, too bright or in a highlight"}
+"""Words for what the cameras see and cannot use for its light."""
+
+
+def light_doubts(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on lamps that light nothing."""
+    return [
+        f"lamp {lamp['lamp']} lights no part of the task; it may be inside a wall or look away"
+        for lamp in summary.get("light", {}).get("lamps", ())
+        if lamp["lit_percent"] == 0
+    ]
 
 
 MOST_CAMERAS = 64
@@ -205,6 +286,21 @@ def cameras_apart(camera: Cameras, poses: Poses) -> list[int]:
         return []
     used: list[int] = np.unique(poses.camera).tolist()
     return used if len(used) <= MOST_CAMERAS else []
+
+
+OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2")
+"""Figures of what a device covers by itself."""
+ANGLE, UNCERTAINTY = -1, -2
+"""Conditions of a rig with a rule, among its cameras, in the order of `CONDITIONS`."""
+
+
+def _rule_without(gate: Gate, device: int | None) -> Gate:
+    """The rule of a rig without one of its conditions; all of it for None."""
+    if device is None:
+        return gate
+    if device == UNCERTAINTY:
+        return gate._replace(most_deviation=0.0)
+    return gate._replace(least_deg=0.0, most_deg=180.0) if device == ANGLE else gate.without(device)
 
 
 class ByCamera:
@@ -221,6 +317,12 @@ class ByCamera:
         All of the run.
     by_area, by_face : bool
         Whether there are figures of areas, and of faces.
+
+    Attributes
+    ----------
+    worst : dict of int to (F,) float64
+        Largest standard deviation of what a rig with a limit of it covers of each face, in any
+        pose, by its first camera, metres; see `worst_deviations`.
     """
 
     def __init__(
@@ -228,9 +330,26 @@ class ByCamera:
         by_area: bool, by_face: bool = True,
     ) -> None:  # fmt: skip
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
+        self._camera = camera
         one = replace(task, views=1, min_angle_deg=0.0)
         self._areas = {index: AreaNetwork(mesh, one) for index in indices if by_area}
         self._networks = {index: Network(mesh, one) for index in indices if by_face}
+        self._rigs: dict[int, tuple[Gate, dict[int | None, AreaNetwork]]] = {}
+        self.worst: dict[int, NDArray[np.float64]] = {}
+        is_used = set(indices)
+        for first, gate in gates_of(camera).items() if by_area else ():
+            if first in is_used:
+                asked = {ANGLE: gate.has_baseline, UNCERTAINTY: gate.has_deviation}
+                names = (
+                    None,
+                    *range(gate.n),
+                    *(each for each, is_asked in asked.items() if is_asked),
+                )
+                self._rigs[first] = gate, {each: AreaNetwork(mesh, one) for each in names}
+        self._lights: list[Light | None] = []
+        # What the cameras see, what of it is lit, and what has as much light as the task asks.
+        n = 2 + task.asks_for_light if by_area and lamps_of(camera) is not None else 0
+        self._seen = [AreaNetwork(mesh, one) for _ in range(n)]
 
     @property
     def is_asked(self) -> bool:
@@ -239,22 +358,45 @@ class ByCamera:
 
     def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Those of some faces, (F,) bool, that no camera needs regions of any more."""
-        for areas in self._areas.values():
+        further = (areas for _, own in self._rigs.values() for areas in own.values())
+        for areas in (*self._areas.values(), *further, *self._seen):
             closed = closed & areas.closed
         return closed
 
-    def add(self, regions: Regions, camera: NDArray[np.int32]) -> None:
-        """Take in the regions of P further poses, of cameras (P,)."""
+    def add(self, regions: Regions, poses: Poses) -> None:
+        """Take in the regions of further poses."""
+        camera = poses.camera
         for index, areas in self._areas.items():
             if (own := camera == index).any():
                 areas.add(regions.of_poses(own))
+        light: Light | None = regions.light
+        if light is not None and not self._lights:
+            self._lights = [None, light.alone(), light][: len(self._seen)]
+        cut = without_highlights(regions, self._camera, poses) if self._rigs else regions
+        for areas, kept in zip(self._seen, self._lights, strict=True):
+            areas.add(gated(replace(regions, light=kept), self._camera, poses))
+        for first, (gate, without) in self._rigs.items():
+            own = (camera >= first) & (camera < first + gate.n)
+            if own.any():
+                some = cut.of_poses(own)
+                lit = () if light is None else light.rows(poses[np.flatnonzero(own)[:: gate.n]])
+                for device, areas in without.items():
+                    rest = _rule_without(gate, device)
+                    other = -1 if device is None else max(device, -1)
+                    if device is None and gate.has_deviation:
+                        found = through(some, gate, other, lit)
+                        areas.add(found)
+                        worst = worst_deviations(found, some, gate)
+                        self.worst[first] = np.maximum(self.worst.get(first, 0.0), worst)
+                    elif rest.k:
+                        areas.add(through(some, rest, other, lit))
 
     def add_batch(self, batch: JudgedPoses) -> None:
         """Take in a batch of poses, and their regions where the result is by area."""
         for index, network in self._networks.items():
             network.add(batch, index)
         if batch.regions is not None:
-            self.add(batch.regions, batch.poses.camera)
+            self.add(batch.regions, batch.poses)
 
     def summary(self) -> list[dict[str, Any]]:
         """Figures of each camera, ready for JSON."""
@@ -265,6 +407,65 @@ class ByCamera:
             entry = {"camera": self.names[index], "poses": len(network.pose_ids)}
             found.append(entry | {"covered": covered} | self.entry(index))
         return found
+
+    def by_device(self) -> list[dict[str, Any]]:
+        """Figures of each device of rigs with a rule, ready for JSON; none of other cameras.
+
+        `sees` is what it covers by itself. `missed` is what the rig would cover besides, did this
+        device cover everything: what is lost by it alone, by its shadow, and out of its image or
+        its thresholds. Those without a name are the angle between their rays, and the uncertainty,
+        with `worst_um`, the largest of what is covered.
+        """
+        found = []
+        for first, (gate, without) in self._rigs.items():
+            whole = without[None].summary()
+            for device, areas in without.items():
+                if device is None:
+                    continue
+                others = areas.summary()
+                if not _rule_without(gate, device).k:
+                    others |= {"m2": whole["of_m2"], "bound_m2": 0.0}
+                lost = max(others["m2"] - whole["m2"], 0.0)
+                bound = whole["bound_m2"] + others["bound_m2"]
+                percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
+                own = None if device < 0 else self._areas[first + device].summary()
+                found.append({
+                    "device": None if own is None else self.names[first + device],
+                    "condition": CONDITIONS[-1 - device] if device < 0 else None,
+                    **({"worst_um": 1e6 * float(self.worst[first].max(initial=0.0))}
+                       if device == UNCERTAINTY and first in self.worst else {}),
+                    "sees": own and {name: own[name] for name in OF_DEVICE},
+                    "missed": {
+                        "percent": percent * lost, "bound_percent": percent * bound,
+                        "m2": lost, "bound_m2": bound,
+                    },
+                })  # fmt: skip
+        return found
+
+    def of_light(self) -> dict[str, Any]:
+        """Entry `light` of what cameras see and cannot use for its light; nothing without lamps.
+
+        `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
+        a highlight, where the task asks. `lit_percent` is the share of the task area that a lamp
+        reaches, None of one on a rig.
+        """
+        if not self._lights or (light := self._lights[1]) is None:
+            return {}
+        seen = [areas.summary() for areas in self._seen]
+        lost = [
+            {name: max(more[name] - less[name], 0.0) for name in ("percent", "m2")}
+            | {name: more[name] + less[name] for name in ("bound_percent", "bound_m2")}
+            for more, less in pairwise(seen)
+        ]
+        shares = [
+            {"lamp": name, "lit_percent": None if math.isnan(share) else 100 * share}
+            for name, share in zip(light.lamps.names, light.shares(), strict=True)
+        ]
+        named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
+        found: dict[str, Any] = named | {"lamps": shares}
+        if light.lamps.exposure is not None:
+            found["exposure"] = light.lamps.exposure.in_words(light.lamps.unit)
+        return {"light": found}
 
     def entry(self, index: int) -> dict[str, Any]:
         """Entry `covered_area` of a camera, ready for JSON; none where it has no areas."""

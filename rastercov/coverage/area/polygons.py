@@ -80,3 +80,53 @@ def even_points(n: int) -> tuple[FloatArray, FloatArray]:
     over = x + y > 1
     x[over], y[over] = 1 - x[over], 1 - y[over]
     return x, y
+
+
+def clipped(
+    xy: FloatArray, starts: IntArray, values: FloatArray
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Parts of convex polygons where an affine function, by its (C,) values at corners, is >= 0.
+
+    Returns
+    -------
+    xy, starts : (D, 2) float64, (M + 1,) int64
+        Parts with three corners or more.
+    rows : (M,) int64
+        Polygon of each.
+    """
+    n, after = len(starts) - 1, following(starts) if len(xy) else np.zeros(0, np.int64)
+    is_kept, other = values >= 0, values[after]
+    is_crossed = ((values > 0) & (other < 0)) | ((values < 0) & (other > 0))
+    share = np.where(is_crossed, values / np.where(is_crossed, values - other, 1.0), 0.0)
+    # Each corner that is kept, then where the side behind it is crossed.
+    both = np.stack([xy, xy + share[:, None] * (xy[after] - xy)], axis=1).reshape(-1, 2)
+    mask = np.stack([is_kept, is_crossed], axis=1)
+    counts = np.bincount(np.repeat(np.arange(n), np.diff(starts)), mask.sum(axis=1), n)
+    found, ends = both[mask.ravel()], starts_of(counts.astype(np.int64))
+    rows = np.flatnonzero(counts >= 3)
+    return (*chosen(found, ends, rows), rows)
+
+
+MOST_CORNERS = 20
+"""Corners of a piece of regions."""
+
+
+def with_few_corners(xy: FloatArray, starts: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Convex polygons in parts of `MOST_CORNERS` corners at most, and the polygon of each part."""
+    parts: list[IntArray] = []
+    counts = np.diff(starts)
+    if counts.max(initial=0) <= MOST_CORNERS:
+        return xy, starts, np.arange(len(counts))
+    for first, count in zip(
+        starts[:-1].tolist(), counts.tolist(), strict=True
+    ):  # 1 us each, seldom
+        if count <= MOST_CORNERS:
+            parts.append(np.arange(first, first + count))
+            continue
+        for at in range(1, count - 1, MOST_CORNERS - 2):
+            own = np.arange(at, min(at + MOST_CORNERS - 1, count))
+            parts.append(first + np.append(0, own))
+    corners = np.concatenate([*parts, np.zeros(0, np.int64)])
+    ends = starts_of([len(each) for each in parts])
+    polygon = np.searchsorted(starts, corners[ends[:-1]], side="right") - 1
+    return xy[corners], ends, polygon

@@ -8,28 +8,42 @@ docs/area.md.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import checked_array
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import check_memory, read_only
 from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, check_scene
+from rastercov.camera.rig import (
+    Cameras,
+    Rig,
+    cameras_of,
+    check_scene,
+    lamps_of,
+    rows_of_result,
+    with_lamps,
+)
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at
+from rastercov.coverage.area.criteria import PixelDensity
+from rastercov.coverage.area.frames import frames_of, rows_at
+from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.records import Criteria, Found, LensCriteria, Planes, Seen
+from rastercov.coverage.area.sensors import gated, tasks_of
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
 from rastercov.coverage.observer import ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.native import area_region
 from rastercov.raster.observation import Observation
 
 if TYPE_CHECKING:
@@ -44,11 +58,12 @@ of what no test of the pixel density decides, relative to the diagonal of the me
 STRIP_REL = 2e-5
 """Mean width of undecided parts along the border of the image of a lens, and of densities
 through it, relative to the same."""
+EQUAL_AREA = "metashape_equisolid"
+"""Model of lenses of equal area, without distortion."""
 OF_A_FACE = {
     "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
     "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
     "min_coverage": "min_coverage is of a face; by area a point is covered or not",
-    "min_angle_deg": "min_angle_deg is of a face; by area the number of views counts alone",
     "focus_rule": "focus_rule is of a face; by area each point must be in focus",
     "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
 }
@@ -69,81 +84,13 @@ def check_pointwise(task: Task) -> None:
             raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Regions(FacePolygons):
-    """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
-
-    The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
-    face. `bound` holds for the area of a face by one pose: `|area - exact area| <= bound`.
-
-    Attributes
-    ----------
-    pose_ids : (P,) int64
-        Row of each pose in the input.
-    xy : (C, 2) float64
-        Corners in the plane coordinates of the faces (`rastercov.coverage.area.frames`), metres,
-        counter-clockwise seen from the front; at most 20 a piece.
-    starts : (N + 1,) int64
-        The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
-    face, pose : (N,) int32
-        Face of each piece, and row of its pose in `pose_ids`.
-    pair_pose, pair_face : (M,) int32
-        Pairs of pose and face with a piece or a bound, in the same order.
-    area, bound : (M,) float64
-        Covered area of each pair and the bound of its error, m^2.
-    """
-
-    camera: Cameras
-    task: Task
-    pose_ids: NDArray[np.int64]
-    pose: NDArray[np.int32]
-    pair_pose: NDArray[np.int32]
-    pair_face: NDArray[np.int32]
-    area: FloatArray
-    bound: FloatArray
-
-    def areas(self) -> FloatArray:
-        """(P, F) covered area of each face by each pose, m^2."""
-        return self._dense(self.area)
-
-    def bounds(self) -> FloatArray:
-        """(P, F) bounds of their errors, m^2."""
-        return self._dense(self.bound)
-
-    def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
-        """Regions of some of the poses, (P,) bool."""
-        wanted = f"({len(self.pose_ids)},) True or False"
-        chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
-        if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
-            raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
-        row = (np.cumsum(chosen) - 1).astype(np.int32)
-        pieces, pairs = np.flatnonzero(chosen[self.pose]), chosen[self.pair_pose]
-        xy, starts = polygons.chosen(self.xy, self.starts, pieces)
-        return replace(
-            self,
-            xy=xy,
-            starts=starts,
-            face=self.face[pieces],
-            pose_ids=self.pose_ids[chosen],
-            pose=row[self.pose[pieces]],
-            pair_pose=row[self.pair_pose[pairs]],
-            pair_face=self.pair_face[pairs],
-            area=self.area[pairs],
-            bound=self.bound[pairs],
-        )
-
-    def _dense(self, values: FloatArray) -> FloatArray:
-        full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
-        full[self.pair_pose, self.pair_face] = values
-        return full
-
-
 def regions(
     mesh: Mesh,
     camera: Cameras,
     poses: ArrayLike | Poses,
     task: Task | None = None,
     *,
+    lamps: Lamps | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
 ) -> Regions:
@@ -152,13 +99,16 @@ def regions(
     Parameters
     ----------
     mesh, camera
-        The surface, and the camera that sees it, or several: see `Poses.camera`.
+        The surface, and the camera that sees it, or several: see `Poses.camera`. Of a `Rig` with a
+        rule, a row of the result is a pose of the rig, and has what its cameras cover together.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
-        `min_pixels`, `min_visibility`, `min_coverage`, `min_angle_deg`, `focus_rule`,
-        `cap_resolution`.
+        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`; `views` and
+        `min_angle_deg` are of several poses, and left out here.
+    lamps : Lamps, optional
+        Lamps that must light what is covered, on the side of the face that the camera is on.
     method : {"certified", "exact"}, or Engine
         Method of visibility, as for `open_observer`.
     threads : int, optional
@@ -171,8 +121,11 @@ def regions(
     PoseError
         For a pose that is no rigid motion.
     """
+    check_scene(mesh, camera)
+    camera, placed = with_lamps(camera, lamps), Poses.of(poses)
+    task = (Task() if task is None else task).lit_by(lamps)
     finder = RegionPass(mesh, camera, task, method=method, threads=threads)
-    return finder.find(Poses.of(poses))
+    return gated(finder.find(placed), camera, placed)
 
 
 def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDArray[np.bool_]:
@@ -221,17 +174,38 @@ class RegionPass(ExactPass):
     ) -> None:
         check_scene(mesh, camera)
         self.task = Task() if task is None else task
-        check_pointwise(self.task)
+        tasks = tasks_of(camera, self.task)
+        for each in dict.fromkeys((self.task, *tasks)):
+            check_pointwise(each)
+        self.task.check_light(lamps_of(camera))
         engine = Engine.of(method, threads)
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
-        make = partial(_Finder, task=self.task, only_task=only_task)
+        cameras = cameras_of(camera)
+        self._least = np.array([
+            each.min_pixels_per_m2 * _has_closed_form(own)
+            for own, each in zip(cameras, tasks, strict=True)
+        ])  # fmt: skip
+        self._scales = np.array([each.fx * each.fy for each in cameras])
+        make = partial(_Finder, tasks=tasks, only_task=only_task)
         super().__init__(mesh, camera, engine, make)
+        self.light: Light | None = None
+        """Light of the lamps of the cameras; regions of `find` know it, and are not cut by it."""
+        self._of_lamps: RegionPass | None = None
+        if (lamps := lamps_of(camera)) is not None and isinstance(camera, Rig):
+            self._of_lamps = RegionPass(mesh, lamps.eyes, method=engine, only_task=True)
+            self.light = Light(lamps, self.task, camera, self._of_lamps.find)
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+        super().close()
+        if self._of_lamps is not None:
+            self._of_lamps.close()
 
     def find(
         self, poses: Poses, closed: NDArray[np.bool_] | None = None, seen: Observation | None = None
     ) -> Regions:
-        """Regions of some poses.
+        """Regions of some poses, each by itself, whatever the rule of their rig.
 
         Parameters
         ----------
@@ -250,52 +224,69 @@ class RegionPass(ExactPass):
         return self._joined(poses, self.run(poses, seen, prepare))
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
-        """Regions a few poses at a time, for streams of any length; at least one batch."""
-        return map(self.find, in_batches(poses, self.mesh.n_faces, self.threads))
+        """Regions of rows of the result a few at a time; at least one batch."""
+        rows = rows_of_result(self.camera, poses)
+        for part in in_batches(poses, self.mesh.n_faces, self.threads, rows):
+            yield gated(self.find(part), self.camera, part)
 
     def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
         """Regions of all poses in one table."""
         columns = zip(_NOTHING_FOUND, *found, strict=True)  # of the right types, whatever follows
         xy, counts, face, pair_face, area, bound = map(np.concatenate, columns)
         rows = np.arange(len(poses), dtype=np.int32)
-        return Regions(
+        regions = Regions(
             self.mesh, xy, polygons.starts_of(counts), face, self.camera, self.task, poses.ids,
             pose=np.repeat(rows, [len(each[2]) for each in found]),
             pair_pose=np.repeat(rows, [len(each[3]) for each in found]),
-            pair_face=pair_face, area=area, bound=bound,
+            pair_face=pair_face, area=area, bound=bound, eyes=poses.world_from_camera[:, :3, 3],
+            light=self.light,
+            columns=poses.world_from_camera[:, :3, 1],
         )  # fmt: skip
+        if not (limits := self._least[poses.camera]).any():
+            return regions
+        axes, cameras = poses.world_from_camera[:, :3, 1].copy(), cameras_of(self.camera)
+        axes[[cameras[at].model != "equirectangular" for at in poses.camera]] = 0.0
+        scales = self._scales[poses.camera]
+        return regions.where(PixelDensity(regions.eyes, axes, scales, limits))
 
 
 class _Finder(PoseSolver):
     """Regions one pose at a time, with the scratch memory of one thread."""
 
     def __init__(
-        self, mesh: Mesh, cameras: Sequence[Camera], is_certified: bool, task: Task, only_task: bool
+        self,
+        mesh: Mesh,
+        cameras: Sequence[Camera],
+        is_certified: bool,
+        tasks: Sequence[Task],
+        only_task: bool,
     ) -> None:
-        from rastercov.kernels import area_plane, area_region
-
         super().__init__(mesh, cameras, is_certified)
         self.solver.keep_pieces()
         self._own = self._lent.visible, self._lent.area, self._lent.area_error
-        self.kernels, self._planes, surface = area_region, area_plane, self.solver.surface
-        self._diagonal = surface.diagonal
+        surface = self.solver.surface
         # The solver has the targets behind the opaque faces, and may have sorted these.
-        self._rows = surface.rows
-        self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
-        self._face_of[: surface.n_faces][surface.rows] = np.arange(mesh.n_faces)
-        frames = frames_of(mesh)
-        is_asked = mesh.task_mask & (frames.areas > 0)
-        self._is_asked = is_asked
+        rows = np.arange(surface.n_faces)[surface.rows]
+        self._rows = read_only(rows, np.int64)
+        self._is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
         # Figures through a lens are sums over planes, of all faces.
         has_lens = not all(camera.is_pinhole for camera in cameras)
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
-        arrays: list[Any] = [read_only(array, np.float64) for array in frames]
-        arrays += [read_only(mask, np.bool_) for mask in (mesh.two_sided_mask, is_asked)]
-        self.planes = area_plane.Planes._make(arrays)
-        self._task, self._criteria_of = task, cache(_criteria)
-        self._work = area_plane.scratch_for(mesh.n_faces)
-        self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
+        self.planes = self._planes()
+        self._tasks, self._criteria_of = tasks, cache(_criteria)
+        self._rooms = [Found.of_room(1024, 8192, mesh.n_faces) for _ in range(2)]
+
+    def _planes(self) -> Planes:
+        arrays: list[Any] = [read_only(array, np.float64) for array in frames_of(self.mesh)]
+        masks = self.mesh.two_sided_mask, self._is_asked
+        return Planes._make(arrays + [read_only(mask, np.bool_) for mask in masks])
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """As of `PoseSolver`."""
+        if mesh is not self.mesh:
+            super().set_mesh(mesh)
+            self.planes = self._planes()
 
     def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
         """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
@@ -312,8 +303,8 @@ class _Finder(PoseSolver):
         parts: list[tuple[Any, ...]] = []
 
         def cut(plane: int, solver: "HalfPlaneSolver") -> None:
-            error, size = solver.camera.pixel_error, self._diagonal
-            criteria = self._criteria_of(self.camera, self._task, plane, error, size)
+            error, size = solver.camera.pixel_error, solver.surface.diagonal
+            criteria = self._criteria_of(self.camera, self._tasks[self.index], plane, error, size)
             parts.append(self._cut(solver, criteria))
 
         if is_measured or not self._asks_nothing:
@@ -324,25 +315,23 @@ class _Finder(PoseSolver):
 
     def _cut(self, solver: "HalfPlaneSolver", criteria: Any) -> tuple[Any, ...]:
         """Regions in one solved plane; see `find`."""
-        rows, kept = self._rows, solver.kept_pieces
-        seen = self.kernels.Seen(
-            solver.camera.rotation, solver.camera.centre, solver.camera.near,
-            solver.image_of_all.state[rows], solver.visible[rows], solver.area[rows],
-            solver.area_error[rows], solver.is_certified[rows],
-            kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
+        seen = Seen(
+            solver.camera.rotation, solver.camera.centre, solver.camera.near, self._rows,
+            solver.image_of_all.state, solver.visible, solver.area, solver.area_error,
+            solver.is_certified, solver.kept_pieces,
         )  # fmt: skip
         if self.camera.is_pinhole:
-            found = self._run(self.kernels.cut_regions, criteria, seen)
+            found = self._run(area_region.cut_regions, criteria, seen)
         else:
-            rules, by_distance, cut = criteria.rules, criteria.by_distance, self.kernels.cut_pieces
-            found = self._run(self.kernels.cut_regions, criteria.pinhole, seen)
+            rules, by_distance, cut = criteria.rules, criteria.by_distance, area_region.cut_pieces
+            found = self._run(area_region.cut_regions, criteria.pinhole, seen)
             if by_distance and rules.z_f < np.inf:
-                found = self._run(cut, criteria, seen, found, self.kernels.TO_DISCS)
-            found = self._run(cut, criteria, seen, found, self.kernels.TO_VIEW)
+                found = self._run(cut, criteria, seen, found, area_region.TO_DISCS)
+            found = self._run(cut, criteria, seen, found, area_region.TO_VIEW)
             if max(
                 rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density
             ) > 0 or (by_distance and rules.z_n > 0):
-                found = self._run(cut, criteria, seen, found, self.kernels.TO_DENSITIES)
+                found = self._run(cut, criteria, seen, found, area_region.TO_DENSITIES)
         n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
@@ -355,13 +344,11 @@ class _Finder(PoseSolver):
         slot = 1 if source and source[0] is self._rooms[0] else 0
         while True:
             out = self._rooms[slot]
-            kernel(self.planes, criteria, seen, self._work, *source, out)
+            kernel(self.planes, criteria, seen, *source, out)
             n, corners = out.used.tolist()
             if n <= len(out.face) and corners <= len(out.xy):
                 return out
-            self._rooms[slot] = self._planes.room_for_found(
-                n * 5 // 4, corners * 5 // 4, len(out.area)
-            )
+            self._rooms[slot] = Found.of_room(n * 5 // 4, corners * 5 // 4, len(out.area))
 
 
 def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tuple[Any, ...]:
@@ -377,6 +364,12 @@ def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tupl
     )  # fmt: skip
 
 
+def _has_closed_form(camera: Camera) -> bool:
+    """True where pixels a m^2 have one: a panorama, and a lens of equal area."""
+    is_plain = not any(camera.distortion)
+    return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
+
+
 def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: float) -> Any:
     """Pointwise criteria in ideal plane `index` of a camera, or in a pinhole, for the loops.
 
@@ -385,9 +378,10 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
     """
     from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
     from rastercov.coverage.records import pinhole_of
-    from rastercov.kernels.area_plane import Criteria, LensCriteria
 
     rules, gap = task.rules(camera), GAP_REL * size
+    if _has_closed_form(camera):
+        rules = rules._replace(min_pixels_per_m2=0.0)  # see `PixelDensity`
     if camera.is_pinhole:
         return Criteria(pinhole_of(camera), rules, gap, pixel_error)
     plane, record = planes_of(camera)[index]
@@ -433,6 +427,7 @@ class RegionObserver(ExactObserver):
     ) -> None:
         self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
         super().__init__(self._finder)
+        self.light = self._finder.light
         self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:

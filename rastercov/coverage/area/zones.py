@@ -11,6 +11,7 @@ the criterion that fails last, in the order of `rastercov.Reason`, in any camera
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,19 +21,25 @@ from rastercov.base.arguments import checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import distance as in_metres
 from rastercov.base.format import signed
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera
-from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.advice import advice, figures_of_point, short_of
+from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, names_of
+from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+from rastercov.coverage.advice import advice, figures_of_point, general_advice, short_of
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.failures import failures_of_rows, first_failures
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
+from rastercov.coverage.area.light import failing_lamp
+from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.reasons import REASONS, Reason
+from rastercov.coverage.reasons import BASELINE, HIGHLIGHT, NAMES, REASONS, UNLIT, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.contacts import TriangleTree
+from rastercov.mesh.groups import body_of
 from rastercov.mesh.topology import components_of
 
 FloatArray = NDArray[np.float64]
@@ -148,8 +155,8 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     ConfigError
         For `views` beyond those that `covered` counts.
     """
-    from rastercov.kernels import area_zone as kernels
-    from rastercov.mesh.unseeable import unseeable_where_seen  # loads numba
+    from rastercov.mesh.unseeable import unseeable_where_seen
+    from rastercov.native import area_zone as kernels
 
     mesh, k = covered.mesh, len(covered.area)
     words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
@@ -225,7 +232,7 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> ND
 
 def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntArray) -> None:
     """Link the pieces that are connected, by their parents."""
-    from rastercov.kernels import area_zone as kernels
+    from rastercov.native import area_zone as kernels
 
     frames = frames_of(mesh)
     scale = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
@@ -293,6 +300,9 @@ ZONES = ("dead_zones", "other_dead_zones")
 """Keys of `summary_of`."""
 MOST_NEAREST = 12
 """Poses that are compared for the one that comes nearest to covering a zone."""
+PLACES, NEARER = 64, (1.0, 0.7, 0.4)
+"""Directions in which a camera is moved around what is hidden from it, and shares of its distance.
+"""
 MOST_LINES = 5
 """Zones that have a line for people."""
 LEAST_PERCENT = 1e-3
@@ -306,7 +316,9 @@ def summary_of(
 
     A zone has its area, centroid (which may lie off a bent surface), extent, groups by falling
     area, reason, and for "occluded" the group that hides it most often, or None; `nearest`, the
-    pose that comes nearest to covering a point of it with its figures, and `advice` for it.
+    pose that comes nearest to covering a point of it with its figures, and `advice` for it. Of a
+    rig with a rule, `device` is the camera that is missed most, and the pose one of it; of a reason
+    of light, the nearest lamp, or the one that is mirrored.
 
     Parameters
     ----------
@@ -336,18 +348,23 @@ def zone_line(zone: Mapping[str, Any]) -> str:
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
-    first, *others = zone["groups"]
+    first, *others = zone_parts(zone)
     more = f" and {len(others)} more" if others else ""
     text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {first}{more}: "
     return text + zone_reason(zone)
 
 
+def zone_parts(zone: Mapping[str, Any]) -> list[str]:
+    """Names of what a zone is on, by falling area: groups, or the parts of which they are faces."""
+    return list(dict.fromkeys(map(body_of, zone["groups"])))
+
+
 def zone_reason(zone: Mapping[str, Any]) -> str:
-    """Reason of a zone, and what hides it."""
+    """Reason of a zone, what hides it, and of a rig with a rule the camera that fails."""
     text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
     if hider is not None:
-        text += f" by {'itself' if hider == zone['groups'][0] else hider}"
-    return text
+        text += f" by {'itself' if body_of(hider) == zone_parts(zone)[0] else body_of(hider)}"
+    return text + (f" ({zone['device']})" if zone.get("device") else "")
 
 
 def _reasons(
@@ -356,11 +373,11 @@ def _reasons(
     """Reason and hiding group of the first n zones."""
     if not len(poses):
         nothing = {"reason": "no_cameras", "hidden_by": None, "nearest": None}
-        return [nothing | {"advice": REASONS["no_cameras"].advice}] * n
+        return [nothing | {"advice": general_advice("no_cameras")}] * n
     if not n:
         return []
     each = int(np.clip(PAIRS // (n * len(poses)), LEAST_POINTS, MOST_POINTS))
-    points, piece = _points(zones, n, each)
+    points, piece = points_of(zones, n, each)
     face = zones.face[piece].astype(np.int64)
     is_seen = zones.views[piece] > 0
     reason = np.where(is_seen, Reason.COVERED, Reason.DEGENERATE).astype(np.uint8)
@@ -368,33 +385,49 @@ def _reasons(
     mesh = zones.mesh
     hidden = np.zeros((len(points), len(mesh.groups)), np.int32)
     rows = np.flatnonzero(~is_seen)
-    judged = first_failures(mesh, camera, task, poses, points[rows], face[rows])
-    for pose, (fails, hidden_by) in enumerate(judged):
+    judged = failures_of_rows(mesh, camera, task, poses, points[rows], face[rows])
+    for pose, fails, hidden_by in judged:
         # No camera covers these points: where none of the criteria fails, it is a coincident
         # surface in front, or rounding.
-        reason[rows] = np.maximum(reason[rows], np.minimum(fails, Reason.COVERED - 1))
-        unclear = fails == Reason.COVERED
-        in_pose[pose, rows] = np.where(unclear, np.uint8(Reason.OCCLUDED), fails)
-        reason[rows[unclear]] = np.maximum(reason[rows[unclear]], Reason.OCCLUDED)
+        why = np.where(fails == Reason.COVERED, np.uint8(Reason.OCCLUDED), fails)
+        reason[rows] = np.maximum(reason[rows], why)
+        in_pose[pose, rows] = why
         at = np.flatnonzero(hidden_by >= 0)
         np.add.at(hidden, (rows[at], mesh.face_group[hidden_by[at]]), 1)
-    zone, found = zones.zone[piece], []
+    zone, found, gates, spaces = zones.zone[piece], [], gates_of(camera), _Spaces(mesh)
     for row in range(n):
         of_zone = zone == row
         winner = int(np.bincount(reason[of_zone]).argmax())
         counts = hidden[of_zone & (reason == Reason.OCCLUDED)].sum(axis=0)
         hides = winner == Reason.OCCLUDED and counts.any()
-        name = "too_few_views" if winner == Reason.COVERED else Reason(winner).name.lower()
+        name = "too_few_views" if winner == Reason.COVERED else NAMES[winner]
         hider = mesh.groups[int(counts.argmax())].name if hides else None
         entry = {"reason": name, "hidden_by": hider}
         of_reason = np.flatnonzero(of_zone & (reason == winner))
         away = points[of_reason] - points[of_reason].mean(axis=0)
         at = of_reason[(away**2).sum(axis=1).argmin()]  # the one in the middle
         failing = np.flatnonzero(in_pose[:, at] == winner)
+        if gates and len(failing) and winner < BASELINE:
+            of_camera = np.bincount(poses.camera[np.nonzero(in_pose[:, of_reason] == winner)[0]])
+            device = int(of_camera.argmax())
+            entry["device"] = names_of(camera)[device]
+            own_poses = failing[poses.camera[failing] == device]
+            failing = own_poses if len(own_poses) else failing
+        if name == "occluded" and row < MOST_LINES and len(failing) > 1:
+            eyes = poses.world_from_camera[failing, :3, 3]
+            failing = failing[spaces.nearest_in_one_space(eyes, points[at], int(face[at]))]
         surface = points[at], frames_of(mesh).normal[face[at]]
+        if UNLIT <= winner <= HIGHLIGHT and isinstance(camera, Rig) and len(failing):
+            entry["device"] = failing_lamp(camera, poses[failing[:1]], *surface, winner)
         own = mesh.groups[mesh.face_group[face[at]]].name
-        before = "another part of it" if hider == own else hider or ""
-        found.append(entry | _nearest(camera, task, poses[failing], *surface, name, before))
+        before = "" if hider is None else body_of(hider)
+        before = "another part of it" if before == body_of(own) else before
+        said = _nearest(camera, task, poses[failing], *surface, name, before)
+        if name == "occluded" and row < MOST_LINES and said["nearest"]:
+            best = poses[np.flatnonzero(poses.ids == said["nearest"]["pose"])]
+            sight = where_seen(mesh, camera, task, best, points[at], int(face[at]))
+            said["advice"] = sight.format(said["advice"], before or "a surface")
+        found.append(entry | said)
     return found
 
 
@@ -403,14 +436,17 @@ def _nearest(
     hider: str,
 ) -> dict[str, Any]:  # fmt: skip
     """`advised` for a point, by the nearest `MOST_NEAREST` of poses that fail for one reason."""
-    if name == "too_few_views" or not len(poses):
-        return {"nearest": None, "advice": REASONS[name].advice}
+    if name.upper() not in Reason.__members__ or not len(poses):
+        return {"nearest": None, "advice": general_advice(name)}
     some, cameras = nearest_to(poses, point), cameras_of(camera)
     figures = [
         figures_of_point(cameras[of], pose, point, normal)
         for pose, of in zip(some.world_from_camera, some.camera, strict=True)
     ]
-    row = nearest_row(name, figures, task)
+    own = tasks_of(camera, task)
+    # Thresholds are compared among poses of one camera, or of the same task.
+    row = nearest_row(name, figures, own[some.camera[0]])
+    task = own[some.camera[row]]
     return advised(camera, task, some[row : row + 1], figures[row], point[None], name, hider)
 
 
@@ -452,7 +488,69 @@ def advised(
     }
 
 
-def _points(zones: DeadZones, n: int, each: int) -> tuple[FloatArray, IntArray]:
+@dataclass(frozen=True, eq=False)
+class _Spaces:
+    """Spaces of a scene: a wall between two rooms divides them, a crate in a room does not."""
+
+    mesh: Mesh
+
+    @cached_property
+    def _tree(self) -> tuple[TriangleTree, IntArray, FloatArray, float]:
+        """Tree of what hides, row of each face in it, and middle and size of the scene."""
+        mesh = self.mesh
+        solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
+        middle, size = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        row = np.full(mesh.n_faces, -1)
+        row[solid] = np.arange(len(solid))
+        tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[solid])
+        return tree, row, middle, size
+
+    def nearest_in_one_space(self, eyes: FloatArray, point: FloatArray, face: int) -> IntArray:
+        """Rows of centres (P, 3) that see a place which sees a point of a face, or of all.
+
+        Of the `MOST_NEAREST` that are nearest to the point, at the places of `where_seen`.
+        """
+        tree, own, middle, size = self._tree
+        away = np.linalg.norm(eyes - point, axis=1)
+        near = np.argsort(away, kind="stable")[:MOST_NEAREST]
+        n = len(NEARER) * PLACES
+        reach = np.multiply.outer(away[near], np.array(NEARER))
+        places = point + np.multiply.outer(reach, fibonacci_sphere(PLACES)).reshape(-1, 3)
+        ends = np.concatenate([np.broadcast_to(point, places.shape), np.repeat(eyes[near], n, 0)])
+        starts = (np.concatenate([places, places]) - middle) / size
+        along = (ends - middle) / size - starts
+        length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
+        but = np.concatenate([np.full(len(places), own[face]), np.full(len(places), -1)])
+        hits = tree.first_hits(starts, along / length[:, None], length, but)
+        is_one = (hits.reshape(2, len(near), n).max(axis=0) < 0).any(axis=1)
+        return near[is_one] if is_one.any() else np.arange(len(eyes))
+
+
+def where_seen(
+    mesh: Mesh, camera: Cameras, task: Task, pose: Poses, point: FloatArray, face: int
+) -> str:
+    """Advice with the nearest place to which one camera is moved to cover a point that is hidden.
+
+    Of `PLACES` around the point, at each of `NEARER` of its distance, where it looks at the point.
+    The text wants what is known without it, and the name of what hides the point.
+    """
+    eye = pose.world_from_camera[0, :3, 3]
+    away = float(np.linalg.norm(eye - point))
+    around = np.multiply.outer(away * np.array(NEARER), fibonacci_sphere(PLACES))
+    places = point + around.reshape(-1, 3)
+    moves = np.linalg.norm(places - eye, axis=1)
+    order = np.argsort(moves, kind="stable")
+    poses = Poses.of(look_at(places[order], point), camera=pose.camera.repeat(len(order)))
+    judged = first_failures(mesh, camera, task, poses, point[None], np.array([face]))
+    for row, (reason, _) in zip(order.tolist(), judged, strict=True):
+        if reason[0] == Reason.COVERED:
+            digits = int(np.clip(2 - math.floor(math.log10(away)), 0, 9))
+            place = ", ".join(signed(value, digits) for value in places[row].tolist())
+            return f"{{0}}: by {in_metres(float(moves[row]))}, to ({place}) m"
+    return f"{{1}} is between, and none of {len(order)} places within {in_metres(away)} covers it"
+
+
+def points_of(zones: DeadZones, n: int, each: int) -> tuple[FloatArray, IntArray]:
     """Points of the first n zones, the same number of each, and their pieces.
 
     At equal steps of the area of the triangles that the pieces are fans of.

@@ -1,0 +1,452 @@
+"""Smooth criteria of points of a surface, by which `Regions.where` cuts.
+
+A criterion is a function g of the points of a face, with its slope and a bound of what is not
+linear in it, see `rastercov/native/area/criteria.hpp`; it holds where g >= 0. Those of several
+devices take the devices that see each piece from `Regions.devices`, and all of them where it has
+none. Devices of which a point is behind, or hidden, are not looked for: cut regions that they see.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_choice, finite_points, flag, members
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
+from rastercov.camera.rule import MOST_DEVICES, Gate
+
+FloatArray = NDArray[np.float64]
+
+
+class Cut(NamedTuple):
+    """Loops of `native.area_cut`, cut_by_NAME and values_of_NAME, and the record that they take."""
+
+    name: str
+    record: tuple[Any, ...]
+
+
+@runtime_checkable
+class Criterion(Protocol):
+    """A condition that `Regions.where` takes."""
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """Cuts one after another, for regions of that many rows."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RayAngle(InOneLine):
+    """Angle between the rays from a point to two centres of cameras.
+
+    Attributes
+    ----------
+    eyes : (2, 3) or (P, 2, 3) float64
+        Metres; those of each row of regions, or of all.
+    degrees : float
+        Limit, [0, 180].
+    is_least : bool
+        True where the angle is to be at least the limit, False where at most.
+
+    Raises
+    ------
+    ConfigError
+        For values that are none of these.
+    """
+
+    eyes: ArrayLike
+    degrees: float
+    is_least: bool = True
+
+    def __post_init__(self) -> None:
+        _set(self, eyes=_points("eyes", self.eyes, (2, 3)))
+        _set(self, degrees=_angle("degrees", self.degrees, 180), is_least=_is_least(self))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        sign = -1.0 if self.is_least else 1.0
+        limit = sign * math.cos(math.radians(self.degrees))
+        return [Cut("angle", (_rows("eyes", self.eyes, n_rows), sign, limit))]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Illuminance(InOneLine):
+    """Illuminance of a point by lamps, I h / d^3 of each that sees it, added up.
+
+    I = I0 cos^m of the angle to the axis of the lamp, where that is below 90 degrees, or I0 for m =
+    0; or I0 times a table. h is the height of the lamp over the plane of the face, d its distance.
+
+    Attributes
+    ----------
+    positions : (n, 3) or (P, n, 3) float64
+        Metres; up to 64 lamps, those of each row of regions, or of all. Lamp j counts on pieces
+        whose `Regions.devices` have bit j.
+    limit : float
+        Of the illuminance: lx for cd, W/m^2 for W/sr; above 0.
+    intensities : float, or (n,) or (P, n) float64
+        I0, cd or W/sr, 0 or more.
+    axes : (n, 3) or (P, n, 3) float64, optional
+        Directions of light, of any length; (0, 0, 1) unless given.
+    exponents : float, or (n,) or (P, n) float64
+        m, 0, or 1 to 1000.
+    tables : sequence of (K, 4) float64
+        Tables of I / I0 by the cosine of the angle to the axis: rows of cosine, ascending from -1
+        to 1, value, and slope by the cosine before and after it, cubic in between.
+    table : int, or (n,) or (P, n) int64
+        Table of each lamp, -1 for its exponent.
+    is_least : bool
+        True where the illuminance is to be at least the limit, False where at most.
+
+    Raises
+    ------
+    ConfigError
+        For values that are none of these.
+    """
+
+    positions: ArrayLike
+    limit: float
+    intensities: ArrayLike = 1.0
+    axes: ArrayLike = (0.0, 0.0, 1.0)
+    exponents: ArrayLike = 0.0
+    tables: Sequence[ArrayLike] = field(default=())
+    table: ArrayLike = -1
+    is_least: bool = True
+
+    def __post_init__(self) -> None:
+        _set(self, positions=_points("positions", self.positions, (-1, 3)))
+        shape = self._positions.shape
+        if not 1 <= shape[-2] <= MOST_DEVICES:
+            raise ConfigError(f"positions must be of 1 to {MOST_DEVICES} lamps, got {shape[-2]}")
+        axes = _like("axes", self.axes, shape)
+        lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
+        if not (lengths > 0).all():
+            raise ConfigError("axes must be directions, got one of length 0")
+        intensities = _like("intensities", self.intensities, shape[:-1])
+        exponents = _like("exponents", self.exponents, shape[:-1])
+        if not (intensities >= 0).all():
+            raise ConfigError(f"intensities must be 0 or more, got {shown(self.intensities)}")
+        if not ((exponents == 0) | ((exponents >= 1) & (exponents <= 1000))).all():
+            raise ConfigError(f"exponents must be 0, or 1 to 1000, got {shown(self.exponents)}")
+        if hasattr(self.tables, "__len__") and len(self.tables) > MOST_DEVICES:
+            raise ConfigError(f"tables must be at most {MOST_DEVICES}, got {len(self.tables):,}")
+        tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
+        table = _like("table", self.table, shape[:-1])
+        if not np.isin(table, np.arange(-1, len(tables))).all():
+            raise ConfigError(f"table must be a row of {len(tables)} tables, or -1, got {table}")
+        _set(self, axes=axes / lengths, intensities=intensities, exponents=exponents)
+        _set(self, tables=tables, table=table.astype(np.int64), is_least=_is_least(self))
+        _set(self, limit=_positive("limit", self.limit))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        sign = 1.0 if self.is_least else -1.0
+        names = ("positions", "axes", "intensities", "exponents", "table")
+        ndims = (2, 2, 1, 1, 1)
+        arrays = [
+            _rows(name, getattr(self, name), n_rows, ndim)
+            for name, ndim in zip(names, ndims, strict=True)
+        ]
+        starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
+        knots = np.concatenate([np.empty((0, 4)), *self.tables])
+        lamps = (*arrays, knots, starts.astype(np.int64))
+        return [Cut("light", (lamps, sign, sign * self.limit))]
+
+    @property
+    def _positions(self) -> FloatArray:
+        return np.asarray(self.positions)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Highlight(InOneLine):
+    """Angle between the normal and the half vector of the rays to a camera and to a lamp.
+
+    It is 0 where a mirror would show the lamp. On the side of the face that the camera is on.
+
+    Attributes
+    ----------
+    eyes : (3,) or (P, 3) float64
+        Centres of cameras, metres; that of each row of regions, or of all.
+    positions : (n, 3) or (P, n, 3) float64
+        Lamps, metres: the angle of each of them that sees a point, by `Regions.devices`.
+    degrees : float
+        Limit, [0, 90].
+    is_least : bool
+        True where angles are to be at least the limit: no highlight; False where at most.
+
+    Raises
+    ------
+    ConfigError
+        For values that are none of these.
+    """
+
+    eyes: ArrayLike
+    positions: ArrayLike
+    degrees: float
+    is_least: bool = True
+
+    def __post_init__(self) -> None:
+        _set(self, eyes=_points("eyes", self.eyes, (3,)))
+        _set(self, positions=_points("positions", self.positions, (-1, 3)))
+        n = np.asarray(self.positions).shape[-2]
+        if not 1 <= n <= MOST_DEVICES:
+            raise ConfigError(f"positions must be of 1 to {MOST_DEVICES} lamps, got {n}")
+        _set(self, degrees=_angle("degrees", self.degrees, 90), is_least=_is_least(self))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        eyes = _rows("eyes", self.eyes, n_rows, 1)
+        lamps = _rows("positions", self.positions, n_rows, 2)
+        sign, cosine = 1.0 if self.is_least else -1.0, math.cos(math.radians(self.degrees))
+        return [
+            Cut("highlight", (eyes, lamps[:, at].copy(), at, sign, cosine))
+            for at in range(lamps.shape[1])
+        ]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeamDensity(InOneLine):
+    """Beams a m^2 of a scanner that turns by equal steps about an axis, and in elevation.
+
+    h / (d^2 rho D^2) for the step D and the distance rho from the axis.
+
+    Attributes
+    ----------
+    centres, axes : (3,) or (P, 3) float64
+        Metres; of each row of regions, or of all. Axes are of any length.
+    step_deg : float
+        Between two beams, (0, 90].
+    limit : float
+        Least beams a m^2, above 0.
+
+    Raises
+    ------
+    ConfigError
+        For values that are none of these.
+    """
+
+    centres: ArrayLike
+    axes: ArrayLike
+    step_deg: float
+    limit: float
+
+    def __post_init__(self) -> None:
+        _set(self, centres=_points("centres", self.centres, (3,)))
+        axes = _points("axes", self.axes, (3,))
+        lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
+        if not (lengths > 0).all():
+            raise ConfigError("axes must be directions, got one of length 0")
+        step = _positive("step_deg", _angle("step_deg", self.step_deg, 90))
+        _set(self, axes=axes / lengths, step_deg=step, limit=_positive("limit", self.limit))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        arrays = [_rows(name, getattr(self, name), n_rows, 1) for name in ("centres", "axes")]
+        scale = np.full(n_rows, math.radians(self.step_deg) ** -2)
+        return [Cut("beams", (*arrays, scale, np.full(n_rows, self.limit)))]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Uncertainty(InOneLine):
+    """Standard deviation of a point that several devices measure, from one information matrix.
+
+    M = sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser sheets
+    of normal m, and cos(i)^2 u u^T / s^2 for ranges besides; the covariance is its inverse. Errors
+    are small, independent and without bias.
+
+    Attributes
+    ----------
+    eyes : (n, 3) or (P, n, 3) float64
+        Centres of up to 64 devices, metres, of each row of regions, or of all. Device j counts on
+        pieces whose `Regions.devices` have bit j.
+    limit : float
+        Largest standard deviation, metres, above 0.
+    noise : float, or (n,) or (P, n) float64
+        sigma: standard deviation of rays or stripes, radians, above 0.
+    stripes : (n, 3) or (P, n, 3) float64, optional
+        Directions of stripes in space, such as the image columns of a projector, or an axis in a
+        laser sheet; (0, 0, 0) for devices that measure rays.
+    ranges : float, or (n,) or (P, n) float64
+        s: standard deviation of the range at right angles, metres; 0 where none is measured, as of
+        stripes.
+    along : {"worst", "normal"}
+        Direction of the deviation: the worst, or the normal of the surface.
+
+    Raises
+    ------
+    ConfigError
+        For values that are none of these.
+    """
+
+    eyes: ArrayLike
+    limit: float
+    noise: ArrayLike
+    stripes: ArrayLike = (0.0, 0.0, 0.0)
+    ranges: ArrayLike = 0.0
+    along: str = "worst"
+
+    def __post_init__(self) -> None:
+        eyes = _points("eyes", self.eyes, (-1, 3))
+        if not 1 <= eyes.shape[-2] <= MOST_DEVICES:
+            raise ConfigError(f"eyes must be of 1 to {MOST_DEVICES} devices, got {eyes.shape[-2]}")
+        noise, ranges = (
+            _like(name, getattr(self, name), eyes.shape[:-1]) for name in ("noise", "ranges")
+        )
+        if not (noise > 0).all() or not (ranges >= 0).all():
+            raise ConfigError("noise must be above 0, and ranges 0 or more")
+        stripes = _like("stripes", self.stripes, eyes.shape)
+        lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
+        if ((lengths[..., 0] > 0) & (ranges > 0)).any():
+            raise ConfigError("a device measures stripes or ranges, not both")
+        check_choice("along", self.along, ("worst", "normal"))
+        _set(self, eyes=eyes, noise=noise, ranges=ranges, limit=_positive("limit", self.limit))
+        _set(self, stripes=stripes / np.where(lengths > 0, lengths, 1.0))
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        return [self._cut(n_rows, is_closed=True)]
+
+    def _cut(self, n_rows: int, *, is_closed: bool) -> Cut:
+        """The cut by the closed form of two devices, or by eigenvalues always."""
+        names, ndims = ("eyes", "stripes", "noise", "ranges"), (2, 2, 1, 1)
+        arrays = [
+            _rows(name, getattr(self, name), n_rows, ndim)
+            for name, ndim in zip(names, ndims, strict=True)
+        ]
+        return Cut("uncertainty", (tuple(arrays), self.limit, self.along == "normal", is_closed))
+
+
+class PixelDensity(NamedTuple):
+    """Pixels a m^2 of lenses with a closed form, of each row of regions: h / (d^2 rho) and h / d^3.
+
+    Attributes
+    ----------
+    centres, axes : (P, 3) float64
+        Of the panorama; (0, 0, 0) for a lens of equal area.
+    scales, limits : (P,) float64
+        Pixels a steradian at the horizon; least pixels a m^2, 0 where there is no limit.
+    """
+
+    centres: FloatArray
+    axes: FloatArray
+    scales: FloatArray
+    limits: FloatArray
+
+    def _cuts(self, n_rows: int) -> Sequence[Cut]:
+        """See `Criterion`."""
+        return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
+
+
+def uncertainty_of(gate: Gate, eyes: FloatArray, columns: FloatArray) -> Uncertainty:
+    """Criterion of rigs with a limit of the deviation: centres and image columns (P, n, 3)."""
+    stripes = np.zeros_like(columns)
+    stripes[..., gate.stripes, :] = columns[..., gate.stripes, :]
+    return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
+
+
+def deviations(
+    gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatArray
+) -> NDArray[np.float64]:
+    """(N,) standard deviations of points (N, 3) in their worst direction, by all devices, m.
+
+    Infinite where devices fix no point.
+    """
+    away = points[:, None] - eyes
+    distance = np.linalg.norm(away, axis=2, keepdims=True)
+    tiny = np.finfo(float).tiny
+    u = away / np.maximum(distance, tiny)
+    m = np.cross(u, columns)
+    m /= np.maximum(np.linalg.norm(m, axis=2, keepdims=True), tiny)
+    is_stripe = np.isin(np.arange(gate.n), gate.stripes)[:, None, None]
+    own = np.where(
+        is_stripe, m[..., None] * m[..., None, :], np.eye(3) - u[..., None] * u[..., None, :]
+    )
+    scale = np.maximum(distance[..., None] * np.array(gate.noise)[:, None, None], tiny)
+    # Relative to the nearest device, so that nothing overflows.
+    nearest = scale.min(axis=1, keepdims=True)
+    least = np.linalg.eigvalsh((own * (nearest / scale) ** 2).sum(axis=1))[:, 0]
+    with np.errstate(divide="ignore"):
+        found: FloatArray = nearest[:, 0, 0, 0] / np.sqrt(np.maximum(least, 0.0))
+    return found
+
+
+def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
+    """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
+    rays = eyes[:, None] - points
+    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), np.finfo(float).tiny)
+    pairs = combinations(range(len(eyes)), 2)
+    cosines = np.array([np.einsum("ni,ni->n", rays[a], rays[b]) for a, b in pairs])
+    if not len(cosines):
+        return np.ones(len(points), np.bool_)
+    found: NDArray[np.bool_] = cosines.min(axis=0) >= math.cos(math.radians(gate.most_deg))
+    if gate.least_deg > 0:
+        found &= cosines.min(axis=0) <= math.cos(math.radians(gate.least_deg))
+    return found
+
+
+def _set(criterion: Any, **values: Any) -> None:
+    for name, value in values.items():
+        object.__setattr__(criterion, name, value)
+
+
+def _is_least(criterion: Any) -> bool:
+    return flag("is_least", criterion.is_least)
+
+
+def _positive(name: str, value: Any) -> float:
+    number = finite_number(value)
+    if not number > 0:
+        raise ConfigError(f"{name} must be above 0, got {shown(value)}")
+    return number
+
+
+def _angle(name: str, value: Any, most: float) -> float:
+    number = finite_number(value)
+    if not 0 <= number <= most:
+        raise ConfigError(f"{name} must be 0 to {most}, got {shown(value)}")
+    return number
+
+
+def _points(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Coordinates of that shape, or one of them for each row of regions."""
+    ndim = np.ndim(values) if isinstance(values, np.ndarray | list | tuple) else len(shape)
+    wanted = ", ".join("n" if each < 0 else str(each) for each in shape) + "," * (len(shape) == 1)
+    words = f"coordinates ({wanted}) or (P, {wanted})"
+    return finite_points(name, values, (-1, *shape) if ndim > len(shape) else shape, words)
+
+
+def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Finite numbers, broadcast to a shape."""
+    given = np.asarray(values) if np.ndim(values) <= len(shape) else np.empty(0)
+    words = f"finite numbers that fit shape {shape}"
+    found = finite_points(name, values, (-1,) * given.ndim, words)
+    try:
+        return np.broadcast_to(found, shape)
+    except ValueError:
+        raise ConfigError(f"{name} must be {words}, got shape {found.shape}") from None
+
+
+def _rows(name: str, values: ArrayLike, n_rows: int, ndim: int = 2) -> Any:
+    """Values of each row of regions, contiguous."""
+    array = np.asarray(values)
+    if array.ndim == ndim:
+        array = np.broadcast_to(array, (n_rows, *array.shape))
+    if len(array) != n_rows:
+        raise ConfigError(
+            f"{name} must have one row for each of {n_rows} rows of regions, got {len(array)}"
+        )
+    return np.ascontiguousarray(array)
+
+
+def _table(values: Any) -> FloatArray:
+    words = "rows of cosine, value, slope before and slope after, cosines ascending from -1 to 1"
+    table = finite_points("tables", values, (-1, 4), words)
+    cosines = table[:, 0]
+    if len(table) < 2 or not (np.diff(cosines) > 0).all() or cosines[[0, -1]].tolist() != [-1, 1]:
+        raise ConfigError(f"tables must have {words}, got cosines {shown(cosines)}")
+    if not (table[:, 1] >= 0).all():
+        raise ConfigError("tables must have values of 0 or more")
+    return table

@@ -1,0 +1,113 @@
+"""Parts of pieces where a smooth criterion holds for certain, and undecided area as a bound.
+
+See `rastercov/native/area/cut.hpp`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.memory import read_only
+from rastercov.coverage.area.criteria import Cut
+from rastercov.coverage.area.frames import FacePolygons, frames_of
+from rastercov.coverage.area.polygons import polygon_areas
+from rastercov.mesh import Mesh
+from rastercov.native import area_cut, area_union
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+STRIP_REL = 2e-5
+"""Mean width of what is not decided, relative to the diagonal of the mesh."""
+
+
+class Parts(NamedTuple):
+    """Parts of pieces, for `native.area_cut`; `used` has the parts and their corners."""
+
+    xy: FloatArray
+    starts: IntArray
+    piece: IntArray
+    used: IntArray
+
+    @classmethod
+    def of_room(cls, n: int, corners: int) -> "Parts":
+        """Memory for n parts."""
+        starts, used = np.zeros(n + 1, np.int64), np.zeros(2, np.int64)
+        return cls(np.empty((corners, 2)), starts, np.empty(n, np.int64), used)
+
+    def with_more_room(self) -> "Parts":
+        """The same parts, with twice the room."""
+        n, corners = self.used.tolist()
+        room = self.of_room(2 * len(self.piece) + 64, 2 * len(self.xy) + 512)
+        room.xy[:corners], room.starts[: n + 1] = self.xy[:corners], self.starts[: n + 1]
+        room.piece[:n], room.used[:] = self.piece[:n], self.used
+        return room
+
+
+class Kept(NamedTuple):
+    """Parts of N pieces: corners, starts, piece and area of each; undecided area, (N,)."""
+
+    xy: FloatArray
+    starts: IntArray
+    piece: IntArray
+    area: FloatArray
+    undecided: FloatArray
+
+
+def parts_where(
+    polygons: FacePolygons, row: NDArray[np.int32], devices: IntArray | None, cut: Cut
+) -> Kept:
+    """Parts where a criterion holds; `row` is that of the criterion of each piece, (N,).
+
+    `devices` are those that count on each piece, as bits; all of them unless given.
+    """
+    mesh, n = polygons.mesh, len(polygons)
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    loop = getattr(area_cut, f"cut_by_{cut.name}")
+    of_pieces: Any = (
+        read_only(polygons.xy, np.float64), read_only(polygons.starts, np.int64),
+        read_only(polygons.face, np.int32), read_only(row, np.int32),
+        read_only(np.full(n, -1) if devices is None else devices, np.int64),
+    )  # fmt: skip
+    out, undecided, done = Parts.of_room(4 * n + 64, 16 * n + 512), np.zeros(n), 0
+    while True:
+        done = loop(
+            of_pieces, _planes(mesh), cut.record, STRIP_REL * size,
+            area_union.COINCIDENT_REL * size, done, undecided, out,
+        )  # fmt: skip
+        if done == n:
+            break
+        out = out.with_more_room()
+    count, corners = out.used.tolist()
+    xy, starts = out.xy[:corners].copy(), out.starts[: count + 1].copy()
+    return Kept(xy, starts, out.piece[:count], polygon_areas(xy, starts), undecided)
+
+
+def values_of(
+    mesh: Mesh, cut: Cut, face: IntArray, xy: FloatArray, *, row: Any = 0, devices: Any = -1,
+    radius: Any = 0.0,
+) -> FloatArray:  # fmt: skip
+    """(N, 4) value of a criterion at plane coordinates (N, 2) of faces, its slopes, and doubt.
+
+    Within `radius` of a point the value is off what is linear by the doubt at most. `row` and
+    `devices` are as for `parts_where`.
+    """
+    n, loop = len(face), getattr(area_cut, f"values_of_{cut.name}")
+
+    def column(values: Any, kind: Any) -> Any:
+        return read_only(np.broadcast_to(values, n), kind)
+
+    xyr = np.column_stack([xy, np.broadcast_to(radius, n)])
+    found = np.empty((n, 4))
+    loop(
+        _planes(mesh), cut.record, column(face, np.int32), column(row, np.int32),
+        column(devices, np.int64), read_only(xyr, np.float64), found,
+    )  # fmt: skip
+    return found
+
+
+def _planes(mesh: Mesh) -> Any:
+    frames = frames_of(mesh)
+    arrays = frames.origin, frames.x_axis, frames.y_axis
+    return tuple(read_only(each, np.float64) for each in arrays)

@@ -1,0 +1,219 @@
+"""Area that a laser line measures as its sheet is swept over a surface, or the part is turned.
+
+A point is measured at the moment when the sheet is on it, from where laser and camera are then:
+that is no perspective, and shadows are bounded by curves. So the sweep is N stations, each with the
+regions of laser and camera from its middle, within what its sheet passes: there two heights over
+planes have other signs. Stations add up; the error falls with their width, see `LaserLine`.
+
+F. Blais. Review of 20 years of range sensor development. 2004.
+"""
+
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.format import InOneLine
+from rastercov.camera.pose import valid_poses
+from rastercov.camera.rig import Rig
+from rastercov.coverage.area import polygons
+from rastercov.coverage.area.cut import Kept
+from rastercov.coverage.area.frames import frames_of, to_world
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated, tasks_of
+from rastercov.coverage.area.table import Regions, joined
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST_STATIONS = 4096
+"""Stations of a sweep."""
+AT_A_TIME = 8
+"""Stations between which faces that no sheet passes are left out."""
+ACROSS = 1.7320508075688772
+"""Tangent of 60 degrees: of the laser, to both sides of its sheet, so that it lights a station."""
+MOST_TURN = 0.0
+"""Cosine of the angle by which poses that follow one another differ at most."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LaserLine(InOneLine):
+    """Area that a laser line measures, by stations.
+
+    Attributes
+    ----------
+    regions : Regions
+        Measured by N stations; one row. Its bound is of them, and not of their width.
+    stations : int
+        N.
+    percent, doubled_percent : float
+        Part of the area of the task by N stations, and by 2 N: the difference says whether N is
+        enough. No bound is claimed.
+    """
+
+    regions: Regions
+    stations: int
+    percent: float
+    doubled_percent: float
+
+    def __str__(self) -> str:
+        change = self.doubled_percent - self.percent
+        return (
+            f"{self.percent:.3f} % of the area by {self.stations} stations; "
+            f"at {2 * self.stations}: {change:+.3f} points"
+        )
+
+
+def laser_line(
+    mesh: Mesh,
+    rig: Rig,
+    world_from_rig: ArrayLike,
+    task: Task | None = None,
+    *,
+    laser: str = "laser",
+    method: str | Engine = "certified",
+    threads: int | None = None,
+) -> LaserLine:
+    """Area that a laser line and its cameras measure on their way, by the rule of their rig.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The surface.
+    rig : Rig
+        Laser and cameras with a rule. The sheet of the laser is the plane of its x and z axes,
+        between the sides of its image; its height does not matter. It has thresholds of its own in
+        `tasks`, among them `max_incidence_deg`: without, faces along the sheet would count in half.
+    world_from_rig : (N + 1, 4, 4) array_like
+        Poses between which the N stations are, in their order: `conveyor` or `turntable` before a
+        pose. A part that turns on a table is a rig that turns the other way.
+    task : Task, optional
+        As for `rastercov.regions`.
+    laser : str
+        Name of the laser.
+    method, threads
+        As for `rastercov.regions`.
+
+    Raises
+    ------
+    CameraError
+        For a rig without a rule, and a laser that it does not have or that is no pinhole.
+    ConfigError
+        For a laser without its own thresholds, with pixel densities, or without an incidence limit.
+    PoseError
+        For fewer than two poses, more than 4097, and steps of more than 90 degrees.
+    """
+    rig = _with_sheet(rig, laser, Task() if task is None else task)
+    poses = valid_poses(world_from_rig)
+    if not 2 <= len(poses) <= MOST_STATIONS + 1:
+        raise PoseError(f"world_from_rig must be 2 to {MOST_STATIONS + 1} poses, got {len(poses)}")
+    middle = _between(poses)
+    doubled = np.empty((2 * len(poses) - 1, 4, 4))
+    doubled[::2], doubled[1::2] = poses, middle
+    own: dict[str, Any] = {"task": task, "laser": laser, "method": method, "threads": threads}
+    found = _swept(mesh, rig, poses, middle, **own)
+    finer = _swept(mesh, rig, doubled, _between(doubled), **own)
+    total = float(frames_of(mesh).areas[mesh.task_mask].sum())
+    percents = [100 * float(each.area.sum()) / max(total, 1e-300) for each in (found, finer)]
+    return LaserLine(found, len(middle), *percents)
+
+
+def _with_sheet(rig: Rig, laser: str, task: Task) -> Rig:
+    """The rig, whose laser reaches to both sides of its sheet; see `laser_line` for errors."""
+    if not isinstance(rig, Rig) or not rig.is_one:
+        raise CameraError(f"a laser line is a Rig with a rule, such as All(), got {shown(rig)}")
+    if laser not in rig.names:
+        raise CameraError(f"the rig has no {shown(laser)}; name its laser by laser=")
+    row = rig.names.index(laser)
+    own, sheet = tasks_of(rig, task)[row], rig.cameras[row]
+    sheet.check_pinhole("the laser is a pinhole of its fan", "give Camera.from_fov")
+    if laser not in rig.tasks or own.max_incidence_deg >= 90:
+        raise ConfigError(
+            f"{shown(laser)} needs max_incidence_deg below 90 in tasks of the rig: faces along the "
+            "sheet would count in half"
+        )
+    if own.min_pixels_per_m2 or own.min_pixel_density or own.min_facing_density:
+        raise ConfigError(f"{shown(laser)} has no pixels; leave pixel densities out of its tasks")
+    side = sheet.width
+    wide = replace(sheet, height=side, cy=side / 2, fy=side / 2 / ACROSS)
+    cameras = [*rig.cameras[:row], wide, *rig.cameras[row + 1 :]]
+    places = rig.rig_from_camera
+    return Rig(cameras, rig.names, places, rule=rig.rule, tasks=rig.tasks, fixed=rig.fixed)
+
+
+def _between(poses: FloatArray) -> FloatArray:
+    """(N, 4, 4) poses half way, along a screw, between N + 1 that follow one another."""
+    step = np.linalg.inv(poses[:-1]) @ poses[1:]
+    turn, moved = step[:, :3, :3], step[:, :3, 3]
+    if (np.trace(turn, axis1=1, axis2=2) < 1 + 2 * MOST_TURN).any():
+        raise PoseError("poses that follow one another must differ by 90 degrees at most; add some")
+    # R^1/2 is the rotation nearest to I + R, and (I + R^1/2) t' = t.
+    u, _, vt = np.linalg.svd(np.eye(3) + turn)
+    half = np.tile(np.eye(4), (len(step), 1, 1))
+    half[:, :3, :3] = u @ vt
+    half[:, :3, 3] = np.linalg.solve(np.eye(3) + half[:, :3, :3], moved[..., None])[..., 0]
+    found: FloatArray = poses[:-1] @ half
+    return found
+
+
+def _swept(
+    mesh: Mesh, rig: Rig, ends: FloatArray, middle: FloatArray, task: Task | None, laser: str,
+    method: str | Engine, threads: int | None,
+) -> Regions:  # fmt: skip
+    """Regions of the stations together, one row."""
+    row, parts = np.full(len(ends), rig.names.index(laser)), []
+    sheets = rig._placed(ends, row)
+    with closing(RegionPass(mesh, rig, task, method=method, threads=threads)) as finder:
+        for first in range(0, len(middle), AT_A_TIME):
+            own = sheets[first : first + AT_A_TIME + 1]
+            placed = rig.poses(middle[first : first + AT_A_TIME])
+            height = (mesh.vertices @ own[:, :3, 1].T - _levels(own))[mesh.faces]
+            is_above: NDArray[np.bool_] = height >= 0
+            is_passed = (is_above != is_above[:, :1]).any(axis=(1, 2))
+            is_passed |= (is_above != is_above[..., :1]).any(axis=(1, 2))  # between two sheets
+            found = finder.find(placed, closed=~is_passed)
+            parts.append(gated(_within(found, own, len(rig)), rig, placed))
+    whole = joined(parts)
+    return whole.at_least(1, np.zeros(len(whole.pose_ids), np.int64), one_side=False)
+
+
+def _levels(sheets: FloatArray) -> FloatArray:
+    """(N,) height of the centre of each laser along the normal of its sheet."""
+    found: FloatArray = np.einsum("ni,ni->n", sheets[:, :3, 1], sheets[:, :3, 3])
+    return found
+
+
+def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
+    """Parts of the regions of N stations of n devices between their sheets, (N + 1, 4, 4)."""
+    station, levels = regions.pose // n, _levels(sheets)
+
+    def heights(xy: FloatArray, starts: IntArray, rows: IntArray, of: int) -> FloatArray:
+        """Heights of corners of parts of the pieces of rows over a sheet of their station."""
+        piece = np.repeat(rows, np.diff(starts))
+        points, own = to_world(regions.mesh, regions.face[piece], xy), station[piece] + of
+        found: FloatArray = np.einsum("ni,ni->n", points, sheets[own, :3, 1]) - levels[own]
+        return found
+
+    every = np.arange(len(regions))
+    before = heights(regions.xy, regions.starts, every, 0)
+    xy, counts, piece = [], [], []
+    for sign in (1.0, -1.0):
+        first, starts, kept = polygons.clipped(regions.xy, regions.starts, sign * before)
+        height = heights(first, starts, kept, 1)
+        second, starts, own = polygons.clipped(first, starts, -sign * height)
+        xy.append(second)
+        counts.append(np.diff(starts))
+        piece.append(kept[own])
+    order = np.argsort(np.concatenate(piece), kind="stable")
+    ends = polygons.starts_of(np.concatenate(counts))
+    ordered, ends = polygons.chosen(np.concatenate(xy), ends, order)
+    found, ends, part = polygons.with_few_corners(ordered, ends)
+    areas, rows = polygons.polygon_areas(found, ends), np.concatenate(piece)[order][part]
+    return regions._with_parts(Kept(found, ends, rows, areas, np.zeros(len(regions))))

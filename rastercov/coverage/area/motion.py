@@ -1,0 +1,317 @@
+"""Coverage over time: regions of the frames of a motion, on the mesh in its rest pose.
+
+Plane coordinates of a face move with it. So regions of all frames are of one mesh, and time is a
+count: `Regions.at_least` over frames is what is covered in some frame, in a share of them, always.
+Frames of faces are chosen at rest and turned: chosen anew, rounding would decide between edges of
+equal length, and regions of two frames would have other coordinates.
+"""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_choice
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.camera.near_plane import near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, lamps_of
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.bodies import corners_of, moved_boxes
+from rastercov.mesh.motion import Motion
+
+FloatArray = NDArray[np.float64]
+
+MOST_PICTURES = 10_000
+"""Frames times cameras whose regions are held at once."""
+BESIDE_REL = 1e-9
+"""Margin of boxes of bodies that are compared in an image, relative to the greatest diagonal."""
+PARALLEL = 1e-12
+"""Sine of the angle between two directions through which no plane is laid."""
+FAR = 1e3
+"""Distance of bodies, in near limits, from which on the near plane cuts nothing of them."""
+POSES_A_TURN = 64
+"""Poses whose keys are made at a time."""
+VIEWS_AT = ("one time", "any time")
+"""Times at which several cameras cover a point."""
+
+
+def regions_over_time(
+    motion: Motion,
+    camera: Cameras,
+    poses: ArrayLike | Poses,
+    task: Task | None = None,
+    *,
+    body: str | Sequence[str] = "world",
+    method: str | Engine = "certified",
+    threads: int | None = None,
+) -> Regions:
+    """Regions of each pose in each frame, on the mesh of the motion in its rest pose.
+
+    Rows of a camera are those of an earlier frame where the task, the camera, and every body in
+    front of the task or beside it in the image, are as they were there.
+
+    Parameters
+    ----------
+    motion : Motion
+        T frames.
+    camera, poses, task, method, threads
+        As for `rastercov.regions`; R rows of the result.
+    body : str, or sequence of str
+        Body to which the cameras are fixed, all or each of several; `poses` are those at rest.
+
+    Returns
+    -------
+    Regions
+        Row t R + r is row r in frame t; `pose_ids` are those of each frame. Bodies that are absent
+        have none.
+    """
+    placed = Poses.of(poses)
+    if len(motion) * len(placed) > MOST_PICTURES:
+        raise ConfigError(
+            f"{len(motion):,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
+            "pictures; take fewer frames, or some cameras at a time"
+        )
+    if lamps_of(camera) is not None:
+        raise ConfigError("lamps light a still scene; leave out the motion or the lamps")
+    carried = carriers(motion, camera, body, placed)
+    sights, has_rules = Sights(motion), bool(gates_of(camera))
+    tables: list[Regions] = []
+    known: dict[bytes, int] = {}
+    rows = np.empty((len(motion), len(placed)), np.int64)
+    frames: list[Any] = [None] * len(motion)
+    n_rows = 0
+    for of_bodies in _by_presence(motion):
+        finder: RegionPass | None = None
+        with ExitStack() as stack:
+            for row in of_bodies.tolist():
+                mesh, kept = motion._at(row, of_occluders=False)
+                if finder is None:
+                    finder = RegionPass(mesh, camera, task, method=method, threads=threads)
+                    stack.callback(finder.close)
+                finder.set_mesh(mesh)
+                moved = carried_by(carried[:, row], placed)
+                near = near_limits(finder.cameras, mesh.opaque.bounds, moved)
+                keys = sights.of(row, moved, near)
+                new = {key: at for at, key in enumerate(keys) if key not in known}
+                if new or not tables:
+                    chosen = np.zeros(len(placed), np.bool_)
+                    chosen[list(new.values())] = True
+                    tables.append(_at_rest(finder.find(moved[chosen]), motion, kept))
+                    order = np.flatnonzero(chosen)
+                    known |= {keys[at]: n_rows + n for n, at in enumerate(order.tolist())}
+                    n_rows += len(order)
+                rows[row] = [known[key] for key in keys]
+                if has_rules:
+                    found = _in_frame(_rows_of(tables, rows[row]), mesh, kept, moved)
+                    frames[row] = _at_rest(gated(found, camera, moved), motion, kept)
+    if has_rules:
+        return joined(frames)
+    ids = np.tile(placed.ids, len(motion))
+    return replace(taken(joined(tables), rows.ravel()), pose_ids=ids)
+
+
+def carriers(
+    motion: Motion, camera: Cameras, body: str | Sequence[str], poses: Poses
+) -> FloatArray:
+    """(P, T, 4, 4) poses of the body that each camera is fixed to; ConfigError for no body."""
+    n = len(cameras_of(camera))
+    names = [body] * n if isinstance(body, str) else list(body)
+    if len(names) != n:
+        raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
+    tables = np.stack([motion.poses_of(name) for name in names])
+    poses.check_cameras(n)
+    found: FloatArray = tables[poses.camera]
+    return found
+
+
+def carried_by(carrier: FloatArray, poses: Poses) -> Poses:
+    """Poses of cameras on bodies by the poses of these, (P, 4, 4)."""
+    if (carrier == np.eye(4)).all():
+        return poses
+    matrices = carrier @ poses.world_from_camera
+    return Poses(matrices, poses.ids, matrices, {}, poses.camera)
+
+
+def _by_presence(motion: Motion) -> list[NDArray[np.int64]]:
+    """Frames by the bodies that are there."""
+    which = np.unique(motion.present, axis=0, return_inverse=True)[1].ravel()
+    return [np.flatnonzero(which == index) for index in range(which.max() + 1)]
+
+
+def _at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
+    """Regions of a frame on the mesh in its rest pose; sides are not those of the eyes there."""
+    return replace(
+        found,
+        mesh=motion.mesh,
+        face=kept[found.face].astype(np.int32),
+        pair_face=kept[found.pair_face].astype(np.int32),
+        eyes=np.full_like(found.eyes, np.nan),
+    )
+
+
+def _rows_of(tables: Sequence[Regions], rows: NDArray[np.int64]) -> Regions:
+    """Rows of several tables, by their numbers among all."""
+    ends = np.cumsum([len(each.pose_ids) for each in tables])
+    of = np.searchsorted(ends, rows, side="right")
+    parts = [
+        taken(tables[at], rows[of == at] - ends[at] + len(tables[at].pose_ids))
+        for at in np.unique(of).tolist()
+    ]
+    return taken(joined(parts), np.argsort(np.argsort(of, kind="stable"), kind="stable"))
+
+
+def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses) -> Regions:
+    """The reverse of `_at_rest`."""
+    place = np.zeros(found.mesh.n_faces, np.int32)
+    place[kept] = np.arange(len(kept))
+    eyes = poses.world_from_camera[:, :3, 3]
+    return replace(
+        found, mesh=mesh, face=place[found.face], pair_face=place[found.pair_face], eyes=eyes,
+        pose_ids=poses.ids,
+    )  # fmt: skip
+
+
+class Sights:
+    """Poses of all that a camera's regions depend on: those of equal keys have equal regions.
+
+    These are the camera, bodies with task faces, and bodies whose box no plane through the eye
+    separates from that of such a body; and the near plane, where a surface is not far beyond it.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion, scored = motion, motion.mesh.task_mask
+        diagonal = motion._diagonal
+        self._boxes = _grown(motion.boxes, BESIDE_REL * diagonal)
+        low, high = np.full((2, len(motion.names), 3), np.inf)
+        used = motion.mesh.vertices[motion.mesh.faces[scored]].reshape(-1, 3)
+        of = np.repeat(motion.body[scored], 3)
+        np.minimum.at(low, of, used)
+        np.minimum.at(high, of, -used)
+        self._task = _grown(corners_of(low, -high), BESIDE_REL * diagonal)
+        self._has_task = ~np.isnan(self._task[:, 0, 0])
+
+    def of(self, row: int, placed: Poses, near: FloatArray) -> list[bytes]:
+        """Key of each of P camera poses in a frame, by near limits (P,)."""
+        poses = placed.world_from_camera
+        bodies, is_there = self._motion.world_from_body[row], self._motion.present[row]
+        is_there = is_there & ~np.isnan(self._boxes[:, 0, 0])
+        matters = np.repeat((is_there & self._has_task)[None], len(poses), axis=0)
+        others = np.flatnonzero(is_there & ~self._has_task)
+        boxes = moved_boxes(self._boxes, bodies)
+        scored = moved_boxes(self._task, bodies)[is_there & self._has_task]
+        eyes = poses[:, None, None, :3, 3]
+        for part in range(0, len(poses), POSES_A_TURN):
+            some = slice(part, part + POSES_A_TURN)
+            for each in scored:
+                overlap = ~_are_separate(each - eyes[some], boxes[others] - eyes[some])
+                matters[some, others] |= overlap
+        local = (
+            np.swapaxes(bodies[:, :3, :3], 1, 2)
+            @ (poses[:, None, :3, 3] - bodies[:, :3, 3])[..., None]
+        )
+        low, high = self._boxes.min(axis=1), self._boxes.max(axis=1)
+        away = np.maximum(low - local[..., 0], local[..., 0] - high).clip(0)
+        is_far = ~(matters & ~(np.linalg.norm(away, axis=2) > FAR * near[:, None])).any(axis=1)
+        limits = np.where(is_far, 0.0, near)
+        return [
+            b"".join(each.tobytes() for each in (camera, pose, own, bodies[own], limit))
+            for camera, pose, own, limit in zip(placed.camera, poses, matters, limits, strict=True)
+        ]
+
+
+def _grown(boxes: FloatArray, margin: float) -> FloatArray:
+    """Boxes (B, 8, 3) with a margin on each side."""
+    return corners_of(boxes.min(axis=1) - margin, boxes.max(axis=1) + margin)
+
+
+def _are_separate(one: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
+    """(P, N) whether a plane through the eye separates two sets of directions.
+
+    `one`, (P, 1, 8, 3), and `others`, (P, N, 8, 3), are corners of boxes from each eye. If there is
+    such a plane, there is one through a corner of each.
+    """
+    normal = np.cross(one[..., :, None, :], others[..., None, :, :])
+    shape = normal.shape[:2]
+    normal = normal.reshape(*shape, 64, 3)
+    size = np.linalg.norm(normal, axis=-1, keepdims=True)
+    scale = np.linalg.norm(one, axis=-1).max(axis=-1) * np.linalg.norm(others, axis=-1).max(axis=-1)
+    is_plane = size[..., 0] > PARALLEL * scale[..., None]
+    normal = np.swapaxes(normal / np.where(size > 0, size, 1.0), -1, -2)
+    heights = [
+        each @ normal / np.linalg.norm(each, axis=-1).max(axis=-1)[..., None, None]
+        for each in (one, others)
+    ]
+    above, below = ([h.min(axis=-2) for h in heights], [h.max(axis=-2) for h in heights])
+    parts = (above[0] >= -PARALLEL) & (below[1] <= PARALLEL)
+    parts |= (below[0] <= PARALLEL) & (above[1] >= -PARALLEL)
+    found: NDArray[np.bool_] = (parts & is_plane).any(axis=-1)
+    return found
+
+
+def over_time(
+    regions: Regions,
+    motion: Motion,
+    over: str | float = "some",
+    *,
+    views: int = 1,
+    views_at: str = "one time",
+) -> Regions:
+    """The parts that at least `views` cameras cover for long enough; one row.
+
+    Parameters
+    ----------
+    regions : Regions
+        Of `regions_over_time`.
+    motion : Motion
+    over : {"some", "all"} or float
+        Time: some frame; all in which the body of the face is there; or a share of these, (0, 1].
+    views : int
+        Rows of one frame that cover a point.
+    views_at : {"one time", "any time"}
+        Whether they cover it at the same time, or each for so long at whatever times.
+    """
+    check_choice("views_at", views_at, VIEWS_AT)
+    if views_at == "one time":
+        return _long_enough(by_time(regions, motion, views), motion, over)
+    rows = np.arange(len(regions.pose_ids)).reshape(len(motion), _rows_a_frame(regions, motion))
+    alone = [_long_enough(taken(regions, own), motion, over) for own in rows.T]
+    return joined(alone).at_least(views, one_side=False)
+
+
+def by_time(regions: Regions, motion: Motion, views: int = 1) -> Regions:
+    """Parts that at least `views` rows of a frame cover, (T,) rows; see `over_time`."""
+    frame = np.arange(len(regions.pose_ids)) // _rows_a_frame(regions, motion)
+    if views == 1 and len(frame) == len(motion):
+        return regions
+    return regions.at_least(views, frame, one_side=False)
+
+
+def in_units(frames: Regions, motion: Motion) -> Regions:
+    """Rows of `by_time`, one for each unit of time."""
+    return taken(frames, np.repeat(np.arange(len(motion)), motion.units))
+
+
+def _rows_a_frame(regions: Regions, motion: Motion) -> int:
+    n_rows = len(regions.pose_ids)
+    if regions.mesh is not motion.mesh or n_rows % len(motion) or not n_rows:
+        raise ConfigError("regions and motion are of different meshes or frames; give its own")
+    return n_rows // len(motion)
+
+
+def _long_enough(frames: Regions, motion: Motion, over: str | float) -> Regions:
+    """Parts that rows of `by_time` cover long enough; one row."""
+    needed, units = motion._needed(over), in_units(frames, motion)
+    parts = [
+        units._of_faces(needed == k).at_least(k, one_side=False) for k in np.unique(needed).tolist()
+    ]
+    return joined(parts).at_least(1, np.zeros(len(parts), np.int64), one_side=False)

@@ -1,0 +1,390 @@
+"""Figures of coverage over time: by how long, by frame, and what hides the parts that are missed.
+
+A result is `regions_over_time` with a count. The parts that are covered long enough are regions of
+the mesh at rest, and so are the parts that are not, whose reasons are those of the frames in which
+they are missed.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine, percent, plural
+from rastercov.base.format import area as in_square_metres
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, led_by, names_of
+from rastercov.coverage.advice import general_advice
+from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.motion import (
+    by_time,
+    carried_by,
+    carriers,
+    in_units,
+    over_time,
+    regions_over_time,
+)
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.union import Covered, RegionUnion
+from rastercov.coverage.area.zones import dead_zones, points_of
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.reasons import NAMES, TOO_FEW_VIEWS, Reason
+from rastercov.coverage.task import Task
+from rastercov.mesh.groups import parts_of
+from rastercov.mesh.motion import Motion
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST_JUDGED = 48
+"""Frames, evenly spread, in which the reasons of what is missed are found."""
+MOST_NOT_ALWAYS = 5
+"""Zones that are not covered all the time in a summary, the largest."""
+IS_COVERED = np.uint8(255)
+"""Above all reasons, of which those of light and of rigs with a rule are above `Reason.COVERED`."""
+POINTS_OF_ZONE = 8
+"""Points of a dead zone that are judged in each."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OverTime(InOneLine):
+    """Coverage of a motion by cameras, over time; see `evaluate_over_time`.
+
+    Attributes
+    ----------
+    regions : Regions
+        Of `regions_over_time`: R rows a frame.
+    over : str or float
+        Time in which a point is covered.
+    body : str, or sequence of str
+        Body that carries the cameras, all or each.
+    """
+
+    motion: Motion
+    camera: Cameras
+    poses: Poses
+    task: Task
+    over: str | float
+    views_at: str
+    body: str | Sequence[str]
+    regions: Regions
+
+    def __post_init__(self) -> None:
+        if self.task.min_angle_deg > 0:
+            raise ConfigError("min_angle_deg is of cameras at one time; over time, give views")
+
+    @cached_property
+    def frames(self) -> Regions:
+        """Parts that enough cameras cover in each frame, a row each."""
+        return by_time(self.regions, self.motion, self.task.views)
+
+    @cached_property
+    def long_enough(self) -> Regions:
+        """Parts that are covered for as long as is asked for; one row."""
+        return over_time(
+            self.regions, self.motion, self.over, views=self.task.views, views_at=self.views_at
+        )
+
+    def alone(self) -> Regions:
+        """Parts that each camera covers long enough by itself; rows of a frame."""
+        rows = np.arange(len(self.regions.pose_ids)).reshape(len(self.motion), -1)
+        parts = [over_time(taken(self.regions, own), self.motion, self.over) for own in rows.T]
+        return replace(joined(parts), pose_ids=self.regions.pose_ids[rows[0]])
+
+    @cached_property
+    def time(self) -> Covered:
+        """Area of each face that is covered in 1 ... N units of time, and its pieces."""
+        found = RegionUnion(self.motion.mesh, int(self.motion.units.sum()))
+        found.add(in_units(self.frames, self.motion))
+        return found.covered()
+
+    def share_of_time(self) -> FloatArray:
+        """(F,) mean share, over a face, of the time in which its body is there."""
+        there = (self.motion.units @ self.motion.present)[self.motion.body]
+        area = frames_of(self.motion.mesh).areas
+        whole = np.maximum(there * area, np.finfo(float).tiny)
+        share: FloatArray = np.clip(self.time.area.sum(axis=0) / whole, 0.0, 1.0)
+        return share
+
+    def longest(self) -> IntArray:
+        """(F,) row of a frame that covers each face longest, by area and time; -1 for none."""
+        n_rows, n = len(self.regions.pose_ids) // len(self.motion), self.motion.mesh.n_faces
+        frame, row = np.divmod(self.regions.pair_pose.astype(np.int64), n_rows)
+        weights = self.regions.area * self.motion.units[frame]
+        worth = np.bincount(row * n + self.regions.pair_face, weights, n_rows * n)
+        of_rows = worth.reshape(n_rows, n)
+        return np.where(of_rows.any(axis=0), of_rows.argmax(axis=0), -1)
+
+    def share(self) -> float:
+        """Part of the area of the task faces that is covered long enough."""
+        return float(self.areas.summary()["percent"]) / 100
+
+    @cached_property
+    def areas(self) -> "TimeAreas":
+        """The same as the area of a network, for reports."""
+        return TimeAreas(self)
+
+    def curve(self) -> list[dict[str, float]]:
+        """Area that is covered in at least 1 ... N units of time, ready for JSON."""
+        mesh = self.motion.mesh
+        scored, total = mesh.task_mask, float(frames_of(mesh).areas[mesh.task_mask].sum())
+        n, unit = len(self.time.area), float(self.motion.durations[0] / self.motion.units[0])
+        rows = np.minimum(self.time.area[:, scored].sum(axis=1), total)
+        factor = 100 / total if total > 0 else 0.0
+        return [
+            {"time": unit * k, "share": k / n, "m2": float(m2), "percent": factor * float(m2)}
+            for k, m2 in enumerate(rows, start=1)
+        ]
+
+    def table(self) -> list[dict[str, Any]]:
+        """Each frame: start, duration, covered area, the camera that covers least, what hides most.
+
+        `hidden_by` is the body that hides most of what no camera covers, other than the world; None
+        where none does, or where the frame is not among those that are judged.
+        """
+        motion, mesh = self.motion, self.motion.mesh
+        scored, area = mesh.task_mask, frames_of(mesh).areas
+        own = np.bincount(
+            self.frames.pair_pose, np.where(scored[self.frames.pair_face], self.frames.area, 0.0),
+            len(motion),
+        )  # fmt: skip
+        n_rows = len(self.regions.pose_ids) // len(motion)
+        each = np.bincount(
+            self.regions.pair_pose,
+            np.where(scored[self.regions.pair_face], self.regions.area, 0.0),
+            len(self.regions.pose_ids),
+        ).reshape(len(motion), n_rows)
+        leads, names = self.poses.camera[led_by(self.camera, self.poses)], names_of(self.camera)
+        begins = np.cumsum(motion.durations) - motion.durations
+        found = []
+        for row in range(len(motion)):
+            total = float(area[scored & motion.present[row][motion.body]].sum())
+            worst = int(each[row].argmin())
+            found.append({
+                "frame": row, "time": float(begins[row]), "duration": float(motion.durations[row]),
+                "covered_m2": float(own[row]), "of_m2": total,
+                "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
+                "worst_pose": int(self.poses.ids[led_by(self.camera, self.poses)][worst]),
+                "worst_camera": names[leads[worst]],
+                "hidden_by": self._judged[1].get(row),
+            })  # fmt: skip
+        return found
+
+    @cached_property
+    def zones(self) -> Any:
+        """Dead zones: parts that are not covered long enough."""
+        n = len(self.time.area)
+        return dead_zones(self.time, np.clip(self.motion._needed(self.over), 1, n))
+
+    @cached_property
+    def _judged(self) -> tuple[list[dict[str, Any]], dict[int, str | None]]:
+        """Reason and hiding body of each listed zone; and the body that hides most in a frame."""
+        motion, zones = self.motion, self.zones
+        n = zones.listed()
+        if not n or not len(self.poses):
+            return [_said("no_cameras")] * n, {}
+        points, piece = points_of(zones, n, POINTS_OF_ZONE)
+        carried = carriers(motion, self.camera, self.body, self.poses)
+        face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
+        reasons = np.zeros((n, len(NAMES)), np.int64)
+        hides = np.zeros((n, len(motion.names)), np.int64)
+        own_body = [int(np.bincount(motion.body[face[zone == row]]).argmax()) for row in range(n)]
+        of_frames: dict[int, str | None] = {}
+        some = np.linspace(0, len(motion) - 1, min(MOST_JUDGED, len(motion)))
+        for row in np.unique(some.astype(np.int64)).tolist():
+            there = np.flatnonzero(motion.present[row][motion.body[face]])
+            if not len(there):
+                continue
+            mesh, kept = motion._at(row, of_occluders=False)
+            place = np.full(motion.mesh.n_faces, -1)
+            place[kept] = np.arange(len(kept))
+            pose = motion.world_from_body[row, motion.body[face[there]]]
+            moved = np.einsum("nij,nj->ni", pose[:, :3, :3], points[there]) + pose[:, :3, 3]
+            placed = carried_by(carried[:, row], self.poses)
+            best = np.zeros(len(there), np.uint8)
+            hider = np.full(len(there), -1)
+            judged = failures_of_rows(
+                mesh, self.camera, self.task, placed, moved, place[face[there]]
+            )
+            for _, found_reason, by in judged:
+                fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
+                better = fails >= best
+                hider[better] = np.where(fails == Reason.OCCLUDED, by, -1)[better]
+                best = np.maximum(best, fails)
+            weight = int(motion.units[row])
+            missed = np.flatnonzero(best != IS_COVERED)
+            np.add.at(reasons, (zone[there[missed]], best[missed]), weight)
+            hidden = missed[hider[missed] >= 0]
+            body = motion.body[kept[hider[hidden]]]
+            np.add.at(hides, (zone[there[hidden]], body), weight)
+            counts = np.bincount(body[body > 0], minlength=len(motion.names))
+            of_frames[row] = motion.names[int(counts.argmax())] if counts.any() else None
+        found = []
+        for own, moving, body_of in zip(reasons, hides[:, 1:], own_body, strict=True):
+            winner = int(own.argmax()) if own.any() else TOO_FEW_VIEWS
+            if winner != Reason.OCCLUDED or not moving.any():
+                found.append(_said(NAMES[winner]))
+                continue
+            hiding = 1 + int(moving.argmax())
+            before = "another part of it" if hiding == body_of else motion.names[hiding]
+            found.append(_said(NAMES[winner], motion.names[hiding], before))
+        return found, of_frames
+
+    def dead_zones(self) -> dict[str, Any]:
+        """Dead zones, the largest first, each with the body that hides it most, ready for JSON.
+
+        The world, which never moves, is no such body.
+        """
+        places = self.zones.places(self.zones.listed())
+        rows = [place | said for place, said in zip(places, self._judged[0], strict=True)]
+        return {"dead_zones": rows, "other_dead_zones": self.zones.others()}
+
+    def always(self) -> "OverTime":
+        """The same, where a point must be covered all the time."""
+        if self.over == "all":
+            return self
+        found = replace(self, over="all")
+        found.__dict__.update(time=self.time, frames=self.frames)
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """Figures over time, ready for JSON."""
+        curve, mesh = self.curve(), self.motion.mesh
+        total = float(frames_of(mesh).areas[mesh.task_mask].sum())
+        always, half = self.always(), self.half()
+        found = self.areas.summary()
+        factor = 100 / total if total > 0 else 0.0
+        return {
+            "over": self.over, "views": self.task.views, "views_at": self.views_at,
+            "frames": len(self.motion), "bodies": list(self.motion.names),
+            "covered": {name: found[name] for name in ("percent", "m2", "bound_m2", "of_m2")},
+            "ever_percent": curve[0]["percent"],
+            "always_percent": factor * float(always.long_enough.area.sum()),
+            "half_the_frames_percent": half,
+            "not_always": always.dead_zones()["dead_zones"][:MOST_NOT_ALWAYS],
+            "curve": curve, "by_frame": self.table(),
+        }  # fmt: skip
+
+    def half(self) -> float | None:
+        """Percentage by every second frame alone: how much the result depends on their number."""
+        motion = self.motion
+        if len(motion) < 4:
+            return None
+        n_rows = len(self.regions.pose_ids) // len(motion)
+        rows = np.arange(len(motion)) % 2 == 0
+        some = self.regions.of_poses(np.repeat(rows, n_rows))
+        found = replace(self, motion=motion._of_frames(rows), regions=some)
+        return 100 * found.share()
+
+    def lines(self) -> list[str]:
+        """The result for people."""
+        return time_lines({"over_time": self.summary()})
+
+
+def time_words(over: str | float) -> str:
+    """Time in which a point is covered, in words."""
+    share = "" if isinstance(over, str) else f"for at least {100 * over:.4g} % of the time"
+    return {"some": "in some frame", "all": "in all frames"}.get(str(over), share)
+
+
+def time_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines about `over_time` of a summary; none where it has none."""
+    if "over_time" not in summary:
+        return []
+    said = summary["over_time"]
+    ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
+    text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
+    text += f", of {plural(said['frames'], 'frame')}; ever {ever}, always {always}"
+    if said["half_the_frames_percent"] is not None:
+        text += f"; by every second frame {percent(said['half_the_frames_percent'] / 100)}"
+    hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
+    if not hidden or said["over"] == "all":
+        return [text]
+    largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
+    size = in_square_metres(largest["area_m2"])
+    return [text, f"not always: {size}, hidden most by {largest['hidden_by']}"]
+
+
+def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
+    """Reason and advice of a zone, and the body that hides it, named by `before` in the advice."""
+    advice = general_advice(name, before)
+    return {"reason": name, "advice": advice, "nearest": None, "hidden_by": hidden_by}
+
+
+class TimeAreas(AreaNetwork):
+    """Area that is covered long enough, as that of a network; zones are those over time."""
+
+    def __init__(self, found: OverTime) -> None:
+        super().__init__(found.motion.mesh, replace(found.task, views=1))
+        self.over_time = found
+        self.add(found.long_enough)
+
+    def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
+        """As of `AreaNetwork`; views are counted at each time already."""
+        return super().of_faces(members, 1)
+
+    def add_to(self, summary: dict[str, Any], views: Any = None) -> None:
+        """As of `AreaNetwork`; reasons are those of dead zones, not of whole faces at rest."""
+        super().add_to(summary, views)
+        zones, mesh = self.over_time.zones, self.mesh
+        why = [each["reason"] for each in self.over_time.dead_zones()["dead_zones"]]
+        of_piece = np.array([*map(NAMES.index, why), len(NAMES)])[np.minimum(zones.zone, len(why))]
+        group, parts = mesh.face_group, parts_of(mesh.groups).values()
+        members = [mesh.task_mask, *(group == row for row in range(len(mesh.groups)))]
+        members += [np.isin(group, rows) for rows in parts]
+        summary["not_covered_because"] = {}
+        for entry, own in zip(
+            (summary, *summary["groups"], *summary["parts"]), members, strict=True
+        ):
+            if "covered_area" in entry:
+                m2 = np.bincount(of_piece, zones.piece_area * own[zones.face], len(NAMES) + 1)
+                factor = 100 / max(entry["covered_area"]["of_m2"], np.finfo(float).tiny)
+                entry["seeable_not_covered_because"] = {
+                    NAMES[row]: {"m2": float(m2[row]), "area_percent": factor * float(m2[row])}
+                    for row in np.flatnonzero(m2[:-1])
+                }
+
+    def dead_zones(self, camera: Any, poses: Any, views: Any = None) -> dict[str, Any]:
+        """As of `OverTime`."""
+        return self.over_time.dead_zones()
+
+    def zones(self, views: Any = None) -> Any:
+        """As of `OverTime`."""
+        return self.over_time.zones
+
+
+def evaluate_over_time(
+    motion: Motion,
+    camera: Cameras,
+    poses: ArrayLike | Poses,
+    task: Task | None = None,
+    over: str | float = "some",
+    *,
+    views_at: str = "one time",
+    body: str | Sequence[str] = "world",
+    method: str | Engine = "certified",
+    threads: int | None = None,
+) -> OverTime:
+    """Coverage of a motion over time, by exact area.
+
+    Parameters
+    ----------
+    motion, camera, poses, body, method, threads
+        As for `regions_over_time`.
+    task : Task, optional
+        Thresholds; `views` cameras are wanted.
+    over : {"some", "all"} or float
+        Time in which they are; as for `over_time`, and so is `views_at`.
+    """
+    task, placed = Task() if task is None else task, Poses.of(poses)
+    motion._needed(over)
+    found = regions_over_time(
+        motion, camera, placed, task, body=body, method=method, threads=threads
+    )
+    return OverTime(motion, camera, placed, task, over, views_at, body, found)

@@ -1,0 +1,377 @@
+"""Regions of poses as one table of convex pieces, and the parts that k poses of a group cover."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_kind, checked_array, members
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.camera.rig import Cameras
+from rastercov.camera.rule import MOST_DEVICES
+from rastercov.coverage.area import polygons
+from rastercov.coverage.area.criteria import Criterion
+from rastercov.coverage.area.cut import Kept, parts_where
+from rastercov.coverage.area.division import Pieces
+from rastercov.coverage.area.frames import FacePolygons, frames_of
+from rastercov.coverage.area.overlay import Overlay
+from rastercov.coverage.task import Task
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Regions(FacePolygons):
+    """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
+
+    The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
+    face. `bound` holds for the area of a face by one pose: `|area - exact area| <= bound`.
+
+    Attributes
+    ----------
+    pose_ids : (P,) int64
+        Row of each pose in the input.
+    xy : (C, 2) float64
+        Corners in the plane coordinates of the faces (`rastercov.coverage.area.frames`), metres,
+        counter-clockwise seen from the front; at most 20 a piece.
+    starts : (N + 1,) int64
+        The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
+    face, pose : (N,) int32
+        Face of each piece, and row of its pose in `pose_ids`.
+    pair_pose, pair_face : (M,) int32
+        Pairs of pose and face with a piece or a bound, in the same order.
+    area, bound : (M,) float64
+        Covered area of each pair and the bound of its error, m^2.
+    eyes : (P, 3) float64
+        Centre of the camera of each pose, metres; NaN where a row is of several.
+    light : Light or None
+        `rastercov.coverage.area.light.Light` of the lamps of the cameras, where they have any;
+        pieces are not cut by it.
+    devices : (N,) int64, optional
+        Devices that see each piece, as bits, where criteria depend on them.
+    columns : (P, 3) float64, optional
+        Direction of the image columns of the camera of each pose, y of its axes.
+    """
+
+    camera: Cameras
+    task: Task
+    pose_ids: NDArray[np.int64]
+    pose: NDArray[np.int32]
+    pair_pose: NDArray[np.int32]
+    pair_face: NDArray[np.int32]
+    area: FloatArray
+    bound: FloatArray
+    eyes: FloatArray
+    light: Any = None
+    devices: IntArray | None = None
+    columns: FloatArray | None = None
+
+    def areas(self) -> FloatArray:
+        """(P, F) covered area of each face by each pose, m^2."""
+        return self._dense(self.area)
+
+    def bounds(self) -> FloatArray:
+        """(P, F) bounds of their errors, m^2."""
+        return self._dense(self.bound)
+
+    def _pieces(self, cell: NDArray[np.integer[Any]]) -> Pieces:
+        """The pieces in given cells, (N,), for an `Overlay`."""
+        tags = np.zeros(len(self), np.int64)
+        return Pieces(self.xy, self.starts, cell.astype(np.int64), tags)
+
+    def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
+        """Regions of some of the poses, (P,) bool."""
+        wanted = f"({len(self.pose_ids)},) True or False"
+        chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
+        if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
+            raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
+        return taken(self, np.flatnonzero(chosen))
+
+    def _of_faces(self, chosen: NDArray[np.bool_]) -> "Regions":
+        """Regions of some of the faces, (F,) bool, in all poses."""
+        return self._with(np.flatnonzero(chosen[self.face]), np.flatnonzero(chosen[self.pair_face]))
+
+    def at_least(self, k: int, of: ArrayLike | None = None, *, one_side: bool = True) -> "Regions":
+        """Regions that at least k poses of each group cover, a row of the result each.
+
+        Parts of two poses, such as a camera and a projector, are those that both cover. The bound
+        of an area is the sum of those of the group, at most the face.
+
+        Parameters
+        ----------
+        k : int
+            Poses of a group that cover a part.
+        of : (P,) int array_like, optional
+            Group of each pose; those below 0 are left out. Rows of the result are groups in
+            ascending order, and their `pose_ids` those of the first pose of each. All poses are one
+            group unless given.
+        one_side : bool
+            True where a part of a two-sided face counts when k poses on one side of it cover it;
+            False where those on both sides are counted together, as by `unite`.
+
+        Raises
+        ------
+        ConfigError
+            For k below 1, groups that are none, and for rows of several cameras on two-sided faces,
+            which have no side.
+        """
+        number = finite_number(k)
+        if not number.is_integer() or number < 1:
+            raise ConfigError(f"k must be a whole number, 1 or more, got {shown(k)}")
+        count = partial(_counted, k=int(number), of=self._groups(of))
+        if not one_side or number == 1:
+            return count(self)
+        return self._by_side(lambda part, _: count(part))
+
+    def by_devices(self, of: ArrayLike | None = None, *, needs: Sequence[int] = ()) -> "Regions":
+        """Regions that any pose of each group covers, divided by the poses that cover each piece.
+
+        `Regions.devices` of the result has a bit for each pose of the group, in their order.
+        Criteria of several devices, such as light that adds up, take those of each piece. The bound
+        of an area is the sum of those of the group: it holds for the area of any sets of poses.
+
+        Parameters
+        ----------
+        of : (P,) int array_like, optional
+            Group of each pose, as for `at_least`; up to 64 poses each.
+        needs : sequence of int
+            Numbers of poses of a group without which a part is left out.
+
+        Raises
+        ------
+        ConfigError
+            For groups that are none, or of more than 64 poses.
+        """
+        groups = self._groups(of)
+        numbers = np.zeros(len(groups), np.int64)
+        for group in np.unique(groups[groups >= 0]).tolist():
+            own = np.flatnonzero(groups == group)
+            numbers[own] = np.arange(len(own))
+        if numbers.max(initial=0) >= MOST_DEVICES:
+            raise ConfigError(
+                f"of must have up to {MOST_DEVICES} poses a group, got {numbers.max() + 1}"
+            )
+        wanted = members("needs", needs, (int, np.integer), "numbers of poses", ConfigError)
+        if not all(0 <= each < MOST_DEVICES for each in wanted):
+            raise ConfigError(f"needs must be 0 to {MOST_DEVICES - 1}, got {shown(needs)}")
+        return _counted(self, max(1, len(set(wanted))), groups, numbers, sorted(set(wanted)))
+
+    def _groups(self, of: ArrayLike | None) -> IntArray:
+        """Group of each pose, checked; see `at_least`."""
+        n = len(self.pose_ids)
+        wanted = f"a whole number for each of {n} poses"
+        of = np.zeros(n, np.int64) if of is None else of
+        groups = checked_array("of", of, "iu", wanted, ConfigError)
+        if groups.shape != (n,):
+            raise ConfigError(f"of must be {wanted}, got shape {groups.shape}")
+        return groups.astype(np.int64)
+
+    def _by_side(self, make: Callable[["Regions", bool], "Regions"]) -> "Regions":
+        """Regions made of those on each side of two-sided faces apart, and united.
+
+        `make` gives regions of the same rows for both sides, of a side and whether it is the rear.
+        """
+        sides = self._sides()
+        if len(sides) == 1:
+            return make(self, False)
+        parts = [make(part, is_rear) for part, is_rear in zip(sides, (False, True), strict=True)]
+        row = np.arange(len(parts[0].pose_ids))
+        return _counted(joined(parts), 1, np.tile(row, 2))
+
+    def _sides(self) -> tuple["Regions", ...]:
+        """Regions from the front and from the rear of two-sided faces; one where none is."""
+        two_sided, frames = self.mesh.two_sided_mask[self.pair_face], frames_of(self.mesh)
+        away = self.eyes[self.pair_pose] - frames.origin[self.pair_face]
+        height = np.einsum("ni,ni->n", away, frames.normal[self.pair_face])
+        if np.isnan(height[two_sided]).any():
+            raise ConfigError(
+                "rows of several cameras have no side of a two-sided face; count them with "
+                "one_side=False, or in a Rig with a rule"
+            )
+        behind = two_sided & (height < 0)
+        if not behind.any():
+            return (self,)
+        n_faces = self.mesh.n_faces
+        keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
+        own = np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
+        return tuple(
+            self._with(np.flatnonzero(side[own]), np.flatnonzero(side))
+            for side in (~behind, behind)
+        )
+
+    def where(self, criterion: Criterion) -> "Regions":
+        """Parts where a criterion holds, such as `RayAngle`, `Illuminance` or `Highlight`.
+
+        Its curves are no polygons: what lies within 2e-5 of the diagonal of the mesh of them is not
+        decided, and is in the bounds.
+
+        Parameters
+        ----------
+        criterion : RayAngle, Illuminance, Highlight or BeamDensity
+            Of each row, or of all.
+
+        Raises
+        ------
+        ConfigError
+            For a criterion of other rows than these.
+        """
+        check_kind("criterion", criterion, Criterion, "a criterion, such as RayAngle", ConfigError)
+        found = self
+        for cut in criterion._cuts(len(self.pose_ids)):
+            found = found._with_parts(parts_where(found, found.pose, found.devices, cut))
+        return found
+
+    def _with_parts(self, kept: Kept) -> "Regions":
+        """Regions of parts of the pieces; what is undecided of these is in the bounds."""
+        xy, starts, piece, area, undecided = kept
+        n_faces = self.mesh.n_faces
+        keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
+        own = np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
+        n = len(keys)
+        sums = np.bincount(own[piece], area, n).astype(np.float64)
+        bound = self.bound + np.bincount(own, undecided, n)
+        bound = np.minimum(bound, frames_of(self.mesh).areas[self.pair_face])
+        is_listed = (sums > 0) | (bound > 0)
+        return replace(
+            self,
+            xy=xy,
+            starts=starts,
+            face=self.face[piece],
+            pose=self.pose[piece],
+            devices=None if self.devices is None else self.devices[piece],
+            pair_pose=self.pair_pose[is_listed],
+            pair_face=self.pair_face[is_listed],
+            area=sums[is_listed],
+            bound=bound[is_listed],
+        )
+
+    def _with(self, rows: IntArray, pairs: IntArray) -> "Regions":
+        """Regions of some rows of the pieces, and of the pairs; all poses stay."""
+        xy, starts = polygons.chosen(self.xy, self.starts, rows)
+        return replace(
+            self,
+            xy=xy,
+            starts=starts,
+            face=self.face[rows],
+            pose=self.pose[rows],
+            devices=None if self.devices is None else self.devices[rows],
+            pair_pose=self.pair_pose[pairs],
+            pair_face=self.pair_face[pairs],
+            area=self.area[pairs],
+            bound=self.bound[pairs],
+        )
+
+    def _dense(self, values: FloatArray) -> FloatArray:
+        full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
+        full[self.pair_pose, self.pair_face] = values
+        return full
+
+
+def joined(parts: Sequence[Regions]) -> Regions:
+    """Regions of all poses of several, of one mesh, in their order."""
+    n = np.cumsum([0] + [len(each.pose_ids) for each in parts]).astype(np.int32)
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in parts])
+        for name in ("xy", "face", "pose_ids", "pair_face", "area", "bound", "eyes")
+    }
+    for name in ("pose", "pair_pose"):
+        rows = [getattr(each, name) + first for each, first in zip(parts, n, strict=False)]
+        columns[name] = np.concatenate(rows)
+    sets = [each.devices for each in parts if each.devices is not None]
+    columns["devices"] = np.concatenate(sets) if len(sets) == len(parts) else None
+    axes = [each.columns for each in parts if each.columns is not None]
+    columns["columns"] = np.concatenate(axes) if len(axes) == len(parts) else None
+    counts = np.concatenate([np.diff(each.starts) for each in parts])
+    return replace(parts[0], starts=polygons.starts_of(counts), **columns)
+
+
+def taken(regions: Regions, rows: IntArray) -> Regions:
+    """Regions of some rows, (Q,), in this order."""
+    every = np.arange(len(regions.pose_ids) + 1)
+
+    def gathered(pose: NDArray[np.int32]) -> tuple[IntArray, NDArray[np.int32]]:
+        ends = np.searchsorted(pose, every)
+        counts = np.diff(ends)[rows]
+        first = np.repeat(ends[rows] - polygons.starts_of(counts)[:-1], counts)
+        return first + np.arange(len(first)), np.repeat(
+            np.arange(len(rows), dtype=np.int32), counts
+        )
+
+    pieces, pose = gathered(regions.pose)
+    pairs, pair_pose = gathered(regions.pair_pose)
+    return replace(
+        regions._with(pieces, pairs),
+        pose_ids=regions.pose_ids[rows],
+        pose=pose,
+        pair_pose=pair_pose,
+        eyes=regions.eyes[rows],
+        columns=None if regions.columns is None else regions.columns[rows],
+    )
+
+
+def _counted(
+    regions: Regions, k: int, of: IntArray, number: IntArray | None = None,
+    needs: Sequence[int] = (),
+) -> Regions:  # fmt: skip
+    """Regions that at least k poses of each group cover, whatever their sides; see `at_least`.
+
+    With numbers of poses in their groups, (P,), by the sets of poses, see `by_devices`.
+    """
+    mesh, n_faces = regions.mesh, regions.mesh.n_faces
+    groups, first = np.unique(of[of >= 0], return_index=True)
+    first = np.flatnonzero(of >= 0)[first]
+    row = np.searchsorted(groups, of)
+    is_used = of >= 0
+    # A face of a group with fewer than k poses is not covered, and that is exact.
+    keys = row[regions.pair_pose] * n_faces + regions.pair_face
+    keys[~is_used[regions.pair_pose]] = -1
+    slots, slot, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    is_asked = (slots >= 0) & (counts >= k)
+    place = np.cumsum(is_asked) - 1
+    pairs = is_asked[slot]
+    pose_face = regions.pose.astype(np.int64) * n_faces + regions.face
+    own = slot[
+        np.searchsorted(regions.pair_pose.astype(np.int64) * n_faces + regions.pair_face, pose_face)
+    ]
+    chosen = np.flatnonzero(is_asked[own])
+    slots = slots[is_asked]
+    group, face = np.divmod(slots, n_faces)
+    diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    overlay = Overlay(frames_of(mesh), face, diagonal, k if number is None else None)
+    of_pairs = (
+        regions.pair_pose[pairs],
+        place[slot[pairs]],
+        regions.area[pairs],
+        regions.bound[pairs],
+    )
+    pieces = regions._pieces(place[own]).taken(chosen)
+    overlay.add(pieces, regions.pose[chosen], of_pairs, number=number)
+    found = overlay.partition()
+    wanted = np.bitwise_or.reduce(np.int64(1) << np.array(needs, np.int64))
+    is_kept = found.tag >= k if number is None else (found.tag & wanted) == wanted
+    area, bound = overlay.areas(found, is_kept), overlay.bound
+    found = found.taken(np.flatnonzero(is_kept))
+    is_listed = (area > 0) | (bound > 0)
+    eyes = np.full((len(groups), 3), np.nan)
+    lone = np.bincount(row[is_used], minlength=len(groups)) == 1
+    eyes[lone] = regions.eyes[first[lone]]
+    return replace(
+        regions,
+        xy=found.xy,
+        starts=found.starts,
+        face=face[found.cell].astype(np.int32),
+        pose_ids=regions.pose_ids[first],
+        pose=group[found.cell].astype(np.int32),
+        pair_pose=group[is_listed].astype(np.int32),
+        pair_face=face[is_listed].astype(np.int32),
+        area=area[is_listed],
+        bound=bound[is_listed],
+        eyes=eyes,
+        devices=None if number is None else found.tag,
+        columns=None,
+    )
