@@ -9,7 +9,9 @@ All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
 from rastercov.base.typed import guard as _guard
+from rastercov.mesh.solids import in_solid
 from rastercov.placement.bits import CoveredBits
+from rastercov.placement.candidates.arm import Arm, on_arm
 from rastercov.placement.candidates.cavities import Access, Openings, openings
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -18,7 +20,6 @@ from rastercov.placement.candidates.clearance import (
     NearestSurface,
     Place,
     filter_candidates,
-    in_solid,
 )
 from rastercov.placement.candidates.mounting import (
     along,
@@ -61,6 +62,7 @@ from rastercov.placement.uncovered import Leftover, Sight, what_is_left
 
 __all__ = [
     "Access",
+    "Arm",
     "BestCoverage",
     "BitMatrix",
     "Candidates",
@@ -97,6 +99,7 @@ __all__ = [
     "in_room",
     "in_solid",
     "measure_matrix",
+    "on_arm",
     "on_box",
     "on_ceiling",
     "on_hemisphere",

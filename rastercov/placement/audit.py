@@ -25,7 +25,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of
 from rastercov.cluster import Made, Staff, Workers
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
@@ -34,7 +34,8 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.bits import CoveredBits
+from rastercov.native import coverage_spread
+from rastercov.placement.bits import CoveredBits, by_face
 from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import (
@@ -339,6 +340,8 @@ def audit(
         For a pose that is no rigid motion.
     """
     check_scene(mesh, camera)
+    if gates_of(camera):
+        raise ConfigError("an audit takes images one by one; give the cameras without their rule")
     task = Task() if task is None else task
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _texts("names", names, accepted)
@@ -401,9 +404,9 @@ def audit(
     if cameras_apart(camera, accepted):
         labels = np.array(names_of(camera), object)[accepted.camera]
         of_camera = groups_of(problem, figures["covered"], labels.tolist())
-    own = vars(each) | {"names": words, "subset": select_greedy(problem)}
+    groups = vars(each) | {"names": words, "subset": select_greedy(problem)}
     return Audit(
-        **own, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
+        **groups, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
         problem=problem, network=network, areas=areas, **figures,
         frames=groups_of(problem, figures["covered"], instants, has_subset=True)
         if instants else None,
@@ -418,8 +421,6 @@ def element_figures(
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
     from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
-    from rastercov.kernels import spread
-    from rastercov.kernels.placement_presolve import by_face
 
     n = problem.n_faces
     starts, camera = by_face(*problem.bits.pairs(), n)
@@ -427,12 +428,14 @@ def element_figures(
     points, normals, matrices = (read_only(array, np.float64) for array in arrays)
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
-        spread.best_densities(
+        coverage_spread.best_densities(
             starts, camera, points, normals, matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
     widest = np.empty(n)
-    spread.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
+    coverage_spread.widest_angles(
+        starts, camera, points, np.ascontiguousarray(problem.eyes), widest
+    )
     views, covered = problem.covered_by(np.arange(len(poses)))
     return {
         "views": views, "covered": covered & (problem.weights > 0), "best_density": best,

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import BoolArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.kernels import placement_bits as kernels
+from rastercov.native import placement_bits as kernels
+from rastercov.native import placement_presolve
 
 Words = NDArray[np.uint64]
 Work = Callable[[Words, IntArray, slice], None]
@@ -224,6 +225,15 @@ class CoveredBits:
 
         threads = max(1, min(thread_count(None), len(turns)))
         share_poses(len(turns), [worker(make()) for _ in range(threads)])
+
+
+def by_face(
+    indptr: IntArray, face: NDArray[np.int32], n_faces: int
+) -> tuple[IntArray, NDArray[np.int32]]:
+    """Pairs of `CoveredBits.pairs` by face: row limits, (F + 1,), and the row of each pair."""
+    starts, rows = np.empty(n_faces + 1, np.int64), np.empty_like(face)
+    placement_presolve.by_face(indptr, face, starts, rows)
+    return starts, rows
 
 
 def unpacked(words: Words, n_faces: int) -> BoolArray:

@@ -9,11 +9,9 @@ On disk a matrix is a folder:
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
 scene.npz       mesh and cameras
 poses.npz       poses, (C, 4, 4), the candidates, and the camera of each
-pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered; of rigs also
-                camera_on_rig, a row for each camera of the rig
+pairs/*.npz     shards of consecutive poses, see `matrix_folder`
 sha256/*.sha256 the checksum of each of these files
 
-`pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
 A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
 most its current shard; run again with the same inputs it continues from there. Such a run makes a
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
@@ -33,19 +31,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
 from rastercov.cluster import Made, Staff, Workers, fill
 from rastercov.cluster.run import counted
-from rastercov.cluster.store import Note, locked
+from rastercov.cluster.store import Note, remove_halves
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.shards import LOG
 from rastercov.coverage.task import Task
-from rastercov.kernels import placement_bits as kernels
 from rastercov.mesh import Mesh
+from rastercov.native import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.matrix_folder import (
     NOT_ON_RIGS,
@@ -364,6 +363,7 @@ def measure_matrix(
     """
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
+        remove_halves(place)
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         is_given = poses_a_shard is not None
         matrix = claim(place, header, observer, placed, is_given, note)

@@ -1,9 +1,11 @@
-"""Folder of a visibility matrix: inputs, Parquet shards, checksums.
+"""Folder of a visibility matrix: inputs, shards, checksums.
 
 Two checks detect every change: each file has a checksum (`rastercov.cluster.store`), and each shard
 holds the header of its matrix and its own name, so that a shard of another matrix, or of other
-poses of the same matrix, is refused. Pages of shards also have the checksums of Parquet, for other
-readers (`page_checksum_verification` of pyarrow); those exclude headers, statistics and footer.
+poses of the same matrix, is refused.
+
+A shard is a file of `numpy.savez_compressed`: `counts` of the pairs of each pose; of each pair
+`face_step`, the face less that of the pair before it, `coverage`, and of rigs `camera_on_rig`.
 
 Shards are made in this process or by workers (`make`). Of the shards, bits are derived, (C, W)
 uint64, one row a candidate. They are in one mapped file without a name, because a process has some
@@ -15,12 +17,13 @@ import math
 import os
 import secrets
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +32,7 @@ from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig, cameras_of
+from rastercov.camera.rig import cameras_of, rows_of_result, with_places
 from rastercov.cluster import ShardStore
 from rastercov.cluster.inputs import (
     HEADER,
@@ -46,28 +49,26 @@ from rastercov.cluster.store import SUMS, DamagedError, Note, contents, remove, 
 from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.regions import RegionObserver
+from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.coverage.shards import hash_of, inputs_of
 from rastercov.coverage.task import Task
-from rastercov.kernels import placement_bits as kernels
+from rastercov.native import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
 FUNCTION = "rastercov.placement.matrix_folder:make"
 """Function by which workers make a shard."""
-ROWS_A_GROUP = 1 << 20
-"""Rows of a shard that Parquet compresses together."""
 MOST_THREADS = 4
 """Threads that read shards at a time; each takes some ten bytes a pair of one."""
-FORMAT = 3
+FORMAT = 4
+LEVEL = 1
+"""Of zlib: steps of faces and coverage are mostly 1, and compress at 0.2 GB/s."""
+COLUMNS = ("counts", "face_step", "coverage", "camera_on_rig")
 PAIRS, BOUNDS = "pairs", "bounds"
 """Folders of the shards, and of bounds, a file a worker."""
 WORDS = {
@@ -126,6 +127,8 @@ def pairs_of(
     is called with the number of poses that each batch ends.
     """
     cameras, owner = (poses, np.arange(len(poses))) if mounts is None else mounts.cameras(poses)
+    if mounts is not None:
+        owner = mounts.rows(cameras, owner)
     found, n_cameras, n_done = [], 0, 0
     for batch in (
         _of_faces(observer, cameras, task, bounds)
@@ -167,8 +170,9 @@ def _of_cells(
 ) -> Iterator[Pairs]:
     """Pairs of poses and cells with a covered share; visibility is computed once for both."""
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
-    for part, seen in measurements(observer, poses):
-        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
+    for part, seen in measurements(observer, poses, rows_of_result(observer.camera, poses)):
+        regions = seen.regions  # type: ignore[union-attr] # of a RegionObserver
+        found = cells.share(gated(regions, observer.camera, part))
         short, _ = shortened(found.share, task.min_coverage)
         yield Pairs(np.diff(found.starts), found.cell, short, NOT_ON_RIGS)
         if bounds is not None and len(part):
@@ -305,7 +309,7 @@ class MatrixFolder:
     def store(self) -> ShardStore:
         """Shards of the folder."""
         n_poses, size = self.header["n_poses"], self.header["poses_a_shard"]
-        return ShardStore(self.path, f"{PAIRS}/pairs-{{}}.parquet", n_poses, size, FUNCTION)
+        return ShardStore(self.path, f"{PAIRS}/pairs-{{}}.npz", n_poses, size, FUNCTION)
 
     @property
     def is_of_rigs(self) -> bool:
@@ -336,64 +340,50 @@ class MatrixFolder:
             When the shard is damaged or missing by now.
         """
         with _remade_by_build():
-            file = self._shard(number)
-        names = ["pose", "face", "coverage", *(["camera_on_rig"] if self.is_of_rigs else [])]
-        table, rows = file.read(names, use_threads=False), self.store.rows(number)
-        pose, *columns = (table[name].to_numpy() for name in names)
-        counts = np.bincount(pose - rows.start, minlength=rows.stop - rows.start)
-        face, coverage, on_rig = (*columns, NOT_ON_RIGS)[:3]
-        return counts, face, coverage, on_rig
+            found = self._shard(number)
+        face = np.cumsum(found["face_step"], dtype=np.int32)
+        return found["counts"], face, found["coverage"], found.get("camera_on_rig", NOT_ON_RIGS)
 
     def rows_in(self, number: int) -> int:
         """Number of pairs in a shard; DamagedError unless it is whole, and of this matrix."""
-        return int(self._shard(number).metadata.num_rows)
+        return int(self._shard(number, ("counts",))["counts"].sum())
 
-    def _shard(self, number: int) -> "pq.ParquetFile":
-        """A verified shard."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
+    def _shard(self, number: int, names: Collection[str] = COLUMNS) -> dict[str, NDArray[Any]]:
+        """Some arrays of a verified shard."""
         name = self.store.name(number)
+        data = whole(self.path, name)
         try:
-            found = pq.ParquetFile(pa.BufferReader(whole(self.path, name)))
-        except (pa.ArrowException, OSError):
-            raise DamagedError(self.path / name, "this is no Parquet file") from None
-        if not found.schema_arrow.equals(self._schema(number), check_metadata=True):
+            found = read_npz(data, ("of", *names))
+        except (ValueError, OSError, BadZipFile):
+            raise DamagedError(self.path / name, "this is no shard") from None
+        if found["of"].tobytes() != self._words(number):
             raise DamagedError(
                 self.path / name,
                 "this is a shard of another matrix, or of other poses of this one",
             )
         return found
 
-    def _schema(self, number: int | None) -> "pa.Schema":
-        """Columns of a shard, one row a pair of pose and face, or also camera on a rig.
-
-        Its metadata name the shard and hold the header of its matrix.
-        """
-        import pyarrow as pa
-
-        types = {"pose": pa.int32(), "face": pa.int32(), "coverage": pa.float32()}
-        types |= {"covered": pa.bool_()} | (
-            {"camera_on_rig": pa.uint16()} if self.is_of_rigs else {}
-        )
+    def _words(self, number: int | None) -> bytes:
+        """Header of the matrix with the name of a shard."""
         own = {**self.header, "shard": "" if number is None else self.store.name(number)}
-        fields = [pa.field(name, kind, False) for name, kind in types.items()]
-        return pa.schema(fields, {"rastercov": json.dumps(own, sort_keys=True)})
+        return json.dumps(own, sort_keys=True).encode()
 
     def shard_bytes(self, number: int | None, pairs: Pairs, numbers: IntArray) -> memoryview:
         """File of a shard of the poses of these numbers; without a number it is of no use."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        schema = self._schema(number)
-        pose = np.repeat(numbers, pairs.counts).astype(np.int32)
-        covered = pairs.coverage >= np.float64(self.header["task"]["min_coverage"])
-        columns = [pose, pairs.face, pairs.coverage, covered, pairs.on_rig][: len(schema)]
-        sink = pa.BufferOutputStream()
-        # In one piece: the bytes depend on neither batches nor threads.
-        with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-            writer.write_table(pa.table(columns, schema=schema), row_group_size=ROWS_A_GROUP)
-        return memoryview(sink.getvalue())
+        counts = pairs.counts
+        if number is not None:
+            rows = self.store.rows(number)
+            counts = np.zeros(rows.stop - rows.start, np.int64)
+            counts[numbers - rows.start] = pairs.counts
+        arrays = {
+            "of": np.frombuffer(self._words(number), np.uint8),
+            "counts": counts,
+            "face_step": np.diff(pairs.face, prepend=np.int32(0)),
+            "coverage": pairs.coverage,
+        }
+        if self.is_of_rigs:
+            arrays["camera_on_rig"] = pairs.on_rig
+        return memoryview(npz_bytes(arrays, level=LEVEL))
 
     def covered(
         self, least: float, progress: Callable[[int, int], None] = lambda done, total: None
@@ -586,7 +576,7 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
     if found := header.get("mounts"):
         starts, places = np.array(found["starts"]), np.array(found["places"])
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
-        mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
+        mounts = Mounts(names, with_places(scene.cameras, places), starts)
 
     matrix = MatrixFolder(folder, header)
     bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)

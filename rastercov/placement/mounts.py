@@ -1,7 +1,8 @@
 """Mounts of candidates: a camera, or a rig of cameras that move together.
 
 A pose of a candidate is that of its mount, and `Poses.camera` the index of the mount. A rig covers
-what any of its cameras covers, and is one choice; each of its cameras is a view of a face.
+what any of its cameras covers, and is one choice; each of its cameras is a view of a face. A rig
+with a rule covers what its cameras cover together, and is one view.
 """
 
 from collections.abc import Mapping
@@ -11,10 +12,10 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray, Lists
+from rastercov.base.memory import IntArray, Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Rig, led_by
 
 
 def places_on_rigs(owner: IntArray) -> IntArray:
@@ -44,18 +45,14 @@ class Mounts:
     @classmethod
     def of(cls, mounts: Mapping[str, Camera | Rig]) -> Self:
         """Mounts by their names."""
-        cameras: list[Camera] = []
+        rigs: list[Rig] = []
         names: list[str] = []
-        places: list[FloatArray] = []
-        counts = []
         for name, mount in mounts.items():
             own = Rig([mount], [name]) if isinstance(mount, Camera) else mount
-            cameras += own.cameras
             names += [name] if own is not mount else [f"{name}/{each}" for each in own.names]
-            places += list(own.rig_from_camera)
-            counts.append(len(own))
-        starts = np.concatenate(([0], np.cumsum(counts)))
-        return cls(tuple(mounts), Rig(cameras, names, places), starts.astype(np.int64))
+            rigs.append(own)
+        starts = np.concatenate(([0], np.cumsum([len(each) for each in rigs])))
+        return cls(tuple(mounts), Rig.of_several(rigs, names), starts.astype(np.int64))
 
     @classmethod
     def of_cameras(cls, rig: Rig) -> Self:
@@ -85,8 +82,19 @@ class Mounts:
         counts = np.diff(self.starts)[placed.camera]
         owner = np.repeat(np.arange(len(placed)), counts)
         camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
-        places = self.rig.rig_from_camera[camera]
-        return Poses.of(placed.world_from_camera[owner] @ places, camera=camera), owner
+        matrices = self.rig._placed(placed.world_from_camera[owner], camera)
+        return Poses.of(matrices, camera=camera), owner
+
+    def rows(self, cameras: Poses, owner: IntArray) -> IntArray:
+        """Row in `owner` of each row of the result of the cameras of `cameras`."""
+        return owner[led_by(self.rig, cameras)]
+
+    @property
+    def width(self) -> int:
+        """Most rows of the result of a mount: its cameras, or one by a rule."""
+        counts = np.diff(self.starts)
+        counts[np.isin(self.starts[:-1], list(self.rig.gates))] = 1
+        return int(counts.max())
 
     def united(self, lists: Lists, owner: IntArray, n: int) -> Lists:
         """Lists of n mounts from those of their cameras: what any of these has, in order."""

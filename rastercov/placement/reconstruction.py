@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import distance, plural, sampling
+from rastercov.base.format import InNotebook, distance, plural, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
@@ -52,7 +53,7 @@ MOST_IMAGES, MOST_PAIRS, MOST_ZONES = 2000, 10_000, 100
 KINDS = ("few_views", "small_angle", "coarse")
 """Kinds of weakness; an element has the first that is true of it."""
 ADVICE = {
-    "few_views": "covered by {views}{why}: take {missing} that face it{place}",
+    "few_views": "covered by {views}{why}: take {missing} facing it{place}",
     "small_angle": "views within {angle}: at {distance} take images {apart} apart or more",
     "coarse": REASONS["too_coarse"].advice,
 }
@@ -113,7 +114,7 @@ class Suggested:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Reconstruction(Audit):
+class Reconstruction(Audit, InNotebook):
     """An audit with figures for photogrammetry.
 
     Attributes
@@ -153,8 +154,8 @@ def reconstruction(
     suggested : int, optional
         Number of images to take next, from 1.
     """
-    if suggested is not None and suggested < 1:
-        raise ConfigError(f"suggest must be 1 image or more, got {suggested}")
+    if suggested is not None and not (is_number(suggested) and suggested >= 1):
+        raise ConfigError(f"suggest must be 1 image or more, got {shown(suggested)}")
     found, more = audit(*scene, **options), None
     if suggested is not None:
         how = {name: options[name] for name in ("method", "progress") if name in options}
@@ -327,7 +328,7 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
     apart = 2 * away * math.tan(math.radians(least["angle_deg"]) / 2)
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
     return ADVICE[zone["kind"]].format(
-        views=f"{zone['mean_views']:.1f} of {plural(least['views'], 'image')}",
+        views=f"{zone['mean_views']:.1f} images on average, {least['views']} wanted",
         why=f", mostly {REASONS[why].label}" if why else "",
         missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
         place=f", from {distance(away, unit)} or nearer" if away else "",

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, plural
+from rastercov.base.format import area, percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
@@ -476,7 +476,7 @@ class NearestCameras:
 
 def _amount(share: dict[str, Any]) -> str:
     """Words for a share of faces."""
-    return f"{plural(share['faces'], 'face')} ({share['area_percent']:.3g} % of the area)"
+    return f"{plural(share['faces'], 'face')} ({percent(share['area_percent'] / 100)} of the area)"
 
 
 def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:

@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
@@ -50,16 +50,14 @@ from rastercov.camera.projection import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.mesh.solids import Winding, closed_parts, in_solid
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
     KeepOutSphere,
     Place,
     check_clearance,
-    closed_parts,
     filter_candidates,
-    in_solid,
-    winding_numbers,
 )
 from rastercov.placement.candidates.pool import (
     DEFAULT,
@@ -349,7 +347,7 @@ class Enclosure:
             if rows:
                 of_part = self._parts.faces[self._parts.starts[part] : self._parts.starts[part + 1]]
                 about = points[rows] + self._middle
-                turns = winding_numbers(self.mesh.opaque, of_part, about)
+                turns = Winding(self.mesh.opaque, of_part).numbers(about)
                 for row in np.array(rows)[turns != 0]:
                     found[row] = why[row]
         return [
@@ -478,7 +476,7 @@ class Openings:
                 f"each of {self.points[row]} points: no open cone of {self.missed_deg[row]:.2g}° "
                 "or more."
             )
-        share = f"{100 * self.open_share[row]:.3g} % of the half space before it is open"
+        share = f"{percent(self.open_share[row])} of the half space before it is open"
         if access == Access.NO_ROOM and not self.places[row]:
             return f"{face}: {share}, but not as far as one must stand to have the face in view."
         if access == Access.NO_ROOM:

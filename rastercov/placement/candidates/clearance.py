@@ -8,27 +8,20 @@ which give winding numbers.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
-from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.topology import edge_table
+from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.pool import Candidates
-
-ROOM_TOLERANCE_REL = 0.01
-"""Length, in diagonals of the mesh, by which parts may extend beyond the walls of a room."""
-RAY_FRAME = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 5.0]]))[0]
-"""(3, 3) rotation to the frame of the rays, whose axes are parallel to no usual surface."""
 
 
 class KeepOut(Protocol):
@@ -225,98 +218,3 @@ def check_clearance(clearance: float) -> None:
     """Raise ConfigError for a clearance that is negative or not finite."""
     if not 0 <= clearance < np.inf:
         raise ConfigError(f"clearance must be 0 m or more and finite, got {clearance}")
-
-
-@typed
-def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
-    """(N,) True for each of (N, 3) points in matter, as defined by `filter_candidates`.
-
-    The winding number is the median of those along three rays. The answer is arbitrary for a point
-    on a surface.
-    """
-    wanted = finite_points(
-        "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
-    ).reshape(-1, 3)
-    mesh = mesh.opaque
-    solid = closed_parts(mesh)
-    if not len(solid.faces) or not len(wanted):
-        return np.zeros(len(wanted), dtype=bool)
-    turns = winding_numbers(mesh, solid.faces, wanted)
-    inside: BoolArray = turns > (-1 if _is_room(mesh, solid) else 0)
-    return inside
-
-
-class ClosedParts(NamedTuple):
-    """Closed components of a mesh.
-
-    Attributes
-    ----------
-    faces : (N,) int64
-        Faces of component i are faces[starts[i]] ... faces[starts[i + 1] - 1].
-    starts : (C + 1,) int64
-    boxes : (C, 2, 3) float64
-        Lowest and highest corner.
-    """
-
-    faces: IntArray
-    starts: IntArray
-    boxes: FloatArray
-
-
-def closed_parts(mesh: Mesh) -> ClosedParts:
-    """Components where every edge has two faces that traverse it in opposite senses."""
-    rows = np.flatnonzero(closed_faces(mesh))
-    _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
-    rows = rows[np.argsort(part, kind="stable")]
-    starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
-    corners = mesh.vertices[mesh.faces[rows]]
-    low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])
-    high = np.maximum.reduceat(corners.max(axis=1), starts[:-1])
-    return ClosedParts(rows, starts, np.stack((low, high), axis=1))
-
-
-def _is_room(mesh: Mesh, solid: ClosedParts) -> bool:
-    """True if a closed component that faces inward contains the mesh.
-
-    A component in a two-sided group does not count: its winding is undefined.
-    """
-    low, high = solid.boxes[:, 0], solid.boxes[:, 1]
-    slack = ROOM_TOLERANCE_REL * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
-    part = np.repeat(np.arange(len(low)), np.diff(solid.starts))
-    inward = encloses_volume(mesh.vertices, mesh.faces[solid.faces, ::-1], part)
-    two_sided = np.logical_or.reduceat(mesh.two_sided_mask[solid.faces], solid.starts[:-1])
-    return bool((holds & inward & ~two_sided).any())
-
-
-def winding_numbers(mesh: Mesh, faces: IntArray, points: FloatArray) -> IntArray:
-    """(N,) winding numbers of closed surfaces, (M,) faces, about (N, 3) points.
-
-    Each is the median of those along three rays, arbitrary for a point on a surface.
-    """
-    middle = mesh.bounds.mean(axis=0)
-    vertices, points = (mesh.vertices - middle) @ RAY_FRAME, (points - middle) @ RAY_FRAME
-    corners, turns = mesh.welded_faces[faces], np.empty((3, len(points)), np.int64)
-    for axis in range(3):  # a ray along each axis of the frame
-        tree = TriangleTree.over(np.roll(vertices, axis, axis=1), corners)
-        turns[axis] = tree.winding_numbers(np.ascontiguousarray(np.roll(points, axis, axis=1)))
-    median: IntArray = np.sort(turns, axis=0)[1]
-    return median
-
-
-def closed_faces(mesh: Mesh) -> BoolArray:
-    """(F,) faces of components where every edge has two faces that traverse it in opposite senses.
-
-    Faces with a repeated vertex do not count.
-    """
-    table = edge_table(mesh.welded_faces, mesh.n_vertices)
-    is_forward, first = table.is_forward, table.first
-    is_closed = table.n_uses == 2
-    is_closed[is_closed] = is_forward[first[is_closed]] != is_forward[first[is_closed] + 1]
-    part = mesh.topology.components()
-    is_open_part = np.zeros(int(part.max()) + 1, dtype=bool)
-    is_open_part[part[table.faces[np.repeat(~is_closed, table.n_uses)]]] = True
-    closed = np.zeros(mesh.n_faces, dtype=bool)
-    closed[table.faces] = True
-    closed &= ~is_open_part[part]
-    return closed

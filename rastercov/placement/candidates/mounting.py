@@ -25,7 +25,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 from rastercov.coverage.area.cells import cells
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.clearance import NearestSurface, in_solid, nearest_obstacle
+from rastercov.mesh.solids import in_solid
+from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
 from rastercov.placement.candidates.rooms import Room
 

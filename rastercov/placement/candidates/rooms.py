@@ -18,11 +18,11 @@ from rastercov.base.files import StrPath
 from rastercov.base.format import plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
+from rastercov.coverage.doubts import named_places
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.formats import paths_of, solids_of_spaces
 from rastercov.mesh.formats.ifc import Product
-from rastercov.mesh.groups import of_files, quoted
+from rastercov.mesh.groups import quoted
 from rastercov.placement.candidates.clearance import NearestSurface
 
 STEPS = 2
@@ -40,7 +40,6 @@ SQUARES = 10
 MOST_PLACES = 4_000_000
 """Places of a grid."""
 NOT_IN_ROOM = "no part of its faces is in the room and within the distance; correct them"
-MOST_NAMED = 5
 MOST_SPACES = 40
 """Spaces that an error lists."""
 
@@ -183,14 +182,7 @@ def read_spaces(
     path, transforms
         As for `Mesh.load`.
     """
-    paths = paths_of(path)
-    places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
-    found = [
-        (own, Mesh(vertices, faces).moved(**place))
-        for each, place in zip(paths, places, strict=True)
-        for own, vertices, faces in solids_of_spaces(each)
-    ]
-    return sorted(found, key=lambda space: (space[1].bounds[0, 2].round(1), space[0].label))
+    return list(Mesh.load(path, transforms=transforms).spaces)
 
 
 def space_named(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:
@@ -342,9 +334,6 @@ def wrong_side(rooms: Sequence[Room], eyes: FloatArray) -> list[str]:
     """A line on (P, 3) camera centres that are in none of the rooms, metres; often none."""
     if not rooms:
         return []
-    rows = np.flatnonzero(~np.any([room.contains(eyes) for room in rooms], axis=0))
-    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows]
-    named[MOST_NAMED:] = ["..."] if len(rows) > MOST_NAMED else []
+    is_in = np.any([room.contains(eyes) for room in rooms], axis=0)
     of = ", ".join(room.name for room in rooms)
-    line = f"{plural(len(rows), 'camera', 'are')} outside of the rooms ({of}) or behind a wall: "
-    return [line + ", ".join(named)] if named else []
+    return named_places(f"outside of the rooms ({of}) or behind a wall", eyes, ~is_in)

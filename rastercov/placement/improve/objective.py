@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import led_by, rows_of_result
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.regions import RegionPass
@@ -25,6 +26,7 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.native.coverage_spread import cameras_until_covered, worth_added
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.select.problem import (
     in_whole_numbers,
@@ -120,7 +122,7 @@ class Objective:
         is_counted = self.min_cosine <= 1 or bool((self.need > 1).any())
         if self.mounts is None or not self.mounts.has_rigs or not is_counted:
             return 1
-        return int(np.diff(self.mounts.starts).max())
+        return self.mounts.width
 
     def eyes(self, poses: ArrayLike | Poses) -> FloatArray:
         """(P width, 3) camera centres of each row of poses, metres."""
@@ -130,7 +132,10 @@ class Objective:
             return centres
         found = np.repeat(centres, width, axis=0)
         cameras, owner = self.cameras(placed)
-        found[owner * width + places_on_rigs(owner)] = cameras.world_from_camera[:, :3, 3]
+        assert self.mounts is not None
+        leads = led_by(self.mounts.rig, cameras)
+        rows = owner[leads] * width + places_on_rigs(owner[leads])
+        found[rows] = cameras.world_from_camera[leads, :3, 3]
         return found
 
     def listed(self, poses: FloatArray | Poses) -> Lists:
@@ -144,6 +149,8 @@ class Objective:
     def _united(self, poses: FloatArray | Poses, find: Callable[[Poses], Lists]) -> Lists:
         """Lists of the rows of poses, of the mounts that they are of."""
         placed, owner = self.cameras(poses)
+        if self.mounts is not None:
+            owner = self.mounts.rows(placed, owner)
         found = find(placed)
         if (width := self.width) > 1:
             counts = np.zeros(len(poses) * width, np.int64)
@@ -199,13 +206,12 @@ class Objective:
 
         Arguments as for `covered`; `need` is that of the objective unless given.
         """
-        from rastercov.kernels.spread import cameras_until_covered
-
         counts = np.empty((*covers.shape[:-2], covers.shape[-1]), np.int64)
-        on_faces = (self.elements.centroids, self.need if need is None else need)
+        centroids, need = _read_only(self.elements.centroids, self.need if need is None else need)
         for index in np.ndindex(covers.shape[:-2]):
-            given = _read_only(covers[index], eyes[index], *on_faces)
-            cameras_until_covered(*given, float(self.min_cosine), counts[index])
+            own, places = _read_only(covers[index], eyes[index])
+            cosine = float(self.min_cosine)
+            cameras_until_covered(own, places, centroids, need, cosine, counts[index])
         return counts
 
     def worth_added(
@@ -216,19 +222,20 @@ class Objective:
         `rest` are the faces of each other row, (k, F); `trials` those of the M width rows of the
         trials, and the cost is proportional to these.
         """
-        from rastercov.kernels.spread import worth_added
-
         n_rest = np.add.reduce(rest, axis=0, dtype=np.int64)
         one = np.ones(rest.shape[1], np.int64)
         is_spread = one > 0
         if self.min_cosine <= 1:
             is_spread = self.cameras_until_covered(rest, rest_eyes, one) <= len(rest)
         added = np.empty(trials.n // self.width, np.int64)
-        lists = _read_only(rest, trials.starts, trials.items)
-        eyes = np.concatenate((rest_eyes, trial_eyes))
-        on_faces = (n_rest, is_spread, self.integer_weights, self.elements.centroids, self.need)
-        others = _read_only(eyes, *on_faces)
-        worth_added(*lists, self.width, *others, float(self.min_cosine), added)
+        rest, starts, items = _read_only(rest, trials.starts, trials.items)
+        weights, centroids, need = _read_only(
+            self.integer_weights, self.elements.centroids, self.need
+        )
+        worth_added(
+            rest, starts, items, self.width, np.concatenate((rest_eyes, trial_eyes)), n_rest,
+            is_spread, weights, centroids, need, float(self.min_cosine), added,
+        )  # fmt: skip
         return added
 
     def worth(self, covered: BoolArray) -> IntArray:
@@ -309,8 +316,10 @@ class CellObjective(Objective):
     def _estimated(self, poses: Poses) -> Lists:
         """Cells whose centre each camera covers, in about a seventh of the time of `_listed`."""
         rows: list[NDArray[Any]] = []
-        for at in range(0, len(poses), POSES_A_BATCH):
-            found = self.centres.find(poses[at : at + POSES_A_BATCH])
+        together = rows_of_result(self.finder.camera, poses)
+        for at in range(0, int(together[-1]) + 1 if len(poses) else 0, POSES_A_BATCH):
+            is_own = (together >= at) & (together < at + POSES_A_BATCH)
+            found = self.centres.find(poses[np.flatnonzero(is_own)])
             rows += [found.row(row) for row in range(found.n)]
-            self.watch(found.n)
+            self.watch(int(is_own.sum()))
         return Lists.of(rows)

@@ -9,6 +9,7 @@ R. Storn, K. Price. Differential Evolution. 1997.
 J. Blank, K. Deb. pymoo: Multi-objective Optimization in Python. 2020.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain, repeat
@@ -23,7 +24,6 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -115,7 +115,7 @@ def optimise(
     ConfigError
         For a value outside its range, a start at a forbidden position, or without pymoo.
     """
-    clock = Stopwatch()
+    began = time.perf_counter()
     networks = _checked(cameras, method, budget, population)
     check_seed(seed)
     own = Poses.of(np.tile(np.eye(4), (cameras, 1, 1)), camera=camera).camera
@@ -158,7 +158,7 @@ def optimise(
         evaluations=(networks - left) * cameras,
         generations=generations,
         seed=seed,
-        seconds=clock.seconds,
+        seconds=time.perf_counter() - began,
         is_interrupted=is_interrupted,
     )
 

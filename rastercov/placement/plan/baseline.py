@@ -4,15 +4,15 @@ A face is the same in both checks if it has the same centroid, to the bit. Of a 
 counts which its faces have more of than in the earlier check, and all of a face that was not there.
 """
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.files import UnreadableError, printable, read_json
+from rastercov.base.files import StrPath, UnreadableError, printable, read_json
 from rastercov.base.format import area, percent
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
 from rastercov.placement.plan.network import FAILS, status_of
@@ -60,12 +60,14 @@ def words(share: Told) -> str:
     """A share and that of the baseline in one line."""
     name = "all" if share["group"] is None else f"group {share['group']}"
     more = share["share"] - share["before"]
-    points = f"{percent(abs(more)).removesuffix(' %')} ± {100 * share['bound']:.2g} points"
+    bound = 100 * share["bound"]
+    digits = min(max(1, 1 - math.floor(math.log10(max(bound, 1e-9)))), 6)  # two of the bound
+    points = f"{100 * abs(more):.{digits}f} ± {bound:.2g} points"
     both = f"{percent(share['share'])} covered, {percent(share['before'])} before"
     return f"{name}: {both}: {points} {'more' if more > 0 else 'less'}"
 
 
-def read_baseline(path: Path) -> Told:
+def read_baseline(path: StrPath) -> Told:
     """The outcome of an earlier check, `check.json`.
 
     Raises

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.files import parsed_json
-from rastercov.base.format import InOneLine, plural
+from rastercov.base.format import InNotebook, InOneLine, plural
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Views
+from rastercov.camera.rig import Views, names_of_poses
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.task import Task
@@ -49,6 +49,7 @@ from rastercov.placement.plan.network import (
     views_by_group,
     with_areas,
 )
+from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.select.problem import weights_of
@@ -60,7 +61,7 @@ MOST_GROUPS = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checked(InOneLine):
+class Checked(InOneLine, InNotebook):
     """A rig and the status of each requirement.
 
     Attributes
@@ -74,6 +75,8 @@ class Checked(InOneLine):
         covered first.
     asked_views : int or None
         Cameras a face that replace those of the plan.
+    names : tuple of str
+        Of the cameras, as of `names_of_poses`.
     against : Against or None
         Differences from an earlier check, where there is one to hold it against.
     """
@@ -89,6 +92,7 @@ class Checked(InOneLine):
     cameras: Measured
     leftover: Leftover
     asked_views: int | None = None
+    names: tuple[str, ...] = ()
     against: Against | None = None
 
     @property
@@ -217,12 +221,15 @@ def check(
         For a limit of an unknown group, or of an occluder, and for a baseline of another task.
     """
     given = read_views(poses_file) if poses is None else poses
+    images: tuple[str, ...] = ()
     if isinstance(given, Views):
+        images = given.images
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         mesh, plan, names = named_scene(plan)
+        over_time = PlanMotion.of(plan, mesh)
     limits = _by_place(plan, limits, names, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
@@ -231,7 +238,10 @@ def check(
         with step("coverage") as progress:
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            if plan.unit_of_result()[0] == "area":
+            if over_time is not None:
+                found = over_time.evaluate(plan.rig, cameras.placed, task)
+                cameras = replace(cameras, areas=found.areas)
+            elif plan.unit_of_result()[0] == "area":
                 most = plan.build_task(most_views(plan, views))
                 with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
                     cameras = with_areas(plan, cameras, finder, views, progress)
@@ -248,7 +258,7 @@ def check(
     alone = rows_at(mesh.groups)
     every = status_of({name: limits.get(name, 0.0) for name in alone}, alone)
     (whole,) = status_of({None: limits.get(None, 0.0)})
-    found = Checked(
+    checked = Checked(
         plan=plan,
         poses_file=poses_file,
         mesh=mesh,
@@ -260,10 +270,11 @@ def check(
         cameras=cameras,
         leftover=leftover,
         asked_views=views,
+        names=names_of_poses(rig, images),
     )
     if baseline is None:
-        return found
-    return replace(found, against=compare(baseline, parsed_json(json_bytes(record(found)))))
+        return checked
+    return replace(checked, against=compare(baseline, parsed_json(json_bytes(record(checked)))))
 
 
 def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str | None, float]:

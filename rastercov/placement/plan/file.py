@@ -10,7 +10,7 @@ import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -21,12 +21,14 @@ from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
-from rastercov.camera.rig import Rig
+from rastercov.camera.light_units import GLOSSES
+from rastercov.camera.rig import Rig, is_joint, with_lamps
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.rooms import Room, read_spaces
+from rastercov.mesh.motion import Motion
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
 
@@ -205,11 +207,21 @@ class Plan(PlanModel):
             rigs: dict[str, Camera | Rig] = {}
             for name, section in self.rigs.items():
                 try:
-                    rigs[name] = section.build(self.folder, built)
+                    rigs[name] = section.build(self.folder, built, own)
                 except RastercovError as error:
                     raise PlanError(self.name, [f"rigs.{name}: {error}"]) from None
-            self._mounts = Mounts.of({**built, **rigs})
+            self._mounts = self._lit(Mounts.of({**built, **rigs}))
         return self._mounts
+
+    def _lit(self, mounts: Mounts) -> Mounts:
+        """Mounts with the lamps of the plan."""
+        try:
+            rig = with_lamps(mounts.rig, self.built_lamps(self.folder))
+            if rig.lamps is not None:
+                rig.lamps.carried_by(rig.names)
+        except RastercovError as error:
+            raise PlanError(self.name, [f"lamps: {error}"]) from None
+        return replace(mounts, rig=rig)
 
     @property
     def rig(self) -> Rig:
@@ -225,12 +237,9 @@ class Plan(PlanModel):
         """The same plan with its rooms in a mesh; PlanError for one that cannot be made."""
         other = self.model_copy()
         other._rooms = {}
-        files = {str(self.folder / each.path): each for each in self.meshes if each.path}
-        places = [each.transform.model_dump() for each in files.values()]
-        spaces = cache(lambda: read_spaces(list(files), places) if files else [])
         for name, section in self.rooms.items():
             try:
-                other._rooms[name] = section.build(mesh, name, spaces)
+                other._rooms[name] = section.build(mesh, name)
             except RastercovError as error:
                 raise PlanError(self.name, [f"rooms.{name}: {error}"]) from None
         return other
@@ -243,9 +252,10 @@ class Plan(PlanModel):
         return self._rooms[name]
 
     def with_cameras(self, rig: Rig) -> Self:
-        """The same plan with other cameras, each a mount of its own."""
+        """The same plan with other cameras, each a mount of its own; a rig with a rule is one."""
         other = self.model_copy()
-        other._mounts = Mounts.of_cameras(rig)
+        mounts = Mounts.of({"rig": rig}) if rig.is_one else Mounts.of_cameras(rig)
+        other._mounts = self._lit(mounts)
         return other
 
     def without_cameras(self) -> Self:
@@ -283,20 +293,61 @@ class Plan(PlanModel):
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
+    def build_motion(self, mesh: Mesh) -> Motion | None:
+        """Motion of the bodies of a mesh, None where nothing moves; PlanError for one that is none.
+
+        Figures over time are by exact area.
+        """
+        if self.motion is None:
+            return None
+        unit, reason = self.unit_of_result()
+        if unit != "area":
+            why = reason or 'leave out task.by = "face"'
+            raise PlanError(self.name, [f"motion: figures over time are by area; {why}"])
+        try:
+            found = self.motion.build(mesh, self.bodies, self.folder, self.meshes)
+            for name in self.bodies_of_cameras():
+                found.poses_of(name)
+        except RastercovError as error:
+            raise PlanError(self.name, [f"motion: {error}"]) from None
+        return found
+
+    def bodies_of_cameras(self) -> list[str]:
+        """Body that carries each of the cameras of `rig`."""
+        if self.camera is not None:
+            return [self.camera.body] * len(self.rig)
+        found = []
+        for name, first, last in zip(
+            self.mounts.names, self.mounts.starts, self.mounts.starts[1:], strict=False
+        ):
+            rig = self.rigs.get(name)
+            types = [name] if rig is None else [each.camera for each in rig.cameras or []]
+            own = [self.cameras[each].body for each in types if each in self.cameras]
+            found += own if len(own) == last - first else ["world"] * int(last - first)
+        return found
+
     def unit_of_result(self) -> tuple[str, str]:
         """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
-        if self.task.by is None and self.task.weight_by == "count":
+        rig = self.rig if self.has_cameras else None
+        is_gated = rig is not None and is_joint(rig)
+        if self.task.by is None and self.task.weight_by == "count" and not is_gated:
             return "face", "weight_by count is of faces"
         engine = Engine(self.task.method, supersample=self.task.supersample)
-        return unit_of_result(self.task.by, self.build_task(), engine)
+        if is_gated and self.task.weight_by == "count":
+            raise ConfigError(
+                "a rig with a rule, and light, are by area; leave out weight_by count"
+            )
+        return unit_of_result(self.task.by, self.build_task(), engine, rig)
 
     def build_task(self, views: int | None = None) -> Task:
         """The task; `views` cameras a face for all groups where that is given."""
-        own = self.task.model_dump(include=set(Task.__dataclass_fields__))
+        own = {name: getattr(self.task, name) for name in Task.__dataclass_fields__}
+        if self.task.gloss is not None:
+            own["max_highlight_deg"] = GLOSSES[self.task.gloss]
         # A table by group matters for counting views only, not for what one camera covers.
         by_group = isinstance(self.task.views, dict)
         own["views"] = views or (1 if by_group else self.task.views)
-        return Task(**own)
+        return Task(**own).lit_by(self.built_lamps(self.folder))
 
 
 def read_plan(path: StrPath) -> Plan:

@@ -12,6 +12,7 @@ By area it is that of the exact area, with its bound.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,19 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig
-from rastercov.coverage.area.network import AreaNetwork, ByCamera, cameras_apart, in_words
+from rastercov.camera.rig import Rig, is_joint, rows_of_result
+from rastercov.coverage.area.network import (
+    AreaNetwork,
+    ByCamera,
+    cameras_apart,
+    in_words,
+    missed_lines,
+)
+from rastercov.coverage.area.over_time import TimeAreas, time_lines
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.area.zones import zone_lines
-from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
+from rastercov.coverage.coverage import Coverage, evaluate_batches, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
@@ -228,7 +237,7 @@ def seeable_areas(plan: Plan, network: Network) -> FloatArray | None:
     """
     if plan.task.weight_by != "seeable":
         return None
-    from rastercov.mesh.unseeable import unseeable_areas  # loads numba
+    from rastercov.mesh.unseeable import unseeable_areas
 
     hidden = network.unseeable_areas
     if not hidden.any() and unseeable_areas(network.mesh).any():
@@ -250,7 +259,7 @@ def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray
     from rastercov.coverage.area.frames import frames_of
 
     mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
-    level = np.minimum(views_of(mesh, views), areas.views) - 1
+    level = np.clip(views_of(mesh, views), areas.least, areas.views) - 1
     found: BoolArray = areas.covered.area[level, rows] >= (1 - WHOLE_REL) * frames_of(mesh).areas
     return found
 
@@ -400,18 +409,31 @@ def with_areas(
     has_curve : bool
         True where share and curve are to be of the area, too: one camera after the other.
     """
-    mesh, poses, curve = finder.mesh, cameras.placed, []
+    mesh, poses, curve = finder.mesh, cameras.placed, list[float]()
+    rows = rows_of_result(plan.rig, poses)
     areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
     apart = ByCamera(mesh, areas.task, plan.rig, poses, by_area=True, by_face=False)
-    step = 1 if has_curve else batch_size(mesh.n_faces, finder.threads)
-    for at in range(0, len(poses), step):
-        some = poses[at : at + step]
+    limits = np.searchsorted(rows, np.arange(rows[-1] + 2)).tolist() if len(rows) else [0]
+    parts = in_batches(poses, mesh.n_faces, finder.threads, rows)
+    if has_curve:
+        parts = (poses[first:last] for first, last in pairwise(limits))
+    done = 0
+    for some in parts:
         found = finder.find(some, closed=apart.closed(areas.closed))
-        areas.add(found)
-        apart.add(found, some.camera)
+        together = gated(found, plan.rig, some)
+        # With a curve or without, the same figures.
+        for own in np.eye(len(together.pose_ids), dtype=np.bool_):
+            areas.add(together.of_poses(own))
+        apart.add(found, some)
         if has_curve:
+            curve += [curve[-1] if curve else 0.0] * (len(some) - 1)
             curve.append(areas.summary(views_by_group(plan, views))["percent"] / 100)
-        progress(at + len(some), len(poses))
+        done += len(some)
+        progress(done, len(poses))
+    if is_joint(plan.rig):
+        covered = whole_faces(areas, views or plan.task.views)
+        cameras.network.is_covered = covered
+        cameras = replace(cameras, covered=covered, certain=covered, possible=covered)
     if has_curve:
         share = curve[-1] if curve else 0.0
         cameras = replace(cameras, curve=np.array(curve, np.float64), share=share)
@@ -437,8 +459,14 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         by_group = views_by_group(plan, views)
         cameras.areas.add_to(found, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
+    if isinstance(cameras.areas, TimeAreas):
+        return found | {"over_time": cameras.areas.over_time.summary()}
     if apart := _by_camera(plan.rig, cameras):
         found["by_camera"] = apart
+    if cameras.apart is not None:
+        found |= cameras.apart.of_light()
+        if devices := cameras.apart.by_device():
+            found["by_device"] = devices
     return found
 
 
@@ -462,7 +490,8 @@ def area_lines(summary: Mapping[str, Any]) -> list[str]:
     `summary` is one of `summary_of`.
     """
     if "covered_area" in summary:
-        return [f"covered: {in_words(summary['covered_area'])}", *zone_lines(summary)]
+        missed = [*time_lines(summary), *missed_lines(summary)]
+        return [f"covered: {in_words(summary['covered_area'])}", *missed, *zone_lines(summary)]
     return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
 
 

@@ -7,6 +7,7 @@ continue. Its folder is named by a hash of all that it depends on.
 import hashlib
 import json
 import re
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
+from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, check_memory
 from rastercov.base.output import named
 from rastercov.camera.formats.doubts import unit_doubts
@@ -25,14 +27,13 @@ from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
 from rastercov.cluster.inputs import INPUTS
-from rastercov.cluster.store import locked, remove
+from rastercov.cluster.store import remove, remove_halves
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
@@ -40,8 +41,10 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import describe, read_header
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.arm import PlanArm
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
+from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
@@ -65,7 +68,7 @@ from rastercov.placement.uncovered import CandidateBounds
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = (
-    "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
+    "pairs/pairs-*.npz", "bounds/*.npz", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
 )  # fmt: skip
 """Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
@@ -96,12 +99,12 @@ class Clock:
     @contextmanager
     def __call__(self, name: str) -> Iterator[Progress]:
         """Time a step, even one that fails."""
-        clock = Stopwatch()
+        began = time.perf_counter()
         try:
             with self.step(name) as progress:
                 yield progress
         finally:
-            self.seconds[name] = clock.seconds
+            self.seconds[name] = time.perf_counter() - began
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +130,10 @@ class Prepared:
     reachable : AreaNetwork or None
         Exact area that all candidates together cover, where the plan asks for a share of it and it
         is affordable.
+    over_time : PlanMotion or None
+        Where bodies move.
+    arm : PlanArm or None
+        Where a robot carries the cameras.
     quarantined : mapping of int to str
         Candidates that kill the process that measures them, and its end.
     is_of_bits : bool
@@ -150,6 +157,8 @@ class Prepared:
     notes: tuple[str, ...]
     cells: Cells | None = None
     reachable: AreaNetwork | None = None
+    over_time: PlanMotion | None = None
+    arm: PlanArm | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
@@ -196,12 +205,14 @@ def prepare(
     clock: Clock,
     cells: Cells | None = None,
     workers: Workers | None = None,
+    over_time: PlanMotion | None = None,
 ) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them.
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
     mesh, mounts = observer.mesh, plan.mounts
+    arm = PlanArm.of(plan, mesh)
     elements: Mesh | Cells = mesh if cells is None else cells
     goal: Goal = BestCoverage(cameras=0)
     notes: list[str] = []
@@ -234,14 +245,31 @@ def prepare(
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
         found = candidate_pool(plan, mesh)
-    matrix = matrix_of("visibility matrix", found.candidates.placed)
     counted = counting(plan.task) | {"mounts": mounts}
-    problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
-    opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
+    opened = reachable = None
+    matrix: Matrix
+    if over_time is None:
+        matrix = matrix_of("visibility matrix", found.candidates.placed)
+        problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
+    else:
+        assert cells is not None
+        if cavities:
+            raise PlanError(plan.name, ["candidates: per_cavity is of a still scene; leave it out"])
+        with clock("visibility matrix") as progress:
+            timed = time_matrix(
+                plan, over_time, observer, cells, found.candidates.placed, task, progress,
+                is_united=getattr(selection, "of_reachable", False),
+            )  # fmt: skip
+        matrix, problem = timed.matrix, timed.problem(goal, costs=found.costs, **counted)
+        if timed.together is not None:
+            of_all = over_time.result(plan.rig, found.candidates.placed, task, timed.together)
+            reachable = of_all.areas
     missed = ~problem.reachable
-    unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, cells)
-    if cavities and unseen.any():
+    unseen = np.zeros(mesh.n_faces, np.bool_)
+    if cavities:
+        unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, cells)
+    if unseen.any():
         entry = cavities[0]
         with clock("cavities") as progress:
             into = list(found.parts)
@@ -299,7 +327,9 @@ def prepare(
         problem = grouped(problem, goal_of(selection))
     except ConfigError as error:
         on = "" if cells is None else f"on cells of {cells.size:g} m: "
-        notes.append(f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered")
+        notes.append(
+            f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
+        )
         problem = replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
     if cells is not None and cells.size >= float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))):
         notes.append(
@@ -323,6 +353,9 @@ def prepare(
         problem=problem,
         notes=tuple(notes),
         cells=cells,
+        reachable=reachable,
+        over_time=over_time,
+        arm=arm,
         quarantined=matrix.quarantined,
         tally=tally,
     )
@@ -409,13 +442,14 @@ def _forget(folder: Path, used: list[Path]) -> None:
 
     Only files of a matrix are removed, and no matrix that another process is writing.
     """
-    for old in folder.iterdir():
+    for old in folder.iterdir() if folder.exists() else ():
         if old in used or not re.fullmatch("[0-9a-f]{16}", old.name):
             continue
         try:
             if read_header(old) is None:
                 continue
             with locked(old):
+                remove_halves(old)
                 remove(old, OF_A_MATRIX)
         except (ConfigError, OSError):  # not a matrix, in use, or write-protected
             continue

@@ -8,28 +8,34 @@ are selected and moved on cells of the surface, and the network is measured by i
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
+from rastercov.camera.rig import led_by, rows_of_result
 from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import batch_size
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.coverage import in_batches
+from rastercov.mesh.groups import rows_of
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
+from rastercov.placement.plan.arm import ArmPoses, PlanArm
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
 from rastercov.placement.plan.network import (
-    FAILS,
     HOLDS,
     CellRequirement,
     Measured,
@@ -43,8 +49,11 @@ from rastercov.placement.plan.network import (
     most_views,
     observer_of,
     seeable_areas,
+    views_by_group,
+    whole_faces,
     with_areas,
 )
+from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.prepare import (
     Clock,
     Prepared,
@@ -61,7 +70,7 @@ from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection
 from rastercov.placement.uncovered import Leftover
 
-RAISES = 3
+RAISES = 8
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
 MOST_PAIRS = 50_000_000
 """Pairs of candidate and face up to which the exact area of all candidates is computed: about as
@@ -71,7 +80,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Placement(InOneLine):
+class Placement(InOneLine, InNotebook):
     """A network of cameras with its results; those of later steps are None unless done.
 
     Attributes
@@ -88,7 +97,10 @@ class Placement(InOneLine):
         Improvements on cells, "searched" or "refined", that were not taken: they would have lost
         exact area.
     left_out : tuple of int
-        Cameras or rigs of the selection, by their rows in it, that added nothing after refinement.
+        Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
+        or without which the goal over time is met.
+    arm : ArmPoses or None
+        Joint angles of the network, where a robot carries the cameras.
     """
 
     prepared: Prepared
@@ -104,6 +116,7 @@ class Placement(InOneLine):
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
+    arm: ArmPoses | None = None
 
     @property
     def chosen(self) -> NDArray[np.int64]:
@@ -114,6 +127,11 @@ class Placement(InOneLine):
     def is_met(self) -> bool:
         """True where every requirement holds."""
         return all(each.status == HOLDS for each in self.requirements)
+
+    @property
+    def worth(self) -> tuple[float, float]:
+        """Rank among placements of a plan: what its requirements lack, less than 0, then share."""
+        return -sum(_lack(each) for each in self.requirements), self.cameras.share
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,15 +188,14 @@ def place(
     missing += [] if plan.selection else ["selection: missing; place needs a goal"]
     if missing:
         raise PlanError(plan.name, missing)
-    from rastercov.exact.certificate import compile_first  # loads numba
 
     clock = Clock(step)
     with clock("scene"):
         mesh, plan, _ = named_scene(plan)
         selection, task = plan.selection, plan.build_task()
         assert selection is not None
-        compile_first(plan.task.method)
         cells = cells_of(plan, mesh)
+        over_time = PlanMotion.of(plan, mesh)
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
         own = counting(plan.task) | {"mounts": plan.mounts}
@@ -191,8 +208,10 @@ def place(
             on_cells = CellObjective.of_cells(observer, finder, cells, **own)
         objectives = Objectives(faces, on_cells)
         shards = None if folder is None else folder / "matrix"
-        prepared = prepare(plan, selection, observer, task, shards, clock, cells, workers)
-        if on_cells is not None:
+        prepared = prepare(
+            plan, selection, observer, task, shards, clock, cells, workers, over_time
+        )
+        if on_cells is not None and over_time is None:
             prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):
             chosen = _select(prepared.problem, selection, selection.time_limit)
@@ -256,7 +275,19 @@ def _by_area(
     assert objectives.cells is not None
     prepared, on_cells = placement.prepared, objectives.cells
     plan, limits = prepared.plan, limits_of(prepared.selection)
-    cameras = with_areas(plan, placement.cameras, on_cells.finder, None, progress, has_curve=True)
+    arm: ArmPoses | None = None
+    if prepared.arm is not None:
+        cameras, arm = _with_arm(placement, prepared.arm, on_cells.finder)
+    elif (timed := prepared.over_time) is None:
+        finder = on_cells.finder
+        cameras = with_areas(plan, placement.cameras, finder, None, progress, has_curve=True)
+    else:
+        whole = timed.evaluate(plan.rig, placement.cameras.placed, plan.build_task())
+        curve = timed.curve(whole)
+        cameras = replace(
+            placement.cameras, areas=whole.areas, curve=np.array(curve, np.float64),
+            share=curve[-1] if curve else 0.0,
+        )  # fmt: skip
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
@@ -270,7 +301,59 @@ def _by_area(
         required = judge_areas(
             cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
         )
-    return replace(placement, cameras=cameras, requirements=required)
+    return replace(placement, cameras=cameras, requirements=required, arm=arm)
+
+
+def _with_arm(placement: Placement, own: PlanArm, finder: RegionPass) -> tuple[Measured, ArmPoses]:
+    """The network with its exact area, as each camera sees the scene with the arm in its way."""
+    plan, known = placement.prepared.plan, placement.arm
+    joints = np.zeros((0, len(own.arm.robot.joint_names))) if known is None else known.joints
+    parts, arm = own.measured(finder, placement.cameras.mounted, joints)
+    areas, curve = AreaNetwork(finder.mesh, finder.task), [0.0]
+    for part, count in zip(parts, np.bincount(placement.cameras.owner), strict=True):
+        areas.add(part)
+        curve += [curve[-1]] * int(count - 1)
+        curve.append(areas.summary(views_by_group(plan, None))["percent"] / 100)
+    covered = whole_faces(areas, plan.task.views)
+    placement.cameras.network.is_covered = covered
+    cameras = replace(
+        placement.cameras, areas=areas, curve=np.array(curve[1:]), share=curve[-1],
+        covered=covered, certain=covered, possible=covered,
+    )  # fmt: skip
+    return cameras, arm
+
+
+def _seen_past_arm(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    """The placement with other candidates for those whose pictures the arm hides too much of.
+
+    A candidate that no solution of its pose frees is left out, and cameras are selected anew, a few
+    times. The best of all is kept, as the arm is in the figures of each.
+    """
+    found = best = placement
+    for tried in range(RAISES):
+        if found.arm is None or not found.arm.is_hidden.any():
+            break
+        progress(tried, RAISES)
+        problem, selection = found.prepared.problem, found.prepared.selection
+        try:
+            bits = _without(problem, found.chosen[found.arm.is_hidden])
+            problem = replace(problem, bits=bits)
+        except ConfigError:  # the rest does not reach the goal
+            break
+        prepared = replace(found.prepared, problem=problem)
+        chosen = _select(problem, selection, selection.time_limit)
+        found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
+        best = max(best, found, key=lambda each: each.worth)
+    return best
+
+
+def _without(problem: Problem, candidates: NDArray[np.int64]) -> CoveredBits:
+    """Bits of a problem of which some candidates cover nothing."""
+    words = np.concatenate([np.asarray(part) for part in problem.bits.parts])
+    starts = np.arange(problem.n_candidates + 1) if problem.starts is None else problem.starts
+    for row in candidates:
+        words[starts[row] : starts[row + 1]] = 0
+    return CoveredBits.of(words, problem.bits.n_faces)
 
 
 def _is_of_reachable(selection: SelectionSection) -> bool:
@@ -282,66 +365,115 @@ def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
     """With the exact area of all candidates where shares are of it and it is affordable."""
     poses = prepared.measured
     is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
+    is_affordable &= not finder.task.min_angle_deg  # of all pairs of candidates
     if not _is_of_reachable(prepared.selection) or not is_affordable:
         return prepared
     areas = AreaNetwork(prepared.mesh, finder.task)
-    step = batch_size(prepared.mesh.n_faces, finder.threads)
+    rows, done = rows_of_result(finder.camera, poses), 0
     with clock("area of all candidates") as progress:
-        for at in range(0, len(poses), step):
-            areas.add(finder.find(poses[at : at + step], closed=areas.closed))
-            progress(min(at + step, len(poses)), len(poses))
+        for some in in_batches(poses, prepared.mesh.n_faces, finder.threads, rows):
+            areas.add(gated(finder.find(some, closed=areas.closed), finder.camera, some))
+            done += len(some)
+            progress(done, len(poses))
     return replace(prepared, reachable=areas)
+
+
+def _lack(requirement: Requirement) -> float:
+    """Share that is certainly covered, less than the limit by this; 0 where that holds."""
+    return 0.0 if requirement.status == HOLDS else requirement.limit - requirement.low
 
 
 def _is_short(placement: Placement) -> bool:
     """True where cells meet the goal of the plan, and the exact area of the network does not."""
-    goal, selection = placement.prepared.problem.goal, placement.prepared.selection
-    if not isinstance(goal, FewestCameras) or not isinstance(selection, FewestSelection):
-        return False
-    is_reached = goal.of_reachable == selection.of_reachable
-    return is_reached and any(each.status == FAILS for each in placement.requirements)
+    goal = placement.prepared.problem.goal
+    return isinstance(goal, FewestCameras) and not placement.is_met
 
 
 def _selected_anew(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
     Each time as much more of the cells is wanted as the area falls short. Where that does not help,
-    it is the placement that covers most.
+    it is the placement that lacks least.
     """
     found = best = placement
     until = time.perf_counter() + placement.prepared.selection.time_limit
-    # Ends where all candidates together do not reach that much.
-    with suppress(ConfigError):
-        for _ in range(RAISES):
-            tighter = _raised(found)
-            left = max(until - time.perf_counter(), 1.0)
-            chosen = _select(tighter.problem, tighter.selection, left)
-            found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
-            best = max(best, found, key=lambda each: each.cameras.share)
-            if not _is_short(found):
-                return found
-    return best
+    for _ in range(RAISES):
+        tighter = _raised(found)
+        if tighter.problem.goal == found.prepared.problem.goal:  # all that candidates reach
+            break
+        left = max(until - time.perf_counter(), 1.0)
+        chosen = _select(tighter.problem, tighter.selection, left)
+        found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
+        best = max(best, found, key=lambda each: each.worth)
+        if not _is_short(found):
+            return found
+    return placement if _is_lowered(placement.prepared) else best
+
+
+def _is_timed(placement: Placement) -> bool:
+    """True where cameras are chosen for a goal over time, and meet it."""
+    is_fewest = isinstance(placement.prepared.problem.goal, FewestCameras)
+    return placement.prepared.over_time is not None and is_fewest and placement.is_met
+
+
+def _shortest(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    """The placement with the first cameras or rigs that meet its goal over time.
+
+    Cells in each frame are chosen on for the time as a whole: they may need more.
+    """
+    timed, areas = placement.prepared.over_time, placement.cameras.areas
+    assert timed is not None
+    assert isinstance(areas, TimeAreas)
+    owner, n = placement.cameras.owner, len(placement.cameras.mounted)
+    limits = limits_of(placement.prepared.selection)
+    reachable = placement.prepared.reachable
+    of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
+    for count in range(1, n):
+        first = timed.first(areas.over_time, int(np.count_nonzero(of_row < count)))
+        found = judge_areas(first.areas, limits, 1, reachable)
+        if all(each.status == HOLDS for each in found):
+            rows = list(range(count))
+            shorter = _of_rows(placement, objectives, rows)
+            return replace(shorter, left_out=tuple(range(count, n)))
+        progress(count, n)
+    return placement
+
+
+def _is_lowered(prepared: Prepared) -> bool:
+    """True where cells do not reach the goal of a plan, and another took its place."""
+    goal = prepared.problem.goal
+    is_partial = isinstance(goal, FewestCameras) and goal.of_reachable
+    return is_partial and not _is_of_reachable(prepared.selection)
 
 
 def _raised(placement: Placement) -> Prepared:
-    """The same task, with as much more to cover as the exact area falls short of it.
+    """The same task, with more to cover than now by as much as the exact area falls short.
 
-    Raises
-    ------
-    ConfigError
-        Where all candidates together do not reach that.
+    Goals on cells are raised from what the selection reaches, which may be more than they are: to
+    raise them by less changes nothing. They end at what all candidates together reach.
     """
-    prepared, goal = placement.prepared, placement.prepared.problem.goal
-    assert isinstance(goal, FewestCameras)
-    short = {each.group: 1.05 * each.short_by for each in placement.requirements}
-    raised = replace(
-        goal,
-        coverage=min(1.0, goal.coverage + short.get(None, 0.0)),
-        groups={
-            name: min(1.0, share + short.get(name, 0.0)) for name, share in goal.groups.items()
-        },
-    )
-    return replace(prepared, problem=replace(prepared.problem, goal=raised))
+    prepared, problem = placement.prepared, placement.prepared.problem
+    assert isinstance(problem.goal, FewestCameras)
+    if _is_lowered(prepared):
+        goal = replace(problem.goal, coverage=1.0)
+        return replace(prepared, problem=replace(problem, goal=goal))
+    whole, *_ = problem.required
+    now = problem.by_group(problem.covered_by(placement.selection.chosen)[1])
+    most = problem.by_group(problem.reachable)
+    short = {each.group: 1.05 * _lack(each) for each in placement.requirements}
+
+    def raised(share: float, rows: Any, lack: float) -> float:
+        of = max(1, whole[rows].sum())
+        reached, limit = now[rows].sum() / of, most[rows].sum() / of
+        return max(share, float(min(reached + lack, limit))) if lack else share
+
+    shares, names = dict(problem.goal.groups), list(problem.groups)
+    for place, lack in short.items():  # of a part all groups, which may have goals of their own
+        for row in [] if place is None else rows_of(names, place):
+            shares[names[row]] = raised(shares[names[row]], [row], lack)
+    share = raised(problem.goal.coverage, slice(None), short.get(None, 0.0))
+    goal = replace(problem.goal, coverage=share, groups=shares)
+    return replace(prepared, problem=replace(problem, goal=goal))
 
 
 def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
@@ -387,14 +519,18 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     selection, start = placement.prepared.selection, placement.cameras.mounted
-    found = refine(
-        _watched(objectives.moved, progress, selection.refine_budget),
-        placement.prepared.pool.space,
-        start,
-        budget=max(selection.refine_budget, len(start)),
-        seed=selection.seed,
-    )
-    moved = _moved(placement, objectives, found.poses, "refined")
+    watched = _watched(objectives.moved, progress, selection.refine_budget)
+    budget, own = max(selection.refine_budget, len(start)), placement.prepared.arm
+    if own is not None and placement.arm is not None:
+        found, joints = own.refined(watched, start, placement.arm.joints, budget)
+        known = replace(placement, arm=replace(placement.arm, joints=joints))
+        moved = _moved(known, objectives, found.poses, "refined")
+        if moved.cameras is placement.cameras:
+            moved = replace(moved, arm=placement.arm)
+    else:
+        space, seed = placement.prepared.pool.space, selection.seed
+        found = refine(watched, space, start, budget=budget, seed=seed)
+        moved = _moved(placement, objectives, found.poses, "refined")
     is_interrupted = found.status == INTERRUPTED
     if not is_interrupted:
         moved = _without_idle(moved, objectives)
@@ -422,7 +558,7 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
             continue
         found = _of_rows(placement, objectives, [rows.index(each) for each in rest])
         loss = placement.cameras.share - found.cameras.share
-        if loss <= ROUNDING and found.is_met >= placement.is_met:
+        if loss <= ROUNDING and found.worth[0] >= placement.worth[0] - ROUNDING:
             placement, rows = replace(found, left_out=(*placement.left_out, row)), rest
     return replace(placement, left_out=tuple(sorted(placement.left_out)))
 
@@ -463,7 +599,7 @@ def _explain_uncovered(
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
     """The placement with its cameras at new poses.
 
-    By area, cameras stay where moves that gain on cells lose in exact area.
+    Cameras stay where that loses a goal, or where moves that gain on cells lose in exact area.
     """
     before = placement.cameras.mounted.world_from_camera
     origin = [
@@ -472,7 +608,7 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
     ]
     mounted = Poses.of(poses, camera=placement.cameras.mounted.camera)
     moved = _at(placement, objectives, mounted, origin)
-    if objectives.cells is not None and moved.cameras.share < placement.cameras.share:
+    if moved.worth < placement.worth:
         return replace(placement, kept_poses=(*placement.kept_poses, how))
     return moved
 
@@ -480,7 +616,9 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 Work = Callable[[Placement, Objectives, Progress], Placement]
 STEPS: tuple[tuple[str, Callable[[Placement], object], Work], ...] = (
     ("area", lambda found: found.prepared.cells is not None, _by_area),
+    ("arm", lambda found: found.arm is not None and found.arm.is_hidden.any(), _seen_past_arm),
     ("stricter selection", lambda found: found.cameras.areas and _is_short(found), _selected_anew),
+    ("fewer cameras", _is_timed, _shortest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),
     ("refinement", lambda found: found.prepared.selection.refine, _refine),
     ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),

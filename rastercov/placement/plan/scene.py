@@ -19,10 +19,11 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.camera.rig import Rig
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting, pool
+from rastercov.placement.candidates.arm import Arm, on_arm
 from rastercov.placement.candidates.clearance import KeepOut, Place
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
@@ -33,6 +34,7 @@ from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import (
     Entry,
     MeshEntry,
+    OnArm,
     TargetEntry,
     TransformEntry,
     no_limit,
@@ -85,6 +87,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     except MeshError as error:
         raise PlanError(plan.name, [f"meshes: {error}"]) from None
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
+    robots = _robots(plan)
     groups = iter(mesh.groups)
     of_files = [
         FileGroups(file, [group.name for group in islice(groups, len(part.groups))])
@@ -92,6 +95,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
+    mesh = Mesh.joined([mesh, *robots]) if robots else mesh
     mesh, lines = _with_targets(plan, mesh, of_files)
     names = Names((group.name for group in mesh.groups), of_files)
     changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
@@ -107,6 +111,20 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     if lines:
         raise PlanError(plan.name, lines)
     return mesh, plan, names
+
+
+def _robots(plan: Plan) -> list[Mesh]:
+    """Meshes of the robots of a plan in the scene; one that carries cameras does not."""
+    lines, found = list[str](), list[Mesh]()
+    is_carrying = any(isinstance(each, OnArm) for each in plan.candidates)
+    for row, body in enumerate(() if is_carrying else plan.bodies):
+        try:
+            found += [] if body.urdf is None else [body.robot(plan.folder).mesh]
+        except RastercovError as error:
+            lines.append(f"bodies[{row}]: {error}")
+    if lines:
+        raise PlanError(plan.name, lines)
+    return found
 
 
 def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
@@ -127,19 +145,7 @@ def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
         stem = entry.built_in or (plan.folder / str(entry.path)).stem
         lone = len(part.groups) == 1
         names += [stem if lone else f"{stem}/{group.name}" for group in part.groups]
-    n_vertices = np.cumsum([0] + [part.n_vertices for part in parts])
-    n_groups = np.cumsum([0] + [len(part.groups) for part in parts])
-    return Mesh(
-        vertices=np.concatenate([part.vertices for part in parts]),
-        faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
-        groups=[Group(name) for name in unique_names(names, "group")],
-        face_group=np.concatenate(
-            [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
-        ),
-        source_face=np.concatenate([part.source_face for part in parts]),
-        sources=[source for part in parts for source in part.sources],
-        notes=[note for part in parts for note in part.notes],
-    )
+    return Mesh.joined(parts, unique_names(names, "group"))
 
 
 def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
@@ -233,6 +239,8 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
         elif isinstance(value, dict) and field in OF_GROUPS:
             find = names.places_of if field == "groups" else names.groups_of
             changes[field] = known(at, value, partial(names.by_group, find=find))
+        elif isinstance(value, Entry):
+            changes[field] = _with_names(value, at, names, lines)
         elif isinstance(value, list) and any(isinstance(each, Entry) for each in value):
             changes[field] = [
                 _with_names(each, f"{at}[{row}]", names, lines) for row, each in enumerate(value)
@@ -395,6 +403,11 @@ def _made(
 
     Fields of an entry that its base class lacks are the arguments of its generator.
     """
+    if isinstance(entry, entries.OnArm):
+        arm = _arm(plan, mesh, entry)
+        for part in _made(plan, mesh, entry.views(), index):
+            yield on_arm(part, arm)
+        return
     mounts = plan.mounts
     view = (mesh, mounts.first_camera(index), framing_of(plan, entry))
     match entry:
@@ -428,6 +441,28 @@ def _made(
             given = {"spacing": entry.spacing, "bounds": bounds} | _own(entry, entries.Mounted)
             for aim in entry.aim:
                 yield mount(*view, aim=_rule(aim), **given)
+
+
+def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
+    """Arm of each entry `on_arm` of a plan; PlanError where it cannot be made."""
+    found = []
+    for row, entry in enumerate(plan.candidates):
+        if isinstance(entry, entries.OnArm):
+            try:
+                found.append(_arm(plan, mesh, entry))
+            except RastercovError as error:
+                raise PlanError(plan.name, [f"candidates[{row}]: {error}"]) from None
+    return found
+
+
+def _arm(plan: Plan, mesh: Mesh, entry: entries.OnArm) -> Arm:
+    name, _, link = entry.body.partition("/")
+    body = next(each for each in plan.bodies if each.name == name)
+    pairs = [(one, other) for one, other in entry.allowed]
+    return Arm(
+        body.robot(plan.folder), link, mesh, entry.mount.matrix(), entry.clearance,
+        keep_outs(plan), pairs,
+    )  # fmt: skip
 
 
 def _own(entry: entries.Generator, base: type[entries.Generator]) -> dict[str, Any]:

@@ -12,9 +12,13 @@ Sections on cameras are the one camera, types of cameras with costs, and rigs. E
 entry names a generator of `pool`, `mounting` or `cavities` and holds its arguments.
 """
 
+import ast
+import inspect
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
@@ -28,24 +32,37 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     ValidationInfo,
+    WrapValidator,
     create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
 
-from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
-from rastercov.base.errors import CameraError, RastercovError
+from rastercov.base.arguments import Quantity, Reads, annotations_of, documented, reader_of
+from rastercov.base.errors import CameraError, ConfigError, RastercovError
+from rastercov.base.files import StrPath, suffix_of
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
+from rastercov.camera.exposure import Exposure
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.rig import Rig
-from rastercov.coverage.task import Task
+from rastercov.camera.lamp_file import lamps_of
+from rastercov.camera.lamps import KINDS as LAMPS
+from rastercov.camera.lamps import Lamps
+from rastercov.camera.light_units import GLOSSES
+from rastercov.camera.rig import Rig, preset_rig
+from rastercov.camera.rule import KINDS, All, rule_of, rule_to_json
+from rastercov.camera.viewpoints import look_at
+from rastercov.coverage.area.regions import OF_A_FACE
+from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
-from rastercov.mesh.formats.ifc import Product
+from rastercov.mesh.motion import Motion, conveyor, turntable
+from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
+from rastercov.mesh.robot import Robot
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
@@ -60,9 +77,37 @@ Boxed = TypeVar("Boxed", bound=Any)
 class Entry(BaseModel):
     """A table of the plan: unknown entries and values of another type are errors."""
 
-    model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> Any:
+        """Schema with the text below each field as its description.
+
+        pydantic can take it, too, but would read the sources at each start, 0.25 s.
+        """
+        found = handler(core)
+        properties = handler.resolve_ref_schema(found).get("properties", {})
+        for name, words in _texts_below_fields(cls).items():
+            properties[name].setdefault("description", words)
+        return found
+
+
+def _texts_below_fields(entry: type) -> dict[str, str]:
+    """Text below each field of an entry and of those that it extends."""
+    texts: dict[str, str] = {}
+    for kind in reversed(entry.__mro__):
+        for field, below in pairwise(_bodies().get(kind.__name__, ())):
+            match field, below:
+                case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(words))):
+                    texts[name] = inspect.cleandoc(words)
+    return texts
+
+
+@cache
+def _bodies() -> dict[str, list[ast.stmt]]:
+    """Statements of each class of this file."""
+    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    return {node.name: node.body for node in tree.body if isinstance(node, ast.ClassDef)}
 
 
 def fields_of(
@@ -94,7 +139,8 @@ def fields_of(
         default = by_name[name].default if made is MISSING else made()
         if is_optional:
             default, hint = None, hint | None
-        columns[name] = (hint, Field(default=default, description=words))
+        own = {} if default is MISSING else {"default": default}
+        columns[name] = (hint, Field(**own, description=words))
     return create_model(f"{source.__name__}Fields", __base__=base, **columns)
 
 
@@ -122,18 +168,22 @@ def _plan_type(hint: Any) -> Any:
     return hint if reader is None else Annotated[hint, _read(hint, reader)]
 
 
-def _read(hint: Any, reader: Reads) -> BeforeValidator:
+def _read(hint: Any, reader: Reads) -> WrapValidator:
     """Validator that reads text, with names and numbers with units in the schema."""
 
-    def number(value: Any) -> Any:
+    def number(value: Any, check: Callable[[Any], Any]) -> Any:
         try:
-            return reader.read(value) if isinstance(value, str) else value
+            given = reader.read(value) if isinstance(value, str) else value
         except ValueError as error:
             raise ValueError(f"wanted {error}") from None
+        found = check(float(given) if isinstance(given, Quantity) else given)
+        return given if isinstance(given, Quantity) else found
 
     quantity = Annotated[str, Field(pattern=f"^({reader.pattern})$")]
-    shown = hint | Literal[reader.names] | quantity
-    return BeforeValidator(number, json_schema_input_type=shown)
+    shown = hint | quantity
+    if reader.names:
+        shown |= Literal[reader.names]
+    return WrapValidator(number, json_schema_input_type=shown)
 
 
 def _file(name: str, info: ValidationInfo) -> str:
@@ -209,10 +259,12 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+Angle = Annotated[float, Field(ge=0, le=180)]
 Name = Annotated[str, Field(min_length=1)]
 File = Annotated[str, AfterValidator(_file)]
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Direction = Annotated[Triple, AfterValidator(a_direction)]
+Over = Literal["some", "all"] | Annotated[float, Field(gt=0, le=1)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Limits = Annotated[
     list[Annotated[float, Field(ge=0)]],
@@ -270,6 +322,8 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
     """[near, far] depths in focus, m; instead of an aperture."""
     distortion: list[float] | None = None
     """Coefficients of the model, in its order."""
+    body: Name = "world"
+    """Body that carries it, where bodies move; candidates are poses at rest."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -278,7 +332,7 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
 
     def build(self, folder: Path, catalogue: Path | None = None) -> Camera:
         """The camera; CameraError where the entries do not make one."""
-        entries = self.model_dump(exclude_none=True, exclude={"cost"})
+        entries = self.model_dump(exclude_none=True, exclude={"cost", "body"})
         if self.preset is not None:
             entries["catalogue"] = catalogue
         if self.file is None:
@@ -314,10 +368,18 @@ class CameraType(CameraSection):
         return self
 
 
+OF_NO_DEVICE = ("views", *OF_A_FACE)
+"""Thresholds that no single camera of a rig has."""
+
+
+class DeviceTask(fields_of(Task, is_optional=True, leave_out=OF_NO_DEVICE)):  # type: ignore[misc] # a base made of fields
+    """Thresholds of a camera of a rig in place of those of the task, such as of a projector."""
+
+
 class RigCamera(Entry):
     """Place of a camera on a rig: turned about an axis through the origin of the rig, then moved.
 
-    Axes of rig and camera: x right, y down, z forward.
+    Axes of rig and camera: x right, y down, z forward. A fixed camera is placed in the world.
     """
 
     camera: Name
@@ -330,44 +392,154 @@ class RigCamera(Entry):
     """Of the turn, degrees."""
     translation: Triple = [0.0, 0.0, 0.0]
     """Metres, after the turn."""
+    fixed: bool = False
+    """Stays where it is as the rig moves, such as a projector of the cell."""
+    target: Triple | None = None
+    """Point that a fixed camera looks at, m; in place of axis and angle_deg."""
+    task: DeviceTask | None = None
+    """Its thresholds, all in place of those of the task."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.target is not None and (not self.fixed or self.angle_deg):
+            raise ValueError("target is of a fixed camera without angle_deg; correct the entry")
+        return self
 
     def rig_from_camera(self) -> NDArray[np.float64]:
-        """(4, 4) place on the rig."""
+        """(4, 4) place on the rig; world_from_camera of a fixed camera."""
+        if self.target is not None:
+            found: NDArray[np.float64] = look_at([self.translation], self.target)[0]
+            return found
         place = np.eye(4)
         place[:3, :3] = rotation_about(self.axis, math.radians(self.angle_deg))
         place[:3, 3] = self.translation
         return place
 
 
+OF_RULE = {"rule", "k", "needs", *All.__dataclass_fields__}
+"""Entries of a rig that are its rule."""
+
+
 class RigSection(Entry):
-    """Cameras that move together: of the plan, or all of a file with their places."""
+    """Cameras that move together: of the plan, all of a file with their places, or a preset."""
 
     cameras: Some[RigCamera] | None = None
     """Cameras of the plan and their places."""
     file: File | None = None
     """File of cameras with their places, such as a Kalibr camchain."""
+    preset: Name | None = None
+    """Head of the catalogue, NAME:BASELINE or NAME:BASELINE:CAMERA, such as stereo:0.12."""
     cost: NotNegative | None = None
     """Of the rig; that of its cameras together unless given."""
+    rule: Annotated[str, *among(tuple(KINDS.values()))] | None = None
+    """Cameras that must see a point together: all, at_least k, or any; of the file unless given."""
+    k: Count | None = None
+    """Number of cameras of rule at_least."""
+    needs: Some[Name] | None = None
+    """Cameras without which nothing is measured, of rule at_least."""
+    min_baseline_deg: Angle | None = None
+    """Least angle between the rays to some two cameras, degrees, of rule all."""
+    max_baseline_deg: Angle | None = None
+    """Greatest angle between the rays to any two cameras, degrees, of rule all."""
+    max_uncertainty: Positive | str | None = None
+    """Largest standard deviation of a point, m or such as "50 um", of rule all."""
+    noise_px: Positive | dict[str, Positive] | None = None
+    """Noise of positions in the images, px, of all cameras or a table by name; with the former."""
+    stripes: Some[Name] | None = None
+    """Cameras that know one coordinate, x: projectors of stripes along y, laser sheets."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
-        only_one(self, ("cameras", "file"))
-        if self.file is not None:
-            self.build(Path((info.context or {}).get("folder", ".")), {})
+        only_one(self, ("cameras", "file", "preset"))
+        if self.cameras is None:
+            self.build(Path((info.context or {}).get("folder", ".")), {}, _catalogue(info))
         return self
 
-    def build(self, folder: Path, cameras: Mapping[str, Camera]) -> Rig:
-        """The rig of the cameras of a plan, or of its file; CameraError where there is none."""
+    def _ruled(self, rig: Rig, tasks: Mapping[str, Any], fixed: Sequence[str] = ()) -> Rig:
+        """A rig with the rule of these entries, thresholds of its cameras, and those that stay."""
+        given = self.model_dump(include=OF_RULE, exclude_none=True)
+        if not given and not tasks and not fixed:
+            return rig
+        if given and self.rule is None:
+            given = rule_to_json(rig.rule) | given
+        rule = rule_of(given) if given else rig.rule
+        own, names, places = rig.cameras, rig.names, rig.rig_from_camera
+        return Rig(
+            own, names, places, rule=rule, tasks=tasks or rig.tasks, fixed=fixed or rig.fixed
+        )
+
+    def build(
+        self, folder: Path, cameras: Mapping[str, Camera], catalogue: Path | None = None
+    ) -> Rig:
+        """The rig of the cameras of a plan, of its file or preset; CameraError for none."""
+        if self.preset is not None:
+            return self._ruled(preset_rig(self.preset, catalogue), {})
         if self.file is not None:
             views = read_views(folder / self.file)
             if views.rig is None or not views.has_unit:
                 lacks = "cameras" if views.rig is None else "a unit of their places"
                 raise CameraError(f"{self.file} is without {lacks}; convert it, with its unit")
-            return views.rig
+            return self._ruled(views.rig, {})
         own = self.cameras or []
         names = [each.name or each.camera for each in own]
         places = [each.rig_from_camera() for each in own]
-        return Rig([cameras[each.camera] for each in own], names, places)
+        tasks = {
+            name: each.task.model_dump(exclude_none=True)
+            for name, each in zip(names, own, strict=True)
+            if each.task is not None
+        }
+        fixed = [name for name, each in zip(names, own, strict=True) if each.fixed]
+        return self._ruled(Rig([cameras[each.camera] for each in own], names, places), tasks, fixed)
+
+
+class LampSection(Entry):
+    """A lamp, or several of one kind at `positions`, that must light what cameras see."""
+
+    kind: Annotated[str, *among(LAMPS)] | None = None
+    """Kind: point, spot, bar, ring, dome or area."""
+    intensity_cd: Positive | None = None
+    """Luminous intensity on its axis, cd, for thresholds in lx."""
+    power_w_sr: Positive | None = None
+    """Radiant intensity on its axis, W/sr, for thresholds in W/m2."""
+    half_angle_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    """Angle from its axis beyond which it sends nothing; of a spot."""
+    exponent: NotNegative | None = None
+    """m of I cos^m of the angle from its axis: 0 the same everywhere, 1 a surface that shines."""
+    size: Positive | Pair | None = None
+    """Length of a bar, diameter of a ring or dome, side or [width, height] of an area, m."""
+    points: Count | None = None
+    """Points of a lamp of size, up to 36."""
+    share: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Part of its points that a place sees where it counts as lit."""
+    ies: File | None = None
+    """IES LM-63 file, in place of all above."""
+    position: Triple | None = None
+    """Place, m; on the rig for a lamp of one."""
+    positions: Some[Triple] | None = None
+    """Places, a lamp at each."""
+    aim: Triple | None = None
+    """Point that it looks at; straight down unless given, or along the axis of its rig."""
+    rig: bool | Name = False
+    """The rig or camera that it rides on, true for each of them."""
+
+    @model_validator(mode="after")
+    def _check(self, info: ValidationInfo) -> Self:
+        folder = Path((info.context or {}).get("folder", "."))
+        lamps_of({"lamps": {"lamp": self.entries()}}, folder)
+        return self
+
+    def entries(self) -> dict[str, Any]:
+        """Entries of a file of lamps."""
+        return self.model_dump(exclude_none=True)
+
+
+class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made of fields
+    """Sensor, lens and time of the cameras, and the surface before them."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        value_of(self, Exposure)
+        return self
 
 
 class Generator(Entry):
@@ -534,9 +706,58 @@ class PoseFile(Generator):
     """Pose file, ours (.json, .npy) or of another program that states its unit."""
 
 
+class BaseEntry(Entry):
+    """Place of a robot: turned about an axis through its origin, then moved."""
+
+    axis: Direction = [0.0, 0.0, 1.0]
+    """Axis of the rotation, through the origin."""
+    angle_deg: Number = 0.0
+    """Angle of the rotation, counter-clockwise seen against the axis."""
+    translation: Triple = [0.0, 0.0, 0.0]
+    """Metres, after the rotation."""
+
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) rigid motion."""
+        found = np.eye(4)
+        found[:3, :3] = rotation_about(self.axis, math.radians(self.angle_deg))
+        found[:3, 3] = self.translation
+        return found
+
+
 OfSurface = PerSegment | PerFace | PerCavity
 OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | PoseFile
-CandidateEntry = Annotated[OfSurface | OfPlaces, Field(discriminator="generator")]
+Reachable = PerSegment | PerFace | OfPlaces
+
+
+class OnArm(Generator):
+    """Views of another generator that the arm of a robot reaches without a collision."""
+
+    generator: Literal["on_arm"]
+    body: Name
+    """Link that carries the camera: NAME/LINK of a body with urdf."""
+    of: Annotated[Reachable, Field(discriminator="generator")]
+    """The other generator, without entries of its own for rolls, up, cost and cameras."""
+    rolls_deg: Some[Number] = [0.0, 90.0, 180.0, 270.0]
+    """A candidate for each: turned about its axis."""
+    mount: BaseEntry = BaseEntry()
+    """Place of the camera on the link; axes: x right, y down, z forward."""
+    clearance: NotNegative = 0.0
+    """Least distance of links from the scene, from keep-out volumes and from each other, m."""
+    allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
+    """Pairs of links that may touch, beside neighbours."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
+            raise ValueError(f"{own[0]} is of on_arm, not of its generator; move it there")
+        return self
+
+    def views(self) -> Reachable:
+        """The other generator, with rolls and up of this one."""
+        return self.of.model_copy(update={"rolls_deg": self.rolls_deg, "up": self.up})
+
+
+CandidateEntry = Annotated[OfSurface | OfPlaces | OnArm, Field(discriminator="generator")]
 
 
 def _unit(unit: str | float) -> str | float:
@@ -612,12 +833,10 @@ class RoomSection(Entry):
         together(self, "polygon", "z")
         return self
 
-    def build(
-        self, mesh: Mesh, name: str, spaces: Callable[[], Sequence[tuple[Product, Mesh]]]
-    ) -> Room:
-        """The room in a mesh with spaces; an error where the entries do not make one."""
+    def build(self, mesh: Mesh, name: str) -> Room:
+        """The room in a mesh; an error where the entries do not make one."""
         if self.space is not None:
-            return Room.of_solid(space_named(spaces(), self.space), name)
+            return Room.of_solid(space_named(mesh.spaces, self.space), name)
         if self.polygon is None or self.z is None:
             return Room.at(mesh, self.inside or (), self.opening, name)
         return Room.of_polygon(self.polygon, (self.z[0], self.z[1]), name)
@@ -674,12 +893,159 @@ class TargetEntry(Entry):
         return self
 
 
+class BodyEntry(Entry):
+    """Groups that move together, or a robot, whose links are the bodies NAME/LINK."""
+
+    name: Name
+    """Name of the body."""
+    groups: list[Name] = []
+    """Names of groups or files; that of the body if empty."""
+    urdf: File | None = None
+    """Robot, instead of groups: a URDF file."""
+    packages: dict[Name, Name] = {}
+    """Folder of each package of the URDF, by its name."""
+    geometry: Literal["collision", "visual"] = "collision"
+    """Shapes of the links."""
+    base: BaseEntry = BaseEntry()
+    """Place of the robot."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.urdf is not None and self.groups:
+            raise ValueError("urdf has groups of its own; leave out groups")
+        of_robot = self.model_fields_set & {"packages", "geometry", "base"}
+        if self.urdf is None and of_robot:
+            raise ValueError(f"{sorted(of_robot)[0]} is of a robot; give urdf, or leave it out")
+        return self
+
+    def robot(self, folder: Path) -> Robot:
+        """The robot of an entry with a URDF; MeshError where it cannot be read."""
+        assert self.urdf is not None
+        folders: dict[str, StrPath] = {name: folder / each for name, each in self.packages.items()}
+        return Robot.load(
+            folder / self.urdf, folders, self.geometry, base=self.base.matrix(), name=self.name
+        )
+
+
+class Turned(Entry):
+    """A body that is turned in equal steps."""
+
+    body: Name
+    """Name of the body."""
+    steps: Count
+    """Frames; the first is the rest pose."""
+    axis: Direction = [0.0, 0.0, 1.0]
+    """Direction, counter-clockwise seen against it."""
+    centre: Triple = [0.0, 0.0, 0.0]
+    """Point of the axis, m."""
+    degrees: Number = 360.0
+    """Angle of all steps together."""
+
+
+class Conveyed(Entry):
+    """A body that is moved in equal steps."""
+
+    body: Name
+    """Name of the body."""
+    steps: Count
+    """Frames; the first is the rest pose, the last at the distance."""
+    direction: Direction
+    """Of the way."""
+    distance: Number
+    """Way, m."""
+
+
+class MotionSection(Entry):
+    """Poses of bodies, frame by frame; those of one frame stay as they are."""
+
+    turntable: Turned | None = None
+    """A body on a turntable."""
+    conveyor: Conveyed | None = None
+    """A body on a conveyor."""
+    poses: File | None = None
+    """Table of poses: JSON or CSV."""
+    joints: File | None = None
+    """Path of the joints of the one robot: CSV, a column a joint, and perhaps duration."""
+    animation: str | None = None
+    """Animation of a glTF file of the plan, by its name; "" for the only one."""
+    steps: Count = 50
+    """Frames of the animation, at equal steps of its time."""
+
+    def build(
+        self,
+        mesh: Mesh,
+        bodies: Sequence[BodyEntry],
+        folder: Path,
+        files: Sequence[MeshEntry] = (),
+    ) -> Motion:
+        """The motion of a mesh, of some files; ConfigError or MeshError where there is none."""
+        tables: dict[str, Any] = {}
+        others: dict[str, Any] = {}
+
+        def add(name: str, table: Any) -> None:
+            if name in tables:
+                raise ConfigError(f"body {name!r} moves in two ways; leave out one")
+            tables[name] = table
+
+        if (table := self.turntable) is not None:
+            axis, centre = table.axis, table.centre
+            add(table.body, turntable(table.steps, axis=axis, centre=centre, degrees=table.degrees))
+        if (belt := self.conveyor) is not None:
+            way = conveyor(belt.steps, direction=belt.direction, distance=belt.distance)
+            add(belt.body, way)
+        if self.poses is not None:
+            others = read_motion(folder / self.poses)
+            for name, poses in others.pop("bodies").items():
+                add(name, poses)
+        robots = [body for body in bodies if body.urdf is not None]
+        if self.joints is not None:
+            if len(robots) != 1:
+                raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
+            robot = robots[0].robot(folder)
+            path = robot.read_path(folder / self.joints)
+            if len({*path.duration.tolist()}) > 1:
+                others.setdefault("durations", path.duration)
+            for name, poses in robot.poses(path.joints).items():
+                add(name, poses)
+        groups = {body.name: body.groups for body in bodies if body.groups}
+        if self.animation is not None:
+            found = self._animated(mesh, folder, files)
+            others["present"] = others.get("present", {}) | found["present"]
+            groups |= found["groups"]
+            for name, poses in found["bodies"].items():
+                add(name, poses)
+        for body in bodies:
+            if body.urdf is None:
+                tables.setdefault(body.name, np.eye(4))
+        if not tables:
+            raise ConfigError("no body moves; give turntable, conveyor, poses, joints or animation")
+        return Motion(mesh, tables, groups=groups, **others)
+
+    def _animated(self, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]) -> dict[str, Any]:
+        of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
+        if len(of_gltf) != 1 or of_gltf[0].path is None:
+            raise ConfigError(f"animation is of one glTF file, got {len(of_gltf)}; give poses")
+        place, path = of_gltf[0].transform, folder / of_gltf[0].path
+        matrix = np.eye(4)
+        matrix[:3, :3] = place.scale * rotation_about(place.axis, math.radians(place.angle_deg))
+        matrix[:3, 3] = place.translation
+        name = self.animation or ""
+        return read_gltf_motion(mesh, path, name, self.steps, of_gltf[0].unit, matrix)
+
+
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
 class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Thresholds that a face must meet to be covered."""
 
+    gloss: Annotated[str, *among(tuple(GLOSSES))] | None = None
+    """Gloss of the surface: matt, satin or polished, in place of max_highlight_deg."""
+
+    over: Over | None = None
+    """Time in which a point must be covered, where bodies move: some, all, or a share."""
+    views_at: Literal["one time", "any time"] = "one time"
+    """Several cameras cover it at one time, or each at whatever times."""
     views: Count | dict[str, Count] = 1
     """Cameras that must cover a face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "seeable", "count"] = "area"
@@ -697,8 +1063,8 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     def _check(self) -> Self:
         if self.supersample > 1 and self.method != "sampled":
             raise ValueError(f"supersample is for method sampled, got method {self.method}")
-        if self.by == "area" and self.min_angle_deg > 0:
-            raise ValueError('min_angle_deg is of a face; leave out by = "area"')
+        if self.gloss is not None and self.max_highlight_deg > 0:
+            raise ValueError("gloss and max_highlight_deg are the same; give one")
         if self.by == "area" and self.weight_by == "count":
             raise ValueError('weight_by = "count" is of faces; leave out by = "area"')
         if self.by == "face" and self.resolution_of_result is not None:
@@ -835,6 +1201,10 @@ class PlanModel(Entry):
     """Parts of a building by name: for candidates, targets and warnings."""
     targets: list[TargetEntry] = []
     """Further surfaces to be seen, which hide nothing."""
+    bodies: list[BodyEntry] = []
+    """Groups that move together."""
+    motion: MotionSection | None = None
+    """Poses of the bodies, frame by frame."""
     catalogue: File | None = None
     """Catalogue of cameras and lenses, beside that of the package, for presets."""
     camera: CameraSection | None = None
@@ -843,6 +1213,12 @@ class PlanModel(Entry):
     """Types of cameras by name, instead of the one camera."""
     rigs: dict[Name, RigSection] = {}
     """Cameras that move together, by the name of the rig."""
+    lamps: dict[Name, LampSection] = {}
+    """Lamps by name, one of which must light what is covered."""
+    ambient: Annotated[float, Field(ge=0, allow_inf_nan=False)] | str = 0.0
+    """Light that is everywhere, a number or text such as "50 lx"; with lamps."""
+    exposure: ExposureSection | None = None
+    """Sensor and time of the cameras: signal and saturation as a band of illuminance."""
     task: TaskSection = TaskSection()
     """Thresholds that a face must meet to be covered."""
     candidates: list[CandidateEntry] = []
@@ -855,9 +1231,17 @@ class PlanModel(Entry):
     """Files that are written, and their folder."""
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self, info: ValidationInfo) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("camera and cameras exclude each other; put it among the cameras")
+        lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
+        for name in OF_LIGHT if lamps is None else ():
+            if getattr(self.task, name):
+                raise ValueError(f"task.{name} is of light; add lamps as [lamps.NAME]")
+        for name in ("ambient", "exposure") if lamps is None else ():
+            if getattr(self, name):
+                raise ValueError(f"{name} is of light; add lamps as [lamps.NAME]")
+        self._check_motion()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
             for name in (name for name, each in types if each.cost is None):
@@ -877,6 +1261,62 @@ class PlanModel(Entry):
                     f"{', '.join(known) or 'none'}"
                 )
         return self
+
+    def built_lamps(self, folder: Path) -> Lamps | None:
+        """The lamps, with files of a folder; None where there are none."""
+        if not self.lamps:
+            return None
+        own = {name: each.entries() for name, each in self.lamps.items()}
+        try:
+            more = {} if self.exposure is None else {"exposure": self.exposure.model_dump()}
+            return lamps_of({"ambient": self.ambient, "lamps": own} | more, folder)
+        except RastercovError as error:
+            raise ValueError(str(error)) from None
+
+    def _check_arm(self) -> bool:
+        """True where candidates are on an arm; ValueError for those that do not go with it."""
+        own = [each for each in self.candidates if isinstance(each, OnArm)]
+        if not own:
+            return False
+        if len(own) < len(self.candidates):
+            raise ValueError("candidates: on_arm goes with no other entry; give each as its of")
+        if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
+            raise ValueError("candidates: all on_arm must have one body, mount and clearance")
+        name = own[0].body.partition("/")[0]
+        if [body.name for body in self.bodies if body.urdf is not None] != [name]:
+            raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
+        if self.motion is not None:
+            raise ValueError("candidates: on_arm is of a still scene; leave out motion")
+        for field in ("optimise", "tolerance"):
+            if self.selection is not None and getattr(self.selection, field):
+                why = "cameras are moved by the joints of an arm"
+                raise ValueError(f"selection.{field}: {why}; leave it out")
+        return True
+
+    def _check_motion(self) -> None:
+        if self._check_arm():
+            if self.task.over is not None:
+                raise ValueError("task.over is of a motion; leave it out")
+            return
+        if self.motion is None:
+            if self.task.over is not None or self.bodies:
+                raise ValueError(
+                    "task.over and bodies are of a motion; give one, or leave them out"
+                )
+            return
+        if self.lamps:
+            raise ValueError("lamps are of a still scene; leave out motion")
+        if isinstance(self.task.views, dict):
+            raise ValueError("task.views by group is of a still scene; give one number")
+        if self.task.views > 1 and getattr(self.selection, "of_reachable", False):
+            raise ValueError("selection.of_reachable over time is of one view; leave it out")
+        if self.task.weight_by == "seeable":
+            raise ValueError("task.weight_by seeable is of a still scene; give area")
+        for name in ("refine", "optimise", "tolerance"):
+            if self.selection is not None and getattr(self.selection, name):
+                raise ValueError(
+                    f"selection.{name}: cameras are chosen over time, not moved; leave it out"
+                )
 
     @property
     def camera_names(self) -> tuple[str, ...]:

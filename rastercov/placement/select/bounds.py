@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.kernels import placement_lagrange as kernels
+from rastercov.native import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
@@ -102,7 +102,7 @@ class Deadline:
 
     def check(self) -> None:
         """Raise TimeUpError once it has passed."""
-        if self.is_over:
+        if time.perf_counter() >= self.at:
             raise TimeUpError
 
 

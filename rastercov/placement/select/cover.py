@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.kernels import placement_selection as kernels
+from rastercov.native import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS
 
@@ -62,6 +62,7 @@ class Cover(ABC):
         self.chosen: set[int] = set()
         self.done = np.zeros(len(among.least), np.int64)
         self.barred = np.zeros(among.n_candidates, np.uint8)
+        self._no_room = np.zeros(len(among.least), np.int64)
 
     @property
     def covered(self) -> int:
@@ -106,8 +107,7 @@ class Cover(ABC):
 
     def next_best(self, most_cost: float = np.inf, *, by_cost: bool = False) -> int:
         """Candidate with the greatest gain, -1 where no gain is positive."""
-        nothing = np.zeros(len(self.among.least), np.int64)
-        return self._next(nothing, NO_LIMIT, most_cost, by_cost)
+        return self._next(self._no_room, NO_LIMIT, most_cost, by_cost)
 
     def next_needed(self) -> int:
         """Candidate with the greatest gain by cost towards the unmet requirements, -1 for none."""
@@ -153,14 +153,14 @@ class CoverState(Cover):
         self.gain = np.zeros((reduced.n_candidates, len(reduced.least)), np.int64)
         self._total = np.zeros(1, np.int64)
         pairs = (reduced.starts, reduced.covering, reduced.owner)
-        values = (reduced.views, reduced.need, step, bonus, reduced.kind)
-        self._directions = (reduced.eyes, reduced.centroids, reduced.problem.min_cosine)
-        kernels.first_gains(*pairs, *values, *self._directions, self.gain)
-        state = (self.count, self.gain, self.done, self._total)
-        rows = (reduced.camera_indptr, reduced.face)
-        self._arguments = (*rows, *pairs, *values, integer_weights, *state)
-        self._seen = np.empty((reduced.n_faces if reduced.is_spread else 0, 8), np.int32)
-        self._is_spread = np.zeros(reduced.n_faces if reduced.is_spread else 0, np.bool_)
+        lists = (reduced.camera_indptr, reduced.face, *pairs)
+        faces = (reduced.views, reduced.need, step, bonus, reduced.kind, integer_weights)
+        self._rays = (reduced.eyes, reduced.centroids, float(reduced.problem.min_cosine))
+        kernels.first_gains(lists, faces, self._rays, self.gain)
+        self._records = (lists, faces, (self.count, self.gain, self.done, self._total))
+        self._has_angle = reduced.is_spread
+        self._seen = np.empty((reduced.n_faces if self._has_angle else 0, 8), np.int32)
+        self._is_spread = np.zeros(reduced.n_faces if self._has_angle else 0, np.bool_)
         self.work = len(reduced.face)
 
     @property
@@ -204,24 +204,21 @@ class CoverState(Cover):
     ) -> int:
         self.work += gain.size
         reduced = self.reduced
-        return int(
-            kernels.next_camera(
-                gain, room, total, reduced.costs, reduced.rank, self.barred, most_cost, by_cost
-            )
+        return kernels.next_camera(
+            gain, room, total, reduced.costs, reduced.rank, self.barred, most_cost, by_cost
         )
 
     def _change(self, camera: int, sign: int) -> None:
         """Add or remove the cameras of a candidate, one after the other."""
         limits = self.reduced.limits
         for row in range(limits[camera], limits[camera + 1]):
-            if not self.reduced.is_spread:
-                self.work += kernels.change(row, sign, *self._arguments)
+            if not self._has_angle:
+                self.work += kernels.change(row, sign, *self._records)
                 continue
             if self.count.max(initial=0) >= self._seen.shape[1]:
                 self._seen = np.concatenate((self._seen, np.empty_like(self._seen)), axis=1)
-            self.work += kernels.change_spread(
-                row, sign, *self._arguments, *self._directions, self._seen, self._is_spread
-            )
+            seen = (self._seen, self._is_spread)
+            self.work += kernels.change_spread(row, sign, *self._records, self._rays, seen)
 
 
 class LazyCover(Cover):
@@ -262,8 +259,9 @@ class LazyCover(Cover):
         costs, rank = self.large.costs, self.large.rank
 
         def scores(gains: IntArray, rows: IntArray | slice) -> FloatArray:
-            found: FloatArray = kernels.scores(
-                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost
+            found = np.empty(len(gains))
+            kernels.scores(
+                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost, found
             )
             return found
 

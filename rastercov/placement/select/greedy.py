@@ -1,8 +1,8 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
-The gains of all candidates are updated incrementally (`kernels.placement_selection`), which makes
-lazy evaluation unnecessary where their lists fit into the memory. Where one view a face is enough,
-coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
+The gains of all candidates are updated incrementally, see `native/placement/selection.cpp`, which
+makes lazy evaluation unnecessary where their lists fit into the memory. Where one view a face is
+enough, coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
 logarithmic factor of set cover. The local search only improves on it.
 
 G. L. Nemhauser, L. A. Wolsey, M. L. Fisher. An analysis of approximations for maximizing
@@ -11,6 +11,7 @@ L. A. Wolsey. An analysis of the greedy algorithm for the submodular set coverin
 R. Ruiz, T. Stützle. A simple and effective iterated greedy algorithm. 2007.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeVar
@@ -20,7 +21,6 @@ import numpy as np
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
-from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.bounds import (
     MOST_CORE_PAIRS,
     NEVER,
@@ -75,7 +75,7 @@ def select_greedy(
     check_seed(seed)
     if core_pairs is not None and core_pairs < 0:
         raise ConfigError(f"core_pairs must be 0 or more, got {core_pairs}")
-    clock = Stopwatch()
+    began = time.perf_counter()
     presolved = presolve(problem)
     most = MOST_LISTED_PAIRS if core_pairs is None else core_pairs
     if problem.has_rigs or problem.is_spread or int(presolved.sizes.sum()) <= most:
@@ -90,7 +90,9 @@ def select_greedy(
         state.become(np.flatnonzero(np.isin(rows, list(chosen.chosen))).tolist())
     if effort > 0:
         state = improve(core, state, bound, effort, seed)
-    return finish("greedy", problem, core.candidates[state.ranked()], bound, clock.seconds)
+    return finish(
+        "greedy", problem, core.candidates[state.ranked()], bound, time.perf_counter() - began
+    )
 
 
 def construct(reduced: ReducedProblem) -> CoverState:

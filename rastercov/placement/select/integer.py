@@ -33,7 +33,7 @@ from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
-from rastercov.kernels import placement_selection as kernels
+from rastercov.native import placement_selection as kernels
 from rastercov.placement.select.bounds import (
     BOUND_SAFETY_REL,
     Deadline,
@@ -301,10 +301,12 @@ class _Program:
         n_found = 0
         for part in self.parts:
             deadline.check()
-            starts, columns = kernels.missing_directions(
+            starts = np.empty(part.stop - part.start + 1, np.int64)
+            columns = np.empty(len(reduced.covering), np.int32)
+            kernels.missing_directions(
                 reduced.starts[part.start : part.stop + 1], reduced.covering, reduced.owner,
                 is_chosen, self.views[part], reduced.eyes, reduced.centroids[part],
-                reduced.problem.min_cosine,
+                reduced.problem.min_cosine, starts, columns,
             )  # fmt: skip
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
                 row = columns[starts[face] : starts[face + 1]].astype(np.int32)

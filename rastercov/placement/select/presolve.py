@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.kernels import placement_bits as bit_kernels
-from rastercov.kernels import placement_presolve as kernels
-from rastercov.placement.bits import CoveredBits, packed, spread_out
+from rastercov.native import placement_bits, placement_presolve
+from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 
 
@@ -117,7 +116,7 @@ class Presolved(Reduced):
         column[kept] = np.arange(len(kept))
         column = spread_out(column, np.int32)
         camera_indptr, face = self.bits.listed(cameras, packed(self.remains), column)
-        face_starts, covering = kernels.by_face(camera_indptr, face, len(kept))
+        face_starts, covering = by_face(camera_indptr, face, len(kept))
         views = problem.views[kept].astype(np.int32)
         eyes = centroids = np.empty((0, 3))
         if problem.is_spread:
@@ -208,14 +207,14 @@ def presolve(problem: Problem) -> Presolved:
     bits = _without_needless_pairs(problem) if is_plain_rig else problem.bits
     counted = problem.reachable & (problem.integer_weights > 0)
     kind, least, least_total = kinds_of(problem)
-    keys = kernels.hashes_of(np.arange(n_faces, dtype=np.uint64)).view(np.int64).T
+    keys = _hashes_of(np.arange(n_faces, dtype=np.uint64)).view(np.int64).T
     values = spread_out(np.concatenate((keys, np.ones((1, n_faces), np.int64))))
     found = bits.sums(values, np.stack([packed(counted)] * len(values)))
     hashes, sizes = np.ascontiguousarray(found[:, :2]).view(np.uint64), found[:, 2]
     if problem.is_spread:
         hashes = hashes + np.uint64(3) * _hashes_of_eyes(problem)
         if problem.has_rigs:  # of a sum of these, faces and eyes could be exchanged
-            hashes = kernels.hashes_of(hashes.ravel())[:, 0].reshape(-1, 2)
+            hashes = _hashes_of(hashes.ravel())[:, 0].reshape(-1, 2)
             hashes[sizes == 0] = 0
     if problem.has_rigs:
         hashes, sizes = np.add.reduceat(hashes, first), np.add.reduceat(sizes, first)
@@ -227,7 +226,7 @@ def presolve(problem: Problem) -> Presolved:
     if len(kept) and not problem.is_spread:
         remains = np.repeat(rank, np.diff(problem.rows))
         cameras = np.flatnonzero(remains >= 0)
-        amounts = kernels.hashes_of(remains[cameras].astype(np.uint64)).view(np.int64)
+        amounts = _hashes_of(remains[cameras].astype(np.uint64)).view(np.int64)
         owners = np.ascontiguousarray(bits.totals(amounts, cameras)[:, :n_faces].T)
         kept, integer_weights = merged(problem, kept, kind, owners.view(np.uint64))
     is_kept = np.zeros(n_faces, np.bool_)
@@ -247,6 +246,13 @@ def presolve(problem: Problem) -> Presolved:
     )
 
 
+def _hashes_of(keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """(N, 2) hashes of keys, (N,); that of a set is their sum, modulo 2^64."""
+    hashes = np.empty((len(keys), 2), np.uint64)
+    placement_presolve.hashes_of(keys, hashes)
+    return hashes
+
+
 def _without_needless_pairs(problem: Problem) -> CoveredBits:
     """Bits of rigs, of which the n-th camera has the faces that n cameras or more of it cover.
 
@@ -257,7 +263,7 @@ def _without_needless_pairs(problem: Problem) -> CoveredBits:
     needs = [packed(problem.views > n) for n in range(most)]
     for first, last in zip(problem.rows[:-1], problem.rows[1:], strict=True):
         rig = problem.bits.take(np.arange(first, last)).parts[0]
-        bit_kernels.count_up(rig, words[first:last])
+        placement_bits.count_up(rig, words[first:last])
         words[first:last] &= needs[: last - first]
     return CoveredBits.of(words, problem.n_faces)
 
@@ -265,8 +271,9 @@ def _without_needless_pairs(problem: Problem) -> CoveredBits:
 def _hashes_of_eyes(problem: Problem) -> NDArray[np.uint64]:
     """(K, 2) hashes of the camera centres."""
     assert problem.eyes is not None
-    keys = np.ascontiguousarray(problem.eyes + 0.0).view(np.uint64) + np.arange(3, dtype=np.uint64)
-    hashes: NDArray[np.uint64] = kernels.hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
+    bits = np.ascontiguousarray(problem.eyes + 0.0).view(np.uint64)
+    keys = (bits + np.arange(3, dtype=np.uint64)).astype(np.uint64, copy=False)  # for mypy
+    hashes: NDArray[np.uint64] = _hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
     return hashes
 
 

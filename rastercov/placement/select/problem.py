@@ -37,6 +37,9 @@ TOTAL_WEIGHT = 1 << 40
 SHARE_TOLERANCE = 1e-9
 """Absolute tolerance of a required share: 0.98 is not a binary fraction."""
 
+LEVELS = 1001
+"""Levels that are tried for goals in a goal whose rest cannot make up for them."""
+
 Shares = Mapping[str, Annotated[float, Ge(0), Le(1)]]
 
 
@@ -304,21 +307,39 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
     """The problem with another goal, of groups or of parts, which are its groups then.
 
     Of a part with goals in it, the rest is a group, which has to reach what the part lacks where
-    these are just reached: enough for all goals, and at times more than they ask.
+    these are just reached, and they more where it cannot: enough for all goals, and at times more
+    than they ask.
     """
     if isinstance(goal, BestCoverage):
         return replace(problem, goal=goal)
-    is_counted = problem.reachable if goal.of_reachable else np.ones(problem.n_faces, np.bool_)
-    whole, owner = problem.by_group(is_counted), np.array(problem.groups, object)
+    most = problem.by_group(problem.reachable)
+    whole = most if goal.of_reachable else problem.by_group(np.ones(problem.n_faces, np.bool_))
+    owner = np.array(problem.groups, object)
     rows = {place: rows_of(problem.groups, place) for place in sorted(goal.groups, key=len)}
     for place, own in rows.items():  # the outer ones first
         owner[own] = place
     shares = dict[str, float]()
     for place, own in reversed(rows.items()):
         share, inner = goal.groups[place], [row for row in own if owner[row] != place]
-        lack = sum((share - shares[owner[row]]) * whole[row] for row in inner)
-        rest = max(1, whole[own].sum() - whole[inner].sum())
-        shares[place] = min(max(share + lack / rest, 0.0), 1.0)
+        wanted = share * whole[own].sum()
+        if most[own].sum() < (share - SHARE_TOLERANCE) * whole[own].sum():
+            raise ConfigError(
+                f"group {place!r}: coverage {share:g} cannot be reached by all "
+                f"{problem.n_candidates} candidates together; ask for less, or add candidates"
+            )
+        shares[place] = share
+        if not inner:
+            continue
+        rest = np.setdiff1d(own, inner).astype(np.int64)
+        for level in np.linspace(0, 1, LEVELS):
+            for each in set(owner[inner]):
+                rows_of_it = owner == each
+                reach = most[rows_of_it].sum() / max(1, whole[rows_of_it].sum())
+                shares[each] = max(shares[each], min(level, reach))
+            lack = wanted - sum(shares[owner[row]] * whole[row] for row in inner)
+            if lack <= most[rest].sum():  # else the inner goals have to be more
+                break
+        shares[place] = float(min(max(lack / max(1, whole[rest].sum()), 0.0), 1.0))
     known = dict.fromkeys([*owner, *(place for place, own in rows.items() if own)])
     row_of = {name: row for row, name in enumerate(known)}
     of_group = np.array([row_of[name] for name in owner], np.int32)
@@ -435,7 +456,7 @@ def weights_of(on: Mesh | Cells, weight_by: str) -> FloatArray:
     mesh = on.elements if isinstance(on, Cells) else on
     weights = np.ones(mesh.n_faces) if weight_by == "count" else mesh.areas
     if weight_by == "seeable":
-        from rastercov.mesh.unseeable import unseeable_areas  # loads numba
+        from rastercov.mesh.unseeable import unseeable_areas
 
         whole, rows = (on.mesh, on.source_face) if isinstance(on, Cells) else (on, slice(None))
         hidden = unseeable_areas(whole) / np.maximum(whole.areas, np.finfo(float).tiny)

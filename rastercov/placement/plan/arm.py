@@ -1,0 +1,219 @@
+"""Cameras of a plan on the arm of a robot: what the arm hides of their pictures, and its joints.
+
+Candidates are measured without the arm. The chosen poses are measured again with it in each of
+their joint angles: where one hides too much, another solution of the same pose is tried. The moves
+of a refinement are those of joints, so that every pose stays within reach.
+"""
+
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.pose import Poses
+from rastercov.coverage.area.motion import regions_over_time
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.table import Regions
+from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
+from rastercov.mesh.kinematics import pose_error
+from rastercov.mesh.motion import Motion
+from rastercov.placement.candidates.arm import Arm
+from rastercov.placement.improve.objective import Objective
+from rastercov.placement.improve.refine import INTERRUPTED, Refined
+from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.scene import arms_of
+
+MOST_LOST = 0.5
+"""Points of the task's area that an arm may hide of the picture of its camera."""
+STEPS = (0.2, 0.1, 0.05, 0.025)
+"""Moves of joints in a refinement, radians or metres, one after the other."""
+SAME_POSE = 1e-6
+"""Metres and radians within which joint angles are those of a pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPoses:
+    """Joint angles of K chosen poses.
+
+    Attributes
+    ----------
+    joints : (K, J) float64
+    clearance, lost : (K,) float64
+        Metres; points of the task's area that the arm hides.
+    order : (K,) int64
+        Poses in the order of a greedy tour from the rest configuration.
+    """
+
+    joints: FloatArray
+    clearance: FloatArray
+    lost: FloatArray
+    order: IntArray
+
+    @property
+    def is_hidden(self) -> BoolArray:
+        """(K,) True where the arm hides too much, whichever solution is taken."""
+        found: BoolArray = self.lost > MOST_LOST
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class PlanArm:
+    """The arm that carries all cameras of a plan."""
+
+    plan: Plan
+    arm: Arm
+
+    @classmethod
+    def of(cls, plan: Plan, mesh: Mesh) -> "PlanArm | None":
+        """The arm of a plan; None where no candidate is on an arm."""
+        arms = arms_of(plan, mesh)
+        if not arms:
+            return None
+        if plan.unit_of_result()[0] != "area":
+            raise PlanError(plan.name, ["candidates: cameras on an arm are measured by area"])
+        return cls(plan, arms[0])
+
+    @cached_property
+    def scene(self) -> Mesh:
+        """The scene and the robot."""
+        return Mesh.joined([self.arm.mesh, self.arm.robot.mesh])
+
+    def measured(
+        self, finder: RegionPass, mounted: Poses, known: FloatArray
+    ) -> tuple[list[Regions], ArmPoses]:
+        """Regions of each of K mounts with the arm in the picture, and its joint angles.
+
+        Parameters
+        ----------
+        finder : RegionPass
+            Of the scene without the arm.
+        known : (N, J) float64
+            Joint angles that are taken for poses that they lead to, before any other.
+        """
+        reached = self.arm.reach(mounted.world_from_camera)
+        found: list[Regions] = []
+        joints: list[FloatArray] = []
+        lost: list[float] = []
+        ends = self.arm.poses(known) if len(known) else np.zeros((0, 4, 4))
+        for row in range(len(mounted)):
+            one = mounted[row : row + 1]
+            error = pose_error(ends, np.broadcast_to(one.world_from_camera, ends.shape))
+            own = known[np.linalg.norm(error, axis=1) <= SAME_POSE]
+            own = np.concatenate([own, reached.joints[reached.pose == row]])
+            if not len(own):  # inverse kinematics found it for the candidate of the same pose
+                raise PlanError(self.plan.name, [f"camera {row}: the arm does not reach it"])
+            placed, _ = self.plan.mounts.cameras(one)
+            alone = _area(gated(finder.find(placed), finder.camera, placed))
+            best: tuple[float, int, Regions] | None = None
+            for index, angles in enumerate(own):
+                regions = self._with_arm(finder, placed, angles)
+                share = (alone - _area(regions)) / max(self._whole, 1e-300)
+                if best is None or share < best[0]:
+                    best = share, index, regions
+                if 100 * best[0] <= MOST_LOST:
+                    break
+            assert best is not None
+            found.append(best[2])
+            joints.append(own[best[1]])
+            lost.append(max(0.0, 100 * best[0]))
+        table = np.array(joints).reshape(-1, len(self.arm.robot.joint_names))
+        clearance = self.arm.clear(table) if len(table) else np.zeros(0)
+        return found, ArmPoses(table, clearance, np.array(lost), self._tour(table))
+
+    @cached_property
+    def _whole(self) -> float:
+        """Area of the task, m^2."""
+        mesh = self.arm.mesh
+        return float(mesh.areas[mesh.task_mask].sum())
+
+    def _with_arm(self, finder: RegionPass, placed: Poses, joints: FloatArray) -> Regions:
+        """Regions of the scene with the arm in one configuration."""
+        motion = Motion(self.scene, self.arm.robot.poses(joints))
+        method = self.plan.task.method
+        found = regions_over_time(motion, finder.camera, placed, finder.task, method=method)
+        own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
+        return replace(found._of_faces(own), mesh=self.arm.mesh)
+
+    def _tour(self, joints: FloatArray) -> IntArray:
+        """Rows in the order of a greedy tour: the next is that of the least move of any joint."""
+        here, left, order = self.arm.robot.rest, list(range(len(joints))), []
+        while left:
+            ways = [np.abs(joints[row] - here).max() for row in left]
+            order.append(left.pop(int(np.argmin(ways))))
+            here = joints[order[-1]]
+        return np.array(order, np.int64)
+
+    def refined(
+        self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
+    ) -> tuple[Refined, FloatArray]:
+        """Cameras after moves of single joints that gain, and the joint angles.
+
+        Each pose is within reach, clear of obstacles, and at an allowed position. An interrupt ends
+        it with the best so far.
+        """
+        began, joints = time.perf_counter(), joints.copy()
+        start, poses = mounted.world_from_camera, mounted.world_from_camera.copy()
+        covers, eyes = objective.covers(mounted), objective.eyes(mounted)
+        width = objective.width
+
+        def worth(rows: BoolArray, centres: FloatArray) -> int:
+            return int(objective.worth(objective.covered(rows, centres)))
+
+        trace, spent, status = [worth(covers, eyes)], 0, "local optimum"
+        try:
+            for step in STEPS:
+                has_gained = True
+                while has_gained and status != "budget spent":
+                    has_gained = False
+                    for row in range(len(joints)):
+                        trials = self._moves(joints[row], step)
+                        if spent + len(trials) > budget:
+                            status = "budget spent"
+                            break
+                        spent += len(trials)
+                        if not len(trials):
+                            continue
+                        ends = self.arm.poses(trials)
+                        placed = Poses.of(ends, camera=np.full(len(ends), mounted.camera[row]))
+                        new, centres = objective.covers(placed), objective.eyes(placed)
+                        own = slice(row * width, (row + 1) * width)
+                        found = []
+                        for trial in range(len(trials)):
+                            at = slice(trial * width, (trial + 1) * width)
+                            rows, where = covers.copy(), eyes.copy()
+                            rows[own], where[own] = new[at], centres[at]
+                            found.append(worth(rows, where))
+                        best = int(np.argmax(found))
+                        if found[best] > trace[-1]:
+                            at = slice(best * width, (best + 1) * width)
+                            covers[own], eyes[own] = new[at], centres[at]
+                            joints[row], poses[row] = trials[best], ends[best]
+                            trace.append(found[best])
+                            has_gained = True
+        except KeyboardInterrupt:
+            status = INTERRUPTED
+        shares = objective.share(np.array(trace, np.int64))
+        moved = (poses != start).any(axis=(1, 2))
+        found_: dict[str, Any] = {"evaluations": spent, "seconds": time.perf_counter() - began}
+        return Refined(
+            frozen(poses), float(shares[-1]), float(shares[0]), frozen(shares), frozen(moved),
+            status, **found_,
+        ), joints  # fmt: skip
+
+    def _moves(self, joints: FloatArray, step: float) -> FloatArray:
+        """(M, J) configurations with one joint moved, within the limits and free."""
+        n, limits = len(joints), self.arm.robot.limits
+        trials = joints + step * np.concatenate([np.eye(n), -np.eye(n)])
+        trials = trials[((trials >= limits[:, 0]) & (trials <= limits[:, 1])).all(axis=1)]
+        return trials[self.arm.is_free(self.arm.clear(trials))] if len(trials) else trials
+
+
+def _area(regions: Regions) -> float:
+    """Area of what some row covers, m^2."""
+    rows = np.zeros(len(regions.pose_ids), np.int64)
+    return float(regions.at_least(1, rows, one_side=False).area.sum()) if len(rows) else 0.0

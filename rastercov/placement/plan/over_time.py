@@ -1,0 +1,240 @@
+"""Placement over time: cameras chosen on cells of the surface in each frame.
+
+A candidate covers a cell in some frames. Where some frame is enough, the elements of the problem
+are the cells; where a share of the time is asked for, they are the cells of every frame, weighted
+by its duration, and the exact share is measured of what is chosen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from rastercov.base.errors import RastercovError
+from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
+from rastercov.base.memory import IntArray
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Cameras, led_by
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.motion import MOST_PICTURES, by_time, regions_over_time
+from rastercov.coverage.area.over_time import OverTime
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
+from rastercov.mesh.motion_file import load_motion
+from rastercov.placement.matrix import VisibilityMatrix, limits_of
+from rastercov.placement.matrix_folder import NOT_ON_RIGS, describe
+from rastercov.placement.plan.file import Plan, PlanError, lines_of
+from rastercov.placement.plan.sections import BodyEntry, Entry, MotionSection, Name, Over
+from rastercov.placement.select.problem import Goal, Problem, problem_of, weights_of
+
+CANDIDATES_A_TURN = 32
+"""Candidates whose regions in all frames are in memory at a time."""
+
+
+class MotionFile(Entry):
+    """A file of motion for `rastercov evaluate`: bodies, how they move, and for how long to see."""
+
+    bodies: list[BodyEntry] = Field(default_factory=list)
+    """Groups that move together."""
+    motion: MotionSection
+    """Poses of the bodies."""
+    body: Name = "world"
+    """Body that carries the cameras; poses are those at rest."""
+    over: Over = "some"
+    """Time in which a point must be covered: some, all, or a share."""
+    views_at: Literal["one time", "any time"] = "one time"
+    """Several cameras cover it at one time, or each at whatever times."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if any(body.urdf for body in self.bodies) or self.motion.joints is not None:
+            raise ValueError("urdf and joints are of plans; leave them out")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class PlanMotion:
+    """Motion of a plan and its question: for how long, by how many cameras, on which bodies.
+
+    Attributes
+    ----------
+    bodies : str or list of str
+        Body of all cameras, or of each.
+    """
+
+    motion: Motion
+    over: str | float
+    views_at: str
+    bodies: str | list[str]
+    method: str
+
+    @classmethod
+    def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
+        """The motion of a plan; None where nothing moves."""
+        motion, task = plan.build_motion(mesh), plan.task
+        if motion is None:
+            return None
+        return cls(
+            motion, task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
+        )
+
+    @classmethod
+    def read(cls, path: Path, mesh: Mesh, method: str) -> "PlanMotion":
+        """The motion of a file, TOML as of `MotionFile`, or a table of poses.
+
+        Raises
+        ------
+        ConfigError
+            In one line with the name of the file; a `PlanError` with a line for each entry.
+        """
+        if suffix_of(path) != ".toml":
+            return cls(load_motion(mesh, path), "some", "one time", "world", method)
+        try:
+            table = read_toml(path)
+            own = MotionFile.model_validate(table, context={"folder": path.parent})
+            motion = own.motion.build(mesh, own.bodies, path.parent)
+        except ValidationError as error:
+            raise PlanError(path.name, lines_of(error, table, MotionFile)) from None
+        except (UnreadableError, RastercovError) as error:
+            raise PlanError(printable(path.name), [str(error)]) from None
+        return cls(motion, own.over, own.views_at, own.body, method)
+
+    def evaluate(self, camera: Cameras, placed: Poses, task: Task) -> OverTime:
+        """Coverage over time by cameras."""
+        found = regions_over_time(
+            self.motion, camera, placed, task, body=self.bodies, method=self.method
+        )
+        return self.result(camera, placed, task, found)
+
+    def result(self, camera: Cameras, placed: Poses, task: Task, found: Regions) -> OverTime:
+        """Coverage over time of regions that are known."""
+        return OverTime(
+            self.motion, camera, placed, task, self.over, self.views_at, self.bodies, found
+        )
+
+    def curve(self, whole: OverTime) -> list[float]:
+        """Share covered by the first 1, 2, ... rows of a frame."""
+        n_rows = len(whole.regions.pose_ids) // len(self.motion)
+        return [self.first(whole, count).share() for count in range(1, n_rows + 1)]
+
+    def first(self, whole: OverTime, count: int) -> OverTime:
+        """The same by the first rows of each frame."""
+        rows = np.arange(len(whole.regions.pose_ids)).reshape(len(self.motion), -1)
+        return replace(whole, regions=taken(whole.regions, rows[:, :count].ravel()))
+
+
+@dataclass(frozen=True, eq=False)
+class TimeMatrix:
+    """Visibility matrix of candidates over time, and what all of them cover together.
+
+    Attributes
+    ----------
+    together : Regions or None
+        Parts that any candidate covers, a row a frame, where this was asked for.
+    """
+
+    matrix: VisibilityMatrix
+    elements: Mesh
+    weights: NDArray[np.float64]
+    together: Regions | None
+
+    def problem(self, goal: Goal, **options: Any) -> Problem:
+        """Problem of choosing candidates, with the options of `problem_of`."""
+        found = problem_of(self.matrix, self.elements, goal, **options)
+        return replace(found, weights=self.weights)
+
+
+def time_matrix(
+    plan: Plan,
+    own: PlanMotion,
+    observer: Observer,
+    cells: Cells,
+    poses: Poses,
+    task: Task,
+    progress: Callable[[int, int], None],
+    *,
+    is_united: bool,
+) -> TimeMatrix:
+    """Visibility matrix of candidates over time.
+
+    Parameters
+    ----------
+    poses : Poses
+        Of mounts.
+    is_united : bool
+        Find what all candidates cover together, too.
+    """
+    motion, mounts, is_of_cells = own.motion, plan.mounts, own.over == "some" and task.views == 1
+    n_frames, n_cells = (1 if is_of_cells else len(motion)), len(cells)
+    counts: list[IntArray] = [np.zeros(0, np.int64)]
+    elements, shares = [np.zeros(0, np.int32)], [np.zeros(0)]
+    together: Regions | None = None
+    width = int(np.diff(mounts.starts).max()) * len(motion)
+    at_once = max(1, min(CANDIDATES_A_TURN, MOST_PICTURES // width))
+    for first in range(0, len(poses), at_once):
+        some = renumbered(poses[first : first + at_once])
+        placed, owner = mounts.cameras(some)
+        found = regions_over_time(
+            motion, plan.rig, placed, task, body=own.bodies, method=own.method
+        )
+        of_row = owner[led_by(plan.rig, placed)]
+        found = _of_mounts(found, len(motion), of_row, len(some))
+        if is_united:
+            frames = by_time(found, motion)
+            both = frames if together is None else joined([together, frames])
+            row = np.arange(len(both.pose_ids)) % len(motion)
+            together = both.at_least(1, row, one_side=False)
+        if is_of_cells:
+            found = found.at_least(1, np.tile(np.arange(len(some)), len(motion)), one_side=False)
+        of_cells = cells.share(found)
+        limits = of_cells.starts
+        for mount in range(len(some)):
+            at = np.arange(n_frames) * len(some) + mount
+            own_rows = [slice(limits[row], limits[row + 1]) for row in at]
+            elements += [
+                of_cells.cell[part].astype(np.int32) + np.int32(frame * n_cells)
+                for frame, part in enumerate(own_rows)
+            ]
+            shares += [of_cells.share[part] for part in own_rows]
+            counts.append(np.array([sum(part.stop - part.start for part in own_rows)]))
+        progress(min(first + at_once, len(poses)), len(poses))
+    header = describe(observer, poses, task, None, cells, mounts)
+    n = n_frames * n_cells
+    header = {name: value for name, value in header.items() if name not in ("cells", "mounts")}
+    matrix = VisibilityMatrix(
+        placed=poses,
+        header=header | {"n_faces": n, "n_task_faces": n},
+        indptr=limits_of(np.concatenate(counts)),
+        face=np.concatenate(elements),
+        coverage=np.concatenate(shares).astype(np.float32),
+        on_rig=NOT_ON_RIGS,
+    )
+    weights = weights_of(cells, plan.task.weight_by)
+    if not is_of_cells:
+        there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
+        weights = (there * weights).ravel()
+    return TimeMatrix(matrix, _repeated(cells.elements, n_frames), weights, together)
+
+
+def _of_mounts(found: Regions, n_frames: int, of_row: IntArray, n: int) -> Regions:
+    """Regions of mounts in each frame, from those of the rows of their cameras."""
+    if len(of_row) == n:
+        return found
+    of = (np.arange(n_frames)[:, None] * n + of_row).ravel()
+    return found.at_least(1, of, one_side=False)
+
+
+def _repeated(mesh: Mesh, n: int) -> Mesh:
+    """Mesh with its faces n times."""
+    if n == 1:
+        return mesh
+    return Mesh(
+        mesh.vertices, np.tile(mesh.faces, (n, 1)), mesh.groups, np.tile(mesh.face_group, n)
+    )
