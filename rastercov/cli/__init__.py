@@ -36,8 +36,8 @@ COMMANDS = {
     "check": "Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.",
     "audit": "Audit existing cameras: what each sees, what is lost without it, and the smallest "
     "subset.",
-    "cameras": "List cameras and lenses that are sold, by text, pixels, mount, price or field of "
-    "view.",
+    "cameras": "List cameras, lenses and heads that are sold, by text, pixels, mount, price or "
+    "field of view.",
     "convert": "Convert camera and pose files between programs; whatever is lost is said.",
     "view": "See a rig in the browser, move its cameras, and understand what they cover.",
     "sheet": "Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.",

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.formats import read_through
@@ -48,6 +49,7 @@ def audit(
         int | None,
         typer.Option(min=1, help="Number of images to take next.", show_default="none"),
     ] = None,
+    level: options.Level = None,
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -57,7 +59,6 @@ def audit(
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
-    from rastercov.exact.certificate import compile_first
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow
 
@@ -70,7 +71,6 @@ def audit(
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     doubts = unit_doubts(mesh, views.rig, views.poses)
-    compile_first(method)
     warn([*mesh.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
         asked: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
@@ -82,7 +82,7 @@ def audit(
         )  # fmt: skip
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)}
-        _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf)
+        _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level)
     quarantined = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:
@@ -90,6 +90,11 @@ def audit(
     else:
         cells = "cells" if summary["cell_size_m"] else "faces"
         print(f"{summary['answer']}, on {summary['elements']:,} {cells}")
+        if level is not None:
+            from rastercov.report.tables import summary_table
+
+            table = summary_table(summary["network"], level, "m" if views.has_unit else "unit")
+            Console().print(table)
         print(*summary["sentences"], out / "audit.html", sep="\n")
         for line in tally.lines():
             say(line)

@@ -1,19 +1,18 @@
-"""The command `cameras`: cameras and lenses that are sold, filtered."""
+"""The command `cameras`: cameras, lenses and heads that are sold, filtered."""
 
 import math
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from rastercov.base.checks import is_number
+from rastercov.base.arguments import check_choice
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, price_of
-from rastercov.camera.projection import rays_of
+from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
 
 Row = dict[str, Any]
@@ -22,6 +21,7 @@ NEAR_REL = 0.1
 COLUMNS = {
     "cameras": "name width height pixel_size mount hfov_deg price",
     "lenses": "name focal_length f_numbers image_circle nearest mount price",
+    "heads": "name camera baseline product price",
 }
 UNITS = {"pixel_size": ("um", 1e6), "focal_length": ("mm", 1e3), "image_circle": ("circle", 1e3)}
 """Words and factors of lengths that are not in metres in a table."""
@@ -31,27 +31,37 @@ def cameras(
     words: Annotated[
         list[str] | None, typer.Argument(help="Words of name, maker, product or sensor.")
     ] = None,
-    hfov: Annotated[float | None, typer.Option(help="Field of view, deg, to 10 %: pairs.")] = None,
-    min_pixels: Annotated[float, typer.Option(help="Pixels at least, such as 5e6.")] = 0.0,
+    hfov: Annotated[
+        float | None, typer.Option(min=0.01, max=360, help="Field of view, deg, to 10 %: pairs.")
+    ] = None,
+    min_pixels: Annotated[float, typer.Option(min=0, help="Pixels at least, such as 5e6.")] = 0.0,
     mount: Annotated[str | None, typer.Option(help="Mount of the lens: C, CS, S or E.")] = None,
-    max_price: Annotated[float, typer.Option(help="Price at most, of those with one.")] = math.inf,
+    max_price: Annotated[
+        float, typer.Option(min=0, help="Price at most, of those with one.")
+    ] = math.inf,
     own: Annotated[Path | None, typer.Option("--catalogue", help="File of your own.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """List cameras and lenses that are sold, by text, pixels, mount, price or field of view.
+    """List cameras, lenses and heads that are sold, by text, pixels, mount, price or field of view.
 
     Example: rastercov cameras rpi --hfov 60
     """
     shop = catalogue(own)
     every = {what: list(table) for what, table in shop._asdict().items()}
+    if mount is not None:
+        mounts = {str(row.get("mount", "")) for table in shop for row in table.values()}
+        check_choice("--mount", mount.upper(), sorted(mounts - {""}))
     if hfov is not None:
         every = {"cameras": list(shop.names())}
     found: dict[str, list[Row]] = {what: [] for what in every}
     for what, name in [(what, name) for what, names in every.items() for name in names]:
-        parts = shop.parts(name) if what == "cameras" else [shop.lenses[name]]
+        parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
-        row["hfov_deg"] = None if hfov is None else _hfov_deg(name, own)
+        row["hfov_deg"] = None
+        if hfov is not None:
+            camera = Camera.from_dict({"preset": name, "catalogue": own})
+            row["hfov_deg"] = angles_of_view(camera)[0]
         text = " ".join(str(row.get(each, "")) for each in ("name", "maker", "product", "sensor"))
         if (
             all(word.casefold() in text.casefold() for word in words or ())
@@ -78,14 +88,8 @@ def cameras(
         print(f"{what}: {len(rows)}")
 
 
-def _hfov_deg(name: str, own: Path | None) -> float:
-    """Angle between left and right, degrees, of a camera with its lens."""
-    camera = Camera.from_dict({"preset": name, "catalogue": own})
-    rays = rays_of(np.array([(0.0, camera.cy), (camera.width, camera.cy)]), camera)
-    return float(np.diff(np.degrees(np.arctan2(rays[:, 0], rays[:, 2])))[0])
-
-
 def _cell(row: Row, name: str) -> str:
     value, factor = row.get(name), UNITS.get(name, ("", 1.0))[1]
     values = value if isinstance(value, list | tuple) else [] if value is None else [value]
-    return "-".join(dict.fromkeys(f"{factor * v:.4g}" if is_number(v) else v for v in values))
+    words = (f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in values)
+    return "-".join(dict.fromkeys(words))

@@ -72,12 +72,10 @@ def compare(
         _compare_models(mesh, eye, matrices, out, as_json)
         return
     from rastercov.base.output import json_text
-    from rastercov.exact.certificate import compile_first
     from rastercov.reference.methods import compare as compared
     from rastercov.reference.methods import report
     from rastercov.report.folder import ReportFolder
 
-    compile_first(against)
     warn(mesh.warnings)
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:

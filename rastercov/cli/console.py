@@ -92,7 +92,7 @@ class _Notices(logging.Handler):
 
 @contextmanager
 def notices_shown() -> Iterator[None]:
-    """Show notices of the library, such as that it compiles, on standard error in the block."""
+    """Show notices of the library on standard error in the block."""
     log, handler = logging.getLogger("rastercov"), _Notices(logging.WARNING)
     log.addHandler(handler)
     try:

@@ -14,13 +14,14 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from rastercov.base.errors import PoseError
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.format import plural, verb
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
+from rastercov.camera.rig import Cameras, names_of_poses, with_lamps
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
@@ -81,8 +82,16 @@ def evaluate(
     processes: options.Processes,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
+    lamps: options.LampsOption = None,
     out: options.Out = Path("report"),
     level: options.Level = None,
+    motion: Annotated[
+        Path | None,
+        typer.Option(
+            help="Motion of bodies: a TOML file with [[bodies]], [motion] and over, or a table of "
+            "poses, JSON or CSV."
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -90,6 +99,8 @@ def evaluate(
     Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
     Two cameras: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
+
+    Lit: rastercov evaluate part.stl -c khepra -p poses.json --lamps lamps.toml
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
@@ -106,7 +117,18 @@ def evaluate(
     skips = conventions.skip_bad_poses
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
-    run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers, level)
+    lit = None if lamps is None else load_lamps(lamps)
+    if lit is not None and motion is not None:
+        raise ConfigError("light is of a still scene; leave out --motion or --lamps")
+    moving = None
+    if motion is not None:
+        from rastercov.placement.plan.over_time import PlanMotion
+
+        moving = PlanMotion.read(motion, mesh, report.method)
+    run_and_print(
+        mesh, with_lamps(eyes.rig, lit), eyes.poses, task.lit_by(lit), out, settings, as_json,
+        workers, level, eyes.images, moving,
+    )  # fmt: skip
 
 
 def run_and_print(
@@ -119,23 +141,28 @@ def run_and_print(
     as_json: bool,
     workers: "Workers | None" = None,
     level: int | None = None,
+    names: tuple[str, ...] = (),
+    moving: Any = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
     from rastercov.cluster import Staff
+    from rastercov.coverage.area.network import missed_lines
+    from rastercov.coverage.area.over_time import time_lines
     from rastercov.coverage.area.zones import zone_lines
-    from rastercov.exact.certificate import compile_first
     from rastercov.report.coverage import run
     from rastercov.report.tables import camera_table, run_table, summary_table
 
     accepted, tally = Poses.of(poses), Tally()
-    compile_first(settings.method)
     warn(mesh.warnings)
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:
         staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
-        summary = run(mesh, camera, accepted, task, out, settings, staff)
+        summary = run(
+            mesh, camera, accepted, task, out, settings, staff, level=level, names=names,
+            moving=moving,
+        )  # fmt: skip
     warn(summary["doubts"])
     if as_json:
         print(json_text(summary))
@@ -145,7 +172,7 @@ def run_and_print(
         if (table := camera_table(summary)) is not None:
             console.print(table)
         console.print(run_table(summary))
-        for line in zone_lines(summary):
+        for line in (*time_lines(summary), *missed_lines(summary), *zone_lines(summary)):
             print(line)
         page = out / "report.html"
         print(page if page.exists() else out / "network.glb")
@@ -206,10 +233,16 @@ def render(
     from rastercov.base.output import write_npz
     from rastercov.coverage.engine import Engine
     from rastercov.raster import open_rasterizer
-    from rastercov.report.camera_pictures import coverage_picture
     from rastercov.report.folder import ReportFolder, ReportKind
-    from rastercov.report.images import depth_picture, face_index_picture, save_picture
-    from rastercov.report.panorama import seen
+    from rastercov.report.images import (
+        Key,
+        depth_picture,
+        face_index_picture,
+        framed,
+        save_picture,
+    )
+    from rastercov.report.panorama import neutral, paint, scene_keys, seen
+    from rastercov.report.theme import COVERED
 
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
@@ -227,10 +260,12 @@ def render(
             if mesh.has_targets:  # the image has none
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
-        title = f"pose {pose}: {n_seen} of {plural(mesh.n_faces, 'face')} "
+        name = names_of_poses(eyes.poses, eyes.images)[pose]
+        title = f"{name}: {n_seen} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'have')} a pixel"
         drawn = seen(mesh, eye, matrices[pose], buffer)
-        picture = coverage_picture(drawn, is_seen, title, named="seen from the front")
+        keys = [Key.of("seen from the front", COVERED), *scene_keys([drawn])]
+        picture = framed(paint(drawn, neutral(mesh, drawn.setting)), title, keys)
         save_picture(picture, folder.file("picture.png"))
         save_picture(face_index_picture(buffer), folder.file("faces.png"))
         save_picture(depth_picture(buffer), folder.file("depth.png"))

@@ -5,9 +5,9 @@ sphere; one file may give both cameras and poses.
 """
 
 import os
+import re
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -17,20 +17,22 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
-from rastercov.base.files import is_file, is_same_file
+from rastercov.base.files import is_file, is_same_file, seen_from
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import is_name
-from rastercov.camera.formats import read_through
+from rastercov.camera.catalogue import is_head, is_name
+from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views
-from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
+from rastercov.camera.rig import Rig, Views, names_of_poses
+from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
 
+AROUND = ("sphere:", "turntable:")
+"""Beginnings of poses around a mesh; see `poses_around`."""
 MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
@@ -69,14 +71,9 @@ class SceneOptions(NamedTuple):
         return mesh
 
     def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
-        """The options, the mesh files and the working folder, for the report in a folder.
-
-        The working folder is named as it is seen from there, so that both may move together.
-        """
-        folder = str(Path.cwd())
-        with suppress(ValueError):  # on another drive
-            folder = os.path.relpath(folder, out.resolve())
-        return {"folder": folder, "meshes": list(map(str, meshes)), **self._asdict()}
+        """The options, the mesh files and the working folder, for the report in a folder."""
+        files = list(map(str, meshes))
+        return {"folder": seen_from(out, Path()), "meshes": files, **self._asdict()}
 
 
 def are_arguments(value: Any) -> bool:
@@ -170,16 +167,32 @@ def _entries(text: str) -> dict[str, Any]:
 
 
 def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:
-    """Poses of sphere:N: N around the mesh, at the distance where it fills the image."""
-    count = source.removeprefix("sphere:")
-    if not count.isdecimal() or not 1 <= float(count) <= MOST_POSES:
-        raise PoseError(f"--poses sphere:N wants a whole number 1 to {MOST_POSES}, got {source!r}")
+    """Poses of sphere:N or turntable:N@DEG, at the distance where the mesh fills the image.
+
+    The first are N around the mesh, the others N in a ring that many degrees above its middle, and
+    more rings after commas.
+    """
+    kind, _, rest = source.partition(":")
+    form = r"(\d{1,8})@(-?\d{1,2}(?:\.\d+)?)" if kind == "turntable" else r"(\d{1,8})()"
+    found = [re.fullmatch(form, part) for part in rest.split(",")]
+    rings = [(int(each[1]), float(each[2] or 0)) for each in found if each]
+    is_meant = len(rings) == len(found) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
+    if not is_meant or sum(n for n, _ in rings) > MOST_POSES:
+        raise PoseError(
+            f"--poses sphere:N wants a whole number 1 to {MOST_POSES}, turntable:N@DEG,N@DEG one "
+            f"and degrees for each ring, -90 to 90, got {source!r}"
+        )
     centre = mesh.bounds.mean(axis=0)
     try:
         _, distance = enclosing_distance(mesh, camera, centre)
     except ConfigError:
-        raise PoseError("--poses sphere:N needs a principal point inside the image") from None
-    return sphere_of_poses(centre, distance, int(count))
+        raise PoseError(f"--poses {kind} needs a principal point inside the image") from None
+    if kind == "sphere":
+        return sphere_of_poses(centre, distance, rings[0][0])
+    turns = np.concatenate([2 * np.pi / n * np.arange(n) for n, _ in rings])
+    above = np.radians(np.repeat([deg for _, deg in rings], [n for n, _ in rings]))
+    flat = np.stack((np.cos(turns), np.sin(turns)), axis=1) * np.cos(above)[:, None]
+    return look_at(centre + distance * np.column_stack((flat, np.sin(above))), centre)
 
 
 def left_out(poses: Poses) -> list[str]:
@@ -206,9 +219,10 @@ def read_eyes(
     mesh : Mesh
         The scene, for poses around it.
     camera : sequence of str
-        A preset or a file, or NAME=FILE for each of several; the file of the poses where empty.
+        A preset, a head or a file, or NAME=FILE for each of several; the file of the poses where
+        empty.
     poses : str
-        A file, or sphere:N.
+        A file, or poses around the mesh as of `poses_around`.
     conventions : Conventions
         Answers to what the files leave open.
     camera_name : str, optional
@@ -225,13 +239,17 @@ def read_eyes(
     """
     border = Border(conventions)
     cameras = read_cameras(camera, border)
-    if poses.startswith("sphere:"):
+    if poses.startswith(AROUND):
         if cameras is None:
-            raise CameraError("--poses sphere:N needs a camera; give --camera")
+            raise CameraError(f"--poses {poses} needs a camera; give --camera")
+        if several and camera_name is None and cameras.rig is not None and cameras.rig.is_one:
+            moving = cameras.rig.cameras[int(np.argmin(cameras.rig.is_fixed))]
+            around = Poses.of(poses_around(poses, mesh, moving))
+            of_rig = Views(None, around, names_of_poses(around))
+            return replace(of_rig.with_cameras(cameras.rig), notes=cameras.notes)
         found = cameras.of_camera(camera_name)
         around = Poses.of(poses_around(poses, mesh, found.camera()))
-        names = tuple(f"pose {row}" for row in range(len(around)))
-        return replace(found, poses=around, images=names, has_unit=True)
+        return replace(found, poses=around, images=names_of_poses(around), has_unit=True)
     is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
@@ -307,35 +325,41 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
         views = _cameras(source, border)
         assert views.rig is not None
         found[name] = views.camera(name if name in views.rig.names else None)
-    return _without_poses(list(found.values()), list(found))
+    return _without_poses(Rig(list(found.values()), list(found)))
 
 
 def _named_camera(text: str) -> tuple[str, str] | None:
-    """Name and file, or preset, of NAME=FILE; None for anything else."""
+    """Name and file, preset or {entries} of NAME=FILE; None for anything else."""
     name, equals, source = text.partition("=")
-    is_known = is_name(source) or os.path.exists(source)  # noqa: PTH110 - of a text
+    is_missing = re.fullmatch(r"\S+\.[a-z]+", source) is not None  # a file, by its ending
+    is_there = os.path.exists(source)  # noqa: PTH110 - of a text
+    is_known = is_name(source) or source.startswith("{") or is_there or is_missing
     is_file = os.path.exists(text)  # noqa: PTH110 - a name with = in it
     return (name, source) if name and equals and is_known and not is_file else None
 
 
 def _cameras(camera: str, border: Border) -> Views:
-    if is_name(camera):
+    if (is_pair := is_head(camera)) or is_name(camera):
         try:
-            return _without_poses([Camera.preset(camera)], [camera])
+            if is_pair:
+                return _without_poses(Rig.preset(camera))
+            return _without_poses(Rig([Camera.preset(camera)], [camera]))
         except CameraError as error:
             raise CameraError(f"--camera {camera}: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
-        return _without_poses([_of_entries(camera)], ["camera"])
+        return _of_entries(camera, border)
     found = read_through(camera, border)
     if found.rig is None:
         raise CameraError(f"{camera} has poses and no camera; give a camera file")
     return found
 
 
-def _of_entries(text: str) -> Camera:
-    """Camera of the entries of a camera file, as one line."""
+def _of_entries(text: str, border: Border) -> Views:
+    """Camera of the entries of a camera file, as one line; files are in the working folder."""
     try:
-        return Camera.from_dict(_entries(text))
+        if "file" in (entries := _entries(text)):
+            return read_with_optics(Path(), entries, border)
+        return _without_poses(Rig([Camera.from_dict(entries)], ["camera"]))
     except CameraError as error:
         raise CameraError(f"--camera {text}: {error}") from None
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
@@ -345,5 +369,5 @@ def _of_entries(text: str) -> Camera:
         ) from None
 
 
-def _without_poses(cameras: list[Camera], names: list[str]) -> Views:
-    return Views(rig=Rig(cameras, names), poses=Poses.of(np.zeros((0, 4, 4))))
+def _without_poses(rig: Rig) -> Views:
+    return Views(rig=rig, poses=Poses.of(np.zeros((0, 4, 4))))

@@ -47,7 +47,14 @@ PosesOption = Annotated[
         "--poses",
         "-p",
         help="Pose file: ours (.json, .npy), or of COLMAP, nerfstudio and others; or sphere:N for "
-        "N poses around the mesh that look at it from where it fills the image.",
+        "N poses around the mesh that look at it from where it fills the image, or "
+        "turntable:N@DEG,N@DEG for rings of N, DEG degrees above its middle.",
+    ),
+]
+LampsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--lamps", help="Lamps (.toml) that must light what is covered, see docs/light.md."
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]

@@ -83,7 +83,7 @@ def place(
     from rastercov.report import plan as report  # once the plan is sound
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-    placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf)
+    placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf, level=level)
     prepared = placed.prepared
     warn(prepared.mesh.warnings)
     doubts = _doubts(prepared.plan, placed.cameras)
@@ -154,6 +154,7 @@ def check(
     out: Annotated[
         Path | None, out_option("Folder for a page (check.html) and the figures (check.json).")
     ] = None,
+    level: Level = None,
     pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
@@ -167,7 +168,7 @@ def check(
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
-    from rastercov.report.tables import camera_table
+    from rastercov.report.tables import camera_table, summary_table
 
     outcome.refuse_other(junit, "--junit")
     outcome.refuse_other(summary, "--summary")
@@ -187,7 +188,7 @@ def check(
         else:
             from rastercov.report.check import write  # with the first page only
 
-            found = write(made, out, pdf=pdf)
+            found = write(made, out, pdf=pdf, level=level)
     except (RastercovError, OSError) as error:
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
         outcome.write(junit, summary, plan, [case])
@@ -200,6 +201,8 @@ def check(
         print(json.dumps(plan_check.to_json(found), indent=2))
     else:
         print("\n".join([*found.lines(), size_line(found.mesh)]))
+        if level is not None:
+            Console().print(summary_table(found.summary(), level))
         if (by_camera := camera_table(found.summary())) is not None:
             Console().print(by_camera)
         if out is not None:

@@ -37,7 +37,8 @@ def sheet(
         typer.Option(help="z at which walls are cut, m.", show_default="1.2 m above the floor"),
     ] = None,
     north: Annotated[
-        float | None, typer.Option(help="Direction of the north, degrees from +x towards +y.")
+        float | None,
+        typer.Option(min=-360, max=360, help="Direction of the north, deg from +x towards +y."),
     ] = None,
     project: Annotated[
         str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
@@ -57,7 +58,6 @@ def sheet(
     from rastercov.coverage.engine import Engine
     from rastercov.coverage.job import measure
     from rastercov.coverage.shards import Wanted, open_for
-    from rastercov.exact.certificate import compile_first
     from rastercov.report import plan_sheet as report
 
     report.check_sheet_name(out)
@@ -66,7 +66,6 @@ def sheet(
     if not start.on:
         raise ConfigError("there is no camera to draw; give --poses")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
-    compile_first("certified")
     warn([*mesh.warnings, *scene.notes])
     asked, names = replace(start.task, views=start.most_views), [each.name for each in start.on]
     unit, reason = unit_of_result(None, asked, Engine())

@@ -21,6 +21,7 @@ from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import (
+    AROUND,
     SceneOptions,
     are_arguments,
     read_again,
@@ -48,7 +49,8 @@ RigOption = Annotated[
     typer.Option(
         "--poses",
         "-p",
-        help="Rig to begin with: a pose file, of this or another program, or sphere:N.",
+        help="Rig to begin with: a pose file, of this or another program, or sphere:N or "
+        "turntable:N@DEG.",
         show_default="none, or that of the result",
     ),
 ]
@@ -88,8 +90,7 @@ def view(
 
     A page to send: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
-    from rastercov.exact.certificate import compile_first
-    from rastercov.viewer.saving import check_name, export_page
+    from rastercov.viewer.saving import check_name, export_page, with_drawing
     from rastercov.viewer.server import redirect, serve
     from rastercov.viewer.session import Session
 
@@ -98,15 +99,18 @@ def view(
 
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
     start = scene.start
-    doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
-    compile_first(method)
+    doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
     session = Session(scene, method)
-    print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")
+    size = size_line(scene.mesh)
+    if start.unit != "m":
+        size = f"{plural(scene.mesh.n_faces, 'face')}, without a scale"
+    print(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
         print(export_page(session, export))
         return
 
+    with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
     with ExitStack() as redirecting:
 
         def started(url: str) -> None:
@@ -143,8 +147,8 @@ def open_scene(
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
     if is_plan or first.is_dir():
-        if poses is not None and poses.startswith("sphere:"):
-            raise ConfigError("sphere:N goes with mesh files; give a pose file")
+        if poses is not None and poses.startswith(AROUND):
+            raise ConfigError(f"{poses} goes with mesh files; give a pose file")
         if task != Task():
             raise ConfigError(
                 f"{first} has its own thresholds; leave out those options, or use the page"
@@ -166,7 +170,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """
-    from rastercov.viewer.scene import open_result, run_of
+    from rastercov.viewer.scene import mesh_of_place, open_result, run_of, state_of
 
     def found(names: list[str]) -> Mesh:
         options = run_of(folder).get("options")
@@ -175,6 +179,8 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
             return read_again(folder, arguments, names, meshes)
         if meshes:
             return given.read(meshes)
+        if given == SceneOptions() and (mesh := mesh_of_place(folder)) is not None:
+            return mesh
         return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])
 
     scene = open_result(folder, found)
@@ -182,9 +188,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
         return scene
     if rig.rig is None:
         raise CameraError("the rig has no camera; give --camera")
-    from rastercov.viewer.rig_state import RigState
-
-    return replace(scene, start=RigState.of(rig.rig, rig.poses, rig.images, scene.start.task))
+    return replace(scene, start=replace(state_of(rig, scene.start.task), unit=scene.start.unit))
 
 
 def _of_meshes(

@@ -7,7 +7,8 @@ poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each
 
 import io
 import json
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_to_json, with_gates
 from rastercov.cluster.store import DamagedError, Note, renew, whole
 from rastercov.cluster.work import FolderLostError
 from rastercov.mesh import Group, Mesh
@@ -38,7 +39,7 @@ class Inputs(NamedTuple):
 
     header: dict[str, Any]
     mesh: Mesh
-    cameras: tuple[Camera, ...]
+    cameras: Cameras
     poses: Poses
 
 
@@ -68,23 +69,31 @@ def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
         "sources": [asdict(source) for source in mesh.sources],
         "notes": list(mesh.notes),
         "cameras": [camera.to_json() for camera in cameras_of(cameras)],
+        **({"rules": rules} if (rules := gates_to_json(cameras)) else {}),
     }
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
     return npz_bytes(arrays | {"words": text})
 
 
-def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """File of arrays by their names; equal arrays give the same bytes."""
+def npz_bytes(arrays: Mapping[str, Any], *, level: int = 0) -> bytes:
+    """File of arrays by their names, as `numpy.load` reads it; equal arrays give the same bytes.
+
+    `level` is that of zlib, 0 for none.
+    """
     file = io.BytesIO()
-    np.savez(file, **arrays)
+    kind = zipfile.ZIP_DEFLATED if level else zipfile.ZIP_STORED
+    with zipfile.ZipFile(file, "w", kind, compresslevel=level) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
     return file.getvalue()
 
 
-def read_npz(data: bytes) -> dict[str, Any]:
-    """Arrays of a file that `npz_bytes` made."""
+def read_npz(data: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
+    """Arrays of a file that `npz_bytes` made, or those of some names that are there."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        return dict(file)
+        return {name: file[name] for name in file if names is None or name in names}
 
 
 def read_poses(folder: Path) -> Poses:
@@ -103,7 +112,7 @@ def read_inputs(folder: Path) -> Inputs:
         sources=[MeshSource(**source) for source in words["sources"]],
         notes=words["notes"],
     )
-    cameras = tuple(Camera(**camera) for camera in words["cameras"])
+    cameras = with_gates([Camera(**each) for each in words["cameras"]], words.get("rules", {}))
     return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder))
 
 

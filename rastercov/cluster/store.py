@@ -7,12 +7,10 @@ the two leaves a missing file, or one that is made again. Poses that kill the pr
 their shard are left out of it; `quarantine/` has a note for each such shard.
 """
 
-import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version as version_of
 from pathlib import Path
@@ -110,31 +108,10 @@ def _write(path: Path, data: bytes | memoryview) -> None:
             os.close(folder)
 
 
-@contextmanager
-def locked(folder: Path) -> Iterator[Path]:
-    """Lock a folder for this process, and make it when it is missing; a kill leaves no lock.
-
-    Files that a run which was killed left half written are removed.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError as error:
-        raise ConfigError(f"{folder}: the folder cannot be made ({error.strerror})") from None
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ConfigError(
-                f"{folder}: another process is writing to this folder; wait or name another"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
-        for left in (*folder.glob(".*.part"), *folder.glob("*/.*.part")):
-            left.unlink()
-        yield folder
-    finally:
-        os.close(descriptor)
+def remove_halves(folder: Path) -> None:
+    """Remove files that a run which was killed left half written."""
+    for left in (*folder.glob(".*.part"), *folder.glob("*/.*.part")):
+        left.unlink()
 
 
 def remove(folder: Path, names: Sequence[str]) -> None:

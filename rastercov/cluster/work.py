@@ -20,7 +20,6 @@ from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.cluster.process import Process, ProcessEndedError
 from rastercov.cluster.store import ShardStore
-from rastercov.kernels.stopwatch import Stopwatch
 
 
 class FolderLostError(OSError):
@@ -37,7 +36,7 @@ class Made(NamedTuple):
     worker : str
         Machine and process.
     seconds, cpu_seconds : float
-        Wall clock without compilation, and time of the CPU.
+        Wall clock, and time of the CPU.
     quarantined : dict of int to str
         Poses left out, by their number within the shard, and why.
     """
@@ -70,11 +69,11 @@ def work(
         raise FolderLostError(f"{store.folder}: no such folder on worker {worker}")
     every = np.arange(store.rows(number).start, store.rows(number).stop)
     poses = every if chosen is None else every[list(chosen)]
-    clock, cpu = Stopwatch(), time.thread_time()
+    began, cpu = time.perf_counter(), time.thread_time()
     data = resolve_name(store.function)(store.folder, None if is_trial else number, poses)
     if not is_trial:
         store.write(number, data)
-    return Made(number, len(every), worker, clock.seconds, time.thread_time() - cpu)
+    return Made(number, len(every), worker, time.perf_counter() - began, time.thread_time() - cpu)
 
 
 def alone(store: ShardStore, number: int) -> Made:

@@ -11,6 +11,7 @@ suggested*.json    the images to take next, where they are asked for, alone and 
 audit.json         shares, medians, the smallest subset, and its provenance
 """
 
+import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from PIL import Image
 
 from rastercov.base.format import percent, plural, sampling
@@ -27,10 +27,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
 from rastercov.camera.formats.own import content_of
-from rastercov.camera.pose import Poses
 from rastercov.camera.rig import cameras_of, names_of
-from rastercov.camera.viewpoints import upwards
-from rastercov.coverage.area.network import in_words
 from rastercov.coverage.area.zones import DeadZones, face_zones
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
@@ -44,7 +41,13 @@ from rastercov.placement.reconstruction import (
     Weak,
     weak,
 )
-from rastercov.report.coverage_files import views_of, write_coloured_mesh, write_rig, write_table
+from rastercov.report.coverage_files import (
+    INSTALL_PYARROW,
+    has_parquet,
+    views_of,
+    write_coloured_mesh,
+    write_rig,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, framed
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
@@ -53,16 +56,17 @@ from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
 from rastercov.report.pages import Picture
 from rastercov.report.panorama import (
     beside,
-    best_directions,
     look,
     neutral,
     paint,
     scene_keys,
+    sides,
     smooth,
 )
 from rastercov.report.printing import browser, write_page
 from rastercov.report.theme import UNCOVERED, WEAK
 
+LOG = logging.getLogger("rastercov")
 AUDIT = ReportKind(
     "audit",
     re.compile(
@@ -73,10 +77,6 @@ AUDIT = ReportKind(
 )
 MOST_CARDS = 3
 """Weak zones with a picture."""
-FROM_ONE_SIDE = 0.75
-"""Length of the mean of unit vectors to the cameras from which on pictures are from their side."""
-ASIDE, ABOVE = 0.5, 0.25
-"""Parts of two such directions beside their middle."""
 
 
 def write(
@@ -87,6 +87,7 @@ def write(
     *,
     is_kept: bool = False,
     pdf: bool = False,
+    level: int | None = None,
 ) -> tuple[Reconstruction, dict[str, Any]]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
@@ -104,6 +105,8 @@ def write(
         True for an audit that is kept in shards until its report is whole.
     pdf : bool
         True for the page on paper, too.
+    level : int, optional
+        Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
     """
     with ReportFolder(out, AUDIT) as folder:
         if pdf:
@@ -111,14 +114,10 @@ def write(
         found = made(folder=folder.path / UNFINISHED if is_kept else None)
         header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
         summary = found.summary() | {"notes": list(notes), "run": header}
-        shown = page_of(found, summary)
+        shown = replace(page_of(found, summary), level=level)
         pictures, view, files = shown.pictures(), shown.view, _suggested_files(found)
         summary |= {"answer": shown.answer, "sentences": shown.sentences()}
-        html = shown.page(
-            "audit.html", {}, answer=shown.answer, lines=(), summary=summary, run=header,
-            notes=notes, has_view=view is not None, unit=found.unit, drawn=pictures,
-            weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
-        )  # fmt: skip
+        html = shown.html(pictures, has_view=view is not None)
         with interrupts_held():
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"audit_{name}.png"), picture.light)
@@ -127,13 +126,18 @@ def write(
                 write_bytes(folder.file(name), content)
             if view is not None:
                 write_text(folder.file("view.html"), view)
-            elements = _arrays(found)
-            for name, columns in (("elements", elements), ("cameras", _cameras(found, summary))):
-                write_table(folder.file(f"{name}.parquet"), pa.table(columns))
+            elements = arrays_of(found)
+            if has_parquet():
+                from rastercov.report.parquet import write_columns
+
+                write_columns(folder.file("elements.parquet"), elements)
+                write_columns(folder.file("cameras.parquet"), cameras_of_images(found, summary))
+            else:
+                LOG.warning("no tables in Parquet, which need pyarrow; run: %s", INSTALL_PYARROW)
             write_npz(folder.file("elements.npz"), **elements)
             shares = found.views / max(1, int(found.views.max(initial=0)))
             write_coloured_mesh(folder.file("audit.glb"), found.elements, shares)
-            write_rig(folder.file("rig.json"), found.camera, found.poses, found.names)
+            write_rig(folder.file("rig.json"), found.camera, found.poses, found.names, found.unit)
             write_json(folder.file("audit.json"), summary)
             folder.publish()
             remove(folder.path / UNFINISHED)
@@ -148,14 +152,12 @@ def _suggested_files(found: Reconstruction) -> dict[str, bytes]:
     both = given.steps[-1].poses, (*found.names, *given.names)
     files = {"suggested": (given.poses, given.names), "suggested_joined": both}
     return {
-        f"{name}.json": json_bytes(
-            content_of(replace(views_of(found.camera, *each), has_unit=found.unit == "m")), indent=2
-        )
+        f"{name}.json": json_bytes(content_of(views_of(found.camera, *each, found.unit)), indent=2)
         for name, each in files.items()
     }
 
 
-def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
+def arrays_of(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
     """Figures of the elements; `best_pose` is the row in the input, -1 for none."""
     source = np.arange(found.mesh.n_faces) if found.cells is None else found.cells.source_face
     ids = np.append(found.poses.ids, -1)
@@ -170,7 +172,7 @@ def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def _cameras(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
+def cameras_of_images(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
     """Figures of each pose: `in_subset` is true for those of the smallest subset found."""
     entries, names = summary["per_camera"], names_of(found.camera)
     columns = {name: [entry[name] for entry in entries] for name in entries[0]}
@@ -212,16 +214,6 @@ class AuditPage(NetworkPage):
         return zones, {"dead_zones": [], "other_dead_zones": zones.others()}
 
     @cached_property
-    def up(self) -> FloatArray:
-        """(3,) direction that is up."""
-        return upwards(self.poses)
-
-    @property
-    def upright(self) -> Poses:
-        """The poses, turned so that z is up."""
-        return _upright(self.mesh, self.poses, self.up)[1]
-
-    @cached_property
     def weak(self) -> Weak:
         """Weak elements and their zones."""
         return weak(self.found)
@@ -243,8 +235,8 @@ class AuditPage(NetworkPage):
         summary, unit, zones = self.summary, self.unit, self.summary["weak"]
         least, median, most = summary["gsd_per_px"].values()
         said = [f"{summary['mean_views']:.1f} images see a point of the surface on average."]
-        if "covered_area" in self.figures:
-            said[0] = f"Exact: {in_words(self.figures['covered_area'])}; {said[0]}"
+        if self.covered_words:
+            said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
             said.append(
                 f"The ground sampling distance is {sampling(median, unit)} (median), "
@@ -272,21 +264,24 @@ class AuditPage(NetworkPage):
                 ("frame", *(summary["frames"][x] for x in ("count", "subset", "redundant")))
             )
         said += [
-            f"{subset['cameras']:,} of {plural(count, noun)} cover the same, none fewer than "
-            f"{subset['bound']:g}; {spare:,} could be left out one at a time."
+            f"{subset['cameras']:,} of {plural(count, noun)} cover the same, and fewer than "
+            f"{subset['bound']:g} do not; {spare:,} could be left out, one at a time."
+            if spare
+            else f"Each of the {plural(count, noun)} is needed."
             for noun, count, subset, spare in groups
         ]
         n = len(summary["overlap"].get("components", ()))
         return said + [f"The images fall into {n:,} groups that do not overlap."] * (n > 1)
 
+    def overview(self) -> Image.Image:
+        """The elements by weak zones."""
+        return mode_picture("weak", self.mesh, self.weak.kind, self.poses.world_from_camera)
+
     def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
-        mesh, turned = _upright(self.mesh, self.poses, self.up)
-        sides = _sides(mesh, eyes := turned.world_from_camera[:, :3, 3])
+        mesh, eyes = self.mesh, self.poses.world_from_camera
         pictures = {
-            name: Picture.of(
-                MODES[name].words, mode_picture(name, mesh, each, eyes, directions=sides)
-            )
+            name: Picture.drawn(MODES[name].words, mode_picture(name, mesh, each, eyes))
             for name, each in self.values.items()
         }
         for row, zone in enumerate(self.summary["weak"]["zones"][:MOST_CARDS]):
@@ -299,17 +294,15 @@ class AuditPage(NetworkPage):
             colours = np.where(own[:, None], np.array(WEAK[kind], np.uint8), neutral(mesh))
             image = Image.fromarray(paint(scene, colours))
             words = f"Weak zone {row + 1}: {WEAK_LABELS[kind]}"
-            pictures[f"zone_{row + 1}"] = Picture.of(words, smooth(image))
+            pictures[f"zone_{row + 1}"] = Picture.drawn(words, smooth(image))
         given = self.found.suggested
         if given is not None and given.names:
             words = "The suggested images, and the weak parts that each of them improves"
-            drawn = self._suggested_picture(given, mesh, eyes, sides)
-            pictures["suggested"] = Picture.of(words, drawn)
+            drawn = self._suggested_picture(given, mesh, eyes)
+            pictures["suggested"] = Picture.drawn(words, drawn)
         return pictures
 
-    def _suggested_picture(
-        self, given: Suggested, mesh: Mesh, eyes: FloatArray, sides: FloatArray
-    ) -> Image.Image:
+    def _suggested_picture(self, given: Suggested, mesh: Mesh, eyes: FloatArray) -> Image.Image:
         """The suggested images, and the weak elements that each of them covers best."""
         after, n = given.steps[-1], len(given.poses)
         new = replace(
@@ -321,15 +314,31 @@ class AuditPage(NetworkPage):
         figures = element_figures(new, self.mesh, given.poses, cameras_of(self.camera))
         best = np.where(weak(after).kind >= 0, -1, figures["best_camera"])
         best[self.weak.kind < 0] = -2
-        names, turned = [str(row + 1) for row in range(n)], _upright(mesh, given.poses, self.up)[1]
-        shown = Overview(mesh, self.camera, turned, names, best)
+        names = [str(row + 1) for row in range(n)]
+        shown = Overview(mesh, self.camera, given.poses, names, best)
         ends = np.concatenate(pyramids := shown.pyramids())
-        scenes = [look(mesh, sides[0], eyes=eyes), look(mesh, sides[1], ends, eyes=eyes)]
+        first, other = sides(mesh, eyes)
+        scenes = [look(mesh, first, eyes=eyes), look(mesh, other, ends, eyes=eyes)]
         words = [f"improved by {names[0]}", *names[1:], "still weak"]
         keys = [Key.of(*each) for each in zip(words, [*shown.colours, UNCOVERED], strict=True)]
         images = [shown.drawn(scene, pyramids) for scene in scenes]
         title = f"{plural(n, 'suggested image')}, and the weak parts that they improve"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
+
+    def html(self, pictures: Mapping[str, Picture], *, has_view: bool) -> str:
+        """The page with pictures as of `pictures`; `summary` has its notes and provenance, too."""
+        return self.page(
+            "audit.html", {}, answer=self.answer, lines=(), summary=self.summary,
+            run=self.summary["run"], notes=self.summary["notes"], has_view=has_view,
+            unit=self.unit, drawn=pictures, weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
+        )  # fmt: skip
+
+
+def html_of(found: Reconstruction) -> str:
+    """The page of an audit."""
+    run = provenance_of(found.mesh, found.camera, found.poses.given, found.task, {"by": found.by})
+    shown = page_of(found, found.summary() | {"notes": [], "run": run})
+    return shown.html(shown.pictures(), has_view=False)
 
 
 def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:
@@ -348,26 +357,3 @@ def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:
         found.network, found.covered, found.problem.views, figures, unit=found.unit, found=found,
         summary=summary,
     )  # fmt: skip
-
-
-def _sides(mesh: Mesh, eyes: FloatArray) -> FloatArray:
-    """(2, 3) directions of pictures: from the images' side, or those that show most."""
-    rays = eyes - np.average(mesh.centroids, axis=0, weights=mesh.areas)
-    front = np.sum(rays / np.linalg.norm(rays, axis=1)[:, None], axis=0) / max(1, len(rays))
-    if np.linalg.norm(front) < FROM_ONE_SIDE:
-        return best_directions(mesh, mesh.task_mask, eyes=eyes)
-    front /= np.linalg.norm(front)
-    aside = np.array((-front[1], front[0], 0.0)) if abs(front[2]) < 0.9 else np.eye(3)[0]
-    return np.asarray(front + (0, 0, ABOVE) + ASIDE * np.stack((-aside, aside)), np.float64)
-
-
-def _upright(mesh: Mesh, poses: Poses, up: FloatArray) -> tuple[Mesh, Poses]:
-    """A mesh and poses, turned so that z is up, as pictures show them."""
-    if up[2] == 1:
-        return mesh, poses
-    # Half a turn about the middle of both directions; about x where they are opposite.
-    axis = np.array([1.0, 0.0, 0.0]) if up[2] == -1 else np.add(up, (0, 0, 1)) / np.sqrt(2)
-    turn = np.diag([-1.0, -1.0, -1.0, 1.0])
-    turn[:3, :3] += 2 * np.outer(axis, axis)
-    turned = Poses.of(turn @ poses.world_from_camera, camera=poses.camera)
-    return mesh.moved(axis=axis, angle_deg=180), turned

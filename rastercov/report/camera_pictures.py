@@ -1,86 +1,34 @@
-"""Images of cameras: the coverage of what they see in grey, or why they do not cover it.
+"""Images of cameras: what they cover, and why they do not cover the rest.
 
-In a picture of coverage brighter is better, as in the figures of the source. In that of reasons,
-covered parts are pale, others have colour and hatch of the criterion that fails, each face as a
-whole.
-
-E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
+Covered parts are pale, others have colour and hatch of the criterion that fails, by area that of
+each point, else each face as a whole.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from rastercov.camera.camera import Camera
-from rastercov.coverage.area.regions import Regions, covering_poses
-from rastercov.coverage.job import evaluate
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.failures import LightOfPoints, first_failures
+from rastercov.coverage.area.regions import covering_poses
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report.images import Key, facing, framed, greys, hatched, stripes
-from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
-from rastercov.report.theme import COVERED, REASON_COLOURS, REASON_HATCHES, UNCOVERED, Pixels
+from rastercov.raster.contract import VisibilityBuffer
+from rastercov.report.images import Key, facing, hatched, stripes
+from rastercov.report.panorama import FaceImage, Scene, neutral, paint, remembered, scene_keys, seen
+from rastercov.report.theme import REASON_COLOURS, REASON_HATCHES, Pixels
 
 FloatArray = NDArray[np.float64]
 
 WHOLE_REL = 1e-6
 """Area, relative, that a face may lack and count as whole here: as covered, or as dead."""
-
-
-def coverage_picture(
-    scene: Scene, values: ArrayLike, title: str = "", named: str = ""
-) -> Image.Image:
-    """Picture of one pose, brighter where coverage is higher, with its scale below.
-
-    Parameters
-    ----------
-    scene : Scene
-        As `panorama.seen` gives it.
-    values : (F,) array_like
-        Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
-    title : str
-        One line above.
-    named : str
-        Words on level 1, where there is no other.
-
-    Returns
-    -------
-    PIL.Image.Image
-        RGB; the image is at its own size below the title, see `coverage_pixels`.
-        Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
-    """
-    return framed(coverage_pixels(scene, values), title, coverage_keys(scene, named=named))
-
-
-def coverage_keys(scene: Scene, regions: Regions | None = None, named: str = "") -> list[Key]:
-    """Legend of `coverage_picture`, or of `coverage_pixels` with regions."""
-    scale = Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")
-    keys = [Key.of(named, greys(1.0)) if named else scale]
-    if regions is not None:
-        keys = [Key.of_reason("covered"), Key.of("not covered", UNCOVERED)]
-    return [*keys, *scene_keys([scene])]
-
-
-def coverage_pixels(scene: Scene, values: ArrayLike, regions: Regions | None = None) -> Pixels:
-    """Pixels of `coverage_picture` without its frame, (H, W, 3).
-
-    The grey of a face is fixed by its coverage except for a head-light of at most 14 %, which keeps
-    the form readable: of two faces the one whose coverage is 0.15 higher is brighter in any
-    shading. Lines between faces fade out where faces are small.
-
-    With the regions of the pose, a pixel has the colour of its own point, which is covered or not.
-    """
-    mesh = scene.mesh
-    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
-    colours = neutral(mesh, scene.setting)
-    colours[mesh.task_mask] = greys(levels[mesh.task_mask])
-    if regions is None:
-        return paint(scene, colours)
-    table = np.array([UNCOVERED, COVERED], np.uint8)
-    return paint(scene, colours, lambda face: table[covered_pixels(regions, scene, face) * 1])
 
 
 def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> NDArray[np.bool_]:
@@ -100,7 +48,7 @@ def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> NDArray[n
 
 @dataclass(frozen=True, eq=False)
 class CameraImage:
-    """Image of one camera and the judgement of its faces.
+    """Image of one camera and the judgement of what it shows.
 
     Attributes
     ----------
@@ -108,50 +56,97 @@ class CameraImage:
         What it sees, with nothing beneath.
     hidden : (H, W) bool
         Occluders before a task face that turns its front to the camera.
-    reasons : (F,) uint8
-        `Reason` of each face.
-    faces : int
-        Faces that the camera covers.
+    surface, targets : (H, W) uint8
+        `Reason` at each pixel, of the surface and of the targets before it.
     """
 
     scene: Scene
     hidden: NDArray[np.bool_]
-    reasons: NDArray[np.uint8]
-    faces: int
+    surface: NDArray[np.uint8]
+    targets: NDArray[np.uint8]
 
 
-def camera_image(
-    mesh: Mesh, camera: Camera, pose: FloatArray, task: Task, side: int = 720
-) -> CameraImage:
-    """Image of a camera, at most `side` pixels wide and high, and the judgement of its faces."""
-    small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
-    with open_rasterizer(mesh, small, "cpu") as rasterizer:
-        buffer = rasterizer.render(pose)
+def camera_scene(
+    mesh: Mesh, camera: Camera, pose: FloatArray, buffer: VisibilityBuffer | None = None
+) -> Scene:
+    """Scene in the image of a camera, with the task behind occluders; drawn unless given."""
+    if buffer is None:
+        with open_rasterizer(mesh, camera, "cpu") as rasterizer:
+            buffer = rasterizer.render(pose)
     scored = np.flatnonzero(mesh.task_mask & ~mesh.target_mask & facing(mesh, pose)[0])
-    scene = seen(mesh, small, pose, buffer, scored)
-    reasons = evaluate(mesh, camera, pose[None], task, fields=("coverage", "reason")).reason[0]
-    n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
+    return seen(mesh, camera, pose, buffer, scored)
+
+
+def by_faces(scene: Scene, reasons: NDArray[np.uint8]) -> CameraImage:
+    """Image of a `camera_scene` by the `Reason` of each face, (F,)."""
+    return _judged(scene, lambda face: reasons[face])
+
+
+def by_points(
+    scene: Scene,
+    camera: Camera,
+    task: Task,
+    parts: Regions,
+    placed: tuple[Cameras, Poses] | None = None,
+) -> CameraImage:
+    """Image of a `camera_scene`, each pixel by its own point.
+
+    `camera` is the one of the judgement, at its own size, and `parts` are its regions. With all
+    cameras and its pose, points that it sees have the reason of the light of their lamps.
+    """
+    opened = remembered(_opened, scene.mesh)
+
+    def why(faces: NDArray[np.int32], points: FloatArray) -> NDArray[np.uint8]:
+        (found,) = first_failures(
+            opened, camera, task, scene.pose[None], points, faces.astype(np.int64)
+        )
+        reason, light = found[0], None
+        if placed is not None:
+            light = LightOfPoints.of(scene.mesh, placed[0], task, points, faces.astype(np.int64))
+        if light is None or placed is None:
+            return reason
+        seen = reason == Reason.COVERED
+        return np.where(seen, light.reasons(placed[1]), reason).astype(np.uint8)
+
+    def judge(face: FaceImage) -> NDArray[np.uint8]:
+        asked = np.append(scene.mesh.task_mask, False)[face] & ~covered_pixels(parts, scene, face)
+        return scene.at_points(face, why, np.uint8(Reason.COVERED), asked)
+
+    return _judged(scene, judge)
+
+
+def _opened(mesh: Mesh, _eyes: ArrayLike) -> Mesh:
+    """The mesh with faces that hide nothing: what is in an image is not hidden."""
+    groups = [replace(each, is_occluder=False, is_target=True) for each in mesh.groups]
+    return Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
+
+
+def _judged(scene: Scene, judge: Callable[[FaceImage], NDArray[np.uint8]]) -> CameraImage:
     bare = replace(scene, beneath=np.full_like(scene.beneath, -1))
-    return CameraImage(bare, (scene.beneath >= 0) & (scene.targets < 0), reasons, n_covered)
+    hidden = (scene.beneath >= 0) & (scene.targets < 0)
+    return CameraImage(bare, hidden, judge(scene.face), judge(scene.targets))
 
 
 def camera_pixels(image: CameraImage) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it does not cover in colour and hatch."""
     scene = image.scene
-    table, hatch = REASON_COLOURS[image.reasons], REASON_HATCHES[image.reasons]
-    pixels = paint(
-        scene, neutral(scene.mesh, scene.setting),
-        lambda face: hatched(table[face], hatch[face], scene.hatch),
-    )  # fmt: skip
+
+    def own(face: FaceImage) -> Pixels:
+        rows = image.surface if face is scene.face else image.targets
+        return hatched(REASON_COLOURS[rows], REASON_HATCHES[rows], scene.hatch)
+
+    pixels = paint(scene, neutral(scene.mesh, scene.setting), own)
     pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour
     return pixels
 
 
 def camera_keys(image: CameraImage) -> list[Key]:
     """Legend of a picture of a camera: everything that is in it."""
-    scene, drawn = image.scene, np.unique(image.scene.faces)
-    judged = drawn[(scene.mesh.task_mask & ~scene.backs)[drawn]]
-    shown = np.unique(image.reasons[judged])[::-1].tolist()  # what is covered, first
+    scene = image.scene
+    is_judged = np.append(scene.mesh.task_mask & ~scene.backs, False)
+    pairs = (scene.face, image.surface), (scene.targets, image.targets)
+    judged = np.concatenate([rows[is_judged[face]] for face, rows in pairs])
+    shown = np.unique(judged)[::-1].tolist()  # what is covered, first
     keys = [Key.of_reason(NAMES[reason]) for reason in shown]
     keys += scene_keys([scene])
     if image.hidden.any():

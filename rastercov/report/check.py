@@ -2,17 +2,16 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from rastercov.base.format import percent
 from rastercov.base.output import write_json
-from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.placement import network_page_of, verdicts
+from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
 
 MOST_LINES = 5
@@ -20,32 +19,28 @@ MOST_LINES = 5
 CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.json")
 
 
-def write(made: Callable[[], Checked], out: Path, *, pdf: bool = False) -> Checked:
+def write(
+    made: Callable[[], Checked], out: Path, *, pdf: bool = False, level: int | None = None
+) -> Checked:
     """Make a check and write its report, once the folder can be used."""
     with ReportFolder(out, CHECK) as folder:
         if pdf:
             browser()  # none fails before the work
         found = made()
-        write_page(folder, "check", page_of(found), pdf=pdf)
+        write_page(folder, "check", page_of(found, level), pdf=pdf)
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found
 
 
-def page_of(found: Checked) -> str:
-    """HTML of a check."""
-    plan, cameras, told = found.plan, found.cameras, to_json(found)
-    figures = told["network"] | {
-        name: told[name] for name in ("covered_area", *ZONES) if name in told
-    }
-    shown = network_page_of(
-        f"Check of {found.poses_file.name} against {plan.name}", found.mesh, plan, cameras,
-        found.task, figures, found.views, found.asked_views,
-    )  # fmt: skip
+def page_of(found: Checked, level: int | None = None) -> str:
+    """HTML of a check; `level` as of `NetworkPage`."""
+    plan, told = found.plan, to_json(found)
+    shown = replace(network_of(found, told), level=level)
     options = asdict(
         Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
     )
-    run = provenance_of(found.mesh, plan.rig, cameras.poses, found.task, options)
+    run = provenance_of(found.mesh, plan.rig, found.cameras.poses, found.task, options)
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements hold" if found.is_met else "The rig falls short"
     losses = [] if found.against is None else found.against.losses()

@@ -3,12 +3,13 @@
 coverage.parquet   every figure of the pairs of pose and face that were asked for
 rig.json           cameras and poses, where there are up to 5,000
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
+frames.parquet     covered area of each frame, where bodies move; time.png, frames.png
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
 zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
-pose_*.png         the mesh as one camera sees it, grey by coverage, if asked for
+pose_*.png         the mesh as one camera sees it, by the reason of each part, if asked for
 faces_*.png        the face index image of the same pose, if asked for
 report.html        the results as a page for people; report.pdf on paper, if asked for
 view.html          all cameras and figures to look around in, without a server
@@ -19,10 +20,11 @@ describes runs that are killed.
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,22 +35,40 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.camera.rig import (
+    Cameras,
+    cameras_of,
+    gates_of,
+    lamps_of,
+    led_by,
+    names_of,
+    names_of_poses,
+)
 from rastercov.cluster import ALONE, Staff
-from rastercov.coverage.area.network import unit_of_result
-from rastercov.coverage.area.regions import Regions, regions
+from rastercov.coverage.area.network import missed_lines, unit_of_result
+from rastercov.coverage.area.over_time import TimeAreas
+from rastercov.coverage.area.regions import RegionPass, regions
+from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.job import measure
+from rastercov.coverage.job import evaluate, measure
 from rastercov.coverage.network import CHOICES
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report.camera_pictures import coverage_keys, coverage_pixels
+from rastercov.report.camera_pictures import (
+    by_faces,
+    by_points,
+    camera_keys,
+    camera_pixels,
+    camera_scene,
+)
 from rastercov.report.coverage_files import (
-    CoverageTable,
-    write_areas,
+    INSTALL_PYARROW,
+    has_parquet,
     write_coloured_mesh,
     write_covered_mesh,
     write_rig,
@@ -56,8 +76,12 @@ from rastercov.report.coverage_files import (
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
 from rastercov.report.network_page import NetworkPage
-from rastercov.report.panorama import FINE, seen
+from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
+
+if TYPE_CHECKING:
+    from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.report.parquet import CoverageTable
 
 LOG = logging.getLogger("rastercov")
 MOST_POSES, MOST_AREAS = 60, 1_500_000
@@ -74,8 +98,8 @@ are seen: 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"(coverage|areas)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
-        r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
+        r"(coverage|areas|frames)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
+        r"|(contact_sheet|overview|zones|time|frames)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -130,6 +154,9 @@ def run(
     out: Path,
     options: Options,
     staff: Staff = ALONE,
+    level: int | None = None,
+    names: Sequence[str] = (),
+    moving: "PlanMotion | None" = None,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -151,6 +178,13 @@ def run(
         Choices of the run.
     staff : Staff
         Processes that measure.
+    level : int, optional
+        Of the parts in the table of the page, as of `coverage.parts.entries_at`.
+    names : sequence of str
+        Name of the image of each pose without fault; see `names_of_poses`.
+    moving : PlanMotion, optional
+        Motion of bodies. Areas are over time then; figures by face and of single poses, and their
+        pictures, are those at rest.
 
     Returns
     -------
@@ -166,8 +200,10 @@ def run(
     """
     accepted, cameras = Poses.of(poses, skip_bad=options.skip_bad_poses), cameras_of(camera)
     with ReportFolder(out, EVALUATION) as folder:
-        unit, reason = unit_of_result(options.by, task, options.engine)
+        unit, reason = unit_of_result(options.by, task, options.engine, camera, len(accepted))
         accepted.check_cameras(len(cameras))
+        if moving is not None and unit != "area":
+            raise ConfigError(f"figures over time are by area; {reason or 'leave out --by face'}")
         if options.pdf:
             browser()  # none fails before the work
         some = np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted)))
@@ -176,9 +212,11 @@ def run(
             first = cameras[accepted.camera[rows[0]]]
             # A broken device fails before the work.
             open_rasterizer(mesh, first, **options.engine.rasterizer_options).close()
-        pairs = table_of(mesh, accepted) if options.table is None else options.table
+        pairs = table_of(mesh, accepted, options.table)
 
-        def open_table(header: Mapping[str, Any]) -> CoverageTable:
+        def open_table(header: Mapping[str, Any]) -> "CoverageTable":
+            from rastercov.report.parquet import CoverageTable
+
             of_poses = np.zeros(len(accepted.given), np.int32)
             of_poses[accepted.ids] = accepted.camera
             return CoverageTable(
@@ -186,43 +224,69 @@ def run(
                 cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
             )  # fmt: skip
 
-        wanted = Wanted(options.engine, unit == "area", pairs, tuple(accepted.ids[rows].tolist()))
+        wanted = Wanted(options.engine, unit == "area", pairs)
         with open_for(mesh, camera, task, wanted) as observer:
             found = measure(
                 observer, accepted, task, wanted, reason=reason, options=asdict(options),
                 folder=folder.path,
                 open_table=None if pairs == "none" else open_table, staff=staff,
             )  # fmt: skip
-        return _write(folder, found, options)
+        if moving is not None:
+            found = found._with_areas(moving.evaluate(camera, found.poses, task).areas)
+        named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
+        drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
+        names = [named[row] for row in found.poses.ids.tolist()]
+        return _write(folder, found, names, drawn, options, level)
 
 
-def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[str, Any]:
-    """Draw and write what was found; content of `summary.json`."""
+def _write(
+    folder: ReportFolder,
+    found: Evaluation,
+    names: Sequence[str],
+    drawn: Poses,
+    options: Options,
+    level: int | None,
+) -> dict[str, Any]:
+    """Write what was found with poses of some names, some drawn; content of `summary.json`."""
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
     with interrupts_held():
         summary = found.summary()
     try:
-        if found.kept:
-            some = poses
-            if len(poses) > max(
-                MOST_POSES, MOST_AREAS // mesh.n_faces
+        if len(drawn):
+            timed = areas.over_time if isinstance(areas, TimeAreas) else None
+            own, some = regions_of(found) if timed is None else timed.alone(), poses
+            parts = own
+            if timed is not None or (
+                areas is not None and own is None
             ):  # the page does without the area of each
-                some = poses[np.isin(poses.ids, list(found.kept))]
-            parts = None
-            if areas is not None:
-                parts = regions(mesh, camera, some, found.task, method=found.engine)
-            sheet = _draw_poses(folder, found, some, parts, options.full)
-            own = parts if some is poses else None
-            _draw_network(folder, found, summary, own, sheet, options)
+                some = drawn
+                parts = alone_of(found, some)
+            if gates_of(camera):
+                some, parts = drawn, alone_of(found, drawn)
+            title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
+            shown = replace(network_of(found, summary, title, own, names), level=level)
+            of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
+            sheet = _draw_poses(folder, shown, drawn, of_drawn, options)
+            _draw_network(folder, shown, summary, sheet, options)
     except KeyboardInterrupt:
         summary["interrupted"] = True
     with interrupts_held():
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
         else:
-            write_areas(folder.file("areas.parquet"), mesh, areas.covered)
-            write_covered_mesh(folder.file("network.glb"), areas.covered)
-        write_rig(folder.file("rig.json"), camera, poses)
+            if has_parquet():
+                from rastercov.report.parquet import write_areas
+
+                write_areas(folder.file("areas.parquet"), mesh, areas.covered)
+            timed = areas.over_time if isinstance(areas, TimeAreas) else None
+            if timed is not None and has_parquet():
+                from rastercov.report.parquet import write_frames
+
+                write_frames(folder.file("frames.parquet"), timed.table())
+            moves = None if timed is None else timed.motion
+            lamps = lamps_of(camera)
+            write_covered_mesh(folder.file("network.glb"), areas.covered, moves, lamps)
+        write_rig(folder.file("rig.json"), camera, poses, names)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
         if found.is_kept and not summary["interrupted"]:
@@ -231,89 +295,78 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
 
 
 def _draw_poses(
-    folder: ReportFolder, found: Evaluation, poses: Poses, parts: Regions | None, full: str
+    folder: ReportFolder, shown: NetworkPage, drawn: Poses, parts: Regions | None, options: Options
 ) -> Image.Image | None:
-    """Draw the poses to keep side by side, which is returned, and what `full` names of each.
+    """Draw some poses side by side, which is returned, and what `full` names of each.
 
-    They are among some poses, by area with the regions of these. An interrupt leaves out the rest.
+    By area with their regions. An interrupt leaves out the rest.
     """
-    mesh, cameras = found.mesh, cameras_of(found.camera)
+    mesh, cameras = shown.mesh, cameras_of(shown.camera)
+    task, engine = shown.network.task, options.engine
+    tasks = tasks_of(shown.camera, task)
     tiles: dict[int, tuple[Image.Image, str]] = {}
     sheet = None
     keys: dict[str, Key] = {}
-    digits = len(str(max(found.kept)))
-    some = poses[np.isin(poses.ids, list(found.kept))]
+    digits = len(str(drawn.ids.max()))
+    captions = dict(zip(drawn.ids.tolist(), names_of_poses(drawn), strict=True))
+    captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
+    reasons = {}
+    if parts is None:
+        found = evaluate(mesh, shown.camera, drawn, task, method=engine, fields=("reason",))
+        reasons = dict(zip(drawn.ids.tolist(), found.reason, strict=True))
     try:
-        for index, rows in some.by_camera():
+        for index, rows in drawn.by_camera():
             eye = cameras[index]
             size = FINE * TILE / eye.width
-            if full != "none":  # the sheet has these in small
+            if options.full != "none":  # the sheet has these in small
                 size = PICTURE_SIDE / max(eye.width, eye.height)
-            of_camera = f", {names_of(found.camera)[index]}" if len(cameras) > 1 else ""
             camera = eye.resized(min(1.0, size))
-            with open_rasterizer(mesh, camera, **found.engine.rasterizer_options) as view:
-                for pose in some[rows].ids.tolist():
-                    is_own = poses.ids == pose
-                    buffer = view.render(replace(poses[is_own], camera=np.zeros(1, np.int32)))
-                    own = None if parts is None else parts.of_poses(is_own)
-                    title = f"pose {pose}{of_camera}: covers {_covers(found, pose, own)}"
-                    scene = seen(mesh, camera, poses.given[pose], buffer)
-                    pixels = coverage_pixels(scene, found.kept[pose], own)
-                    keys |= {key.name: key for key in coverage_keys(scene, own)}
-                    tiles[pose] = Image.fromarray(pixels), title
+            with open_rasterizer(mesh, camera, **engine.rasterizer_options) as view:
+                for pose in drawn[rows].ids.tolist():
+                    is_own = drawn.ids == pose
+                    own = drawn[is_own]
+                    buffer = view.render(replace(own, camera=np.zeros(1, np.int32)))
+                    scene = camera_scene(mesh, camera, own.world_from_camera[0], buffer)
+                    if parts is not None:
+                        some = parts.of_poses(is_own)
+                        image = by_points(scene, eye, tasks[index], some, (shown.camera, own))
+                    else:
+                        image = by_faces(scene, reasons[pose])
+                    pixels = camera_pixels(image)
+                    keys |= {key.name: key for key in camera_keys(image)}
+                    tiles[pose] = Image.fromarray(pixels), captions[pose]
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
-                    if full in ("poses", "all"):
-                        picture = framed(pixels, title, coverage_keys(scene, own))
+                    if options.full in ("poses", "all"):
+                        title = ": ".join(captions[pose].split("\n"))
+                        picture = framed(pixels, title, camera_keys(image))
                         save_picture(picture, folder.file("pose" + name))
-                    if full in ("faces", "all"):
+                    if options.full in ("faces", "all"):
                         save_picture(face_index_picture(buffer), folder.file("faces" + name))
     finally:
         with interrupts_held():
             if tiles:
-                pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
-                sheet = contact_sheet(list(pictures), list(titles))
+                pictures, words = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
+                sheet = contact_sheet(list(pictures), list(words))
                 sheet = framed(np.asarray(sheet), "", list(keys.values()))
                 save_picture(sheet, folder.file("contact_sheet.png"))
     return sheet
 
 
-def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
-    """Words on the share of the task that a pose covers: of the area, or of whole faces."""
-    task, values = found.mesh.task_mask, found.kept[pose]
-    if parts is not None:
-        share = parts.area.sum() / max(found.mesh.areas[task].sum(), 1e-300)
-        return f"{100 * share:.1f} % of the area"
-    whole = task & (values >= found.task.min_coverage) & (values > 0)
-    return f"{100 * whole.sum() / max(1, task.sum()):.1f} % of the faces"
-
-
 def _draw_network(
     folder: ReportFolder,
-    found: Evaluation,
+    shown: NetworkPage,
     summary: Mapping[str, Any],
-    parts: Regions | None,
     sheet: Image.Image | None,
     options: Options,
 ) -> None:
     """Draw what all cameras cover together and what they leave, and write the pages."""
-    mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
-    names = [str(row) for row in poses.ids.tolist()]
-    title = f"Coverage of {title_of(summary['run'], folder.path)}"
-    shown = NetworkPage(
-        title, mesh, found.camera, poses, "pose", names, network,
-        network.covered, np.full(mesh.n_faces, found.task.views), summary, areas,
-        None if areas is None else areas.zones(), parts,
-    )  # fmt: skip
     drawn = shown.drawn()
     images = drawn | ({} if sheet is None else {"contact_sheet": sheet})
-    page = shown.page(
-        "network.html", images, answer=shown.answer, lines=(), summary=summary,
-        run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
-        files="summary.json and coverage.parquet", has_view=shown.view is not None,
-    )  # fmt: skip
+    page = _page_of(shown, summary, images, has_view=shown.view is not None)
     with interrupts_held():
-        for name in ("overview",) if areas is None else ("overview", "zones"):
+        wanted = ("overview", "zones", "time", "frames")
+        for name in wanted if shown.areas is not None else ("overview",):
             if name in drawn:
                 save_picture(drawn[name], folder.file(f"{name}.png"))
         if shown.view is not None:
@@ -321,18 +374,87 @@ def _draw_network(
         write_page(folder, "report", page, pdf=options.pdf)
 
 
-def title_of(run: Mapping[str, Any], path: Path) -> str:
-    """Names of the files of the mesh; without any, as of a built-in one, that of the folder."""
+def html_of(found: Evaluation) -> str:
+    """The page of an evaluation, without the images of its poses."""
+    summary = found.summary()
+    title = f"Coverage of {title_of(summary['run'], 'a mesh')}"
+    shown = network_of(found, summary, title, regions_of(found))
+    return _page_of(shown, summary, shown.drawn(), has_view=False)
+
+
+def regions_of(found: Evaluation) -> Regions | None:
+    """Parts of the faces that each pose covers, by area; None for very many poses."""
+    most = max(MOST_POSES, MOST_AREAS // found.mesh.n_faces)
+    if found.areas is None or len(found.poses) > most:
+        return None
+    return regions(found.mesh, found.camera, found.poses, found.task, method=found.engine)
+
+
+def alone_of(found: Evaluation, poses: Poses) -> Regions | None:
+    """Parts of the faces that each pose covers by itself, by area, whatever the rule of its rig."""
+    if found.areas is None:
+        return None
+    with closing(RegionPass(found.mesh, found.camera, found.task, method=found.engine)) as finder:
+        return finder.find(poses)
+
+
+def network_of(
+    found: Evaluation,
+    summary: Mapping[str, Any],
+    title: str = "",
+    parts: Regions | None = None,
+    names: Sequence[str] = (),
+) -> NetworkPage:
+    """Page of an evaluation by its summary, and the `parts` and names of all its poses."""
+    mesh, poses, areas = found.mesh, found.poses, found.areas
+    names, noun = names or names_of_poses(poses), "camera"
+    if gates_of(found.camera):  # a row a pose of the rig, which is named without its camera
+        leads, cameras = led_by(found.camera, poses), names_of(found.camera)
+        noun = "pose" if len(leads) < len(poses) else noun
+        names = [
+            names[row].removesuffix(f"/{cameras[index]}")
+            for row, index in zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
+        ]
+        poses = poses[leads]
+    return NetworkPage(
+        title, mesh, found.camera, poses, noun, names,
+        found.network, found.network.covered, np.full(mesh.n_faces, found.task.views), summary,
+        areas, None if areas is None else areas.zones(), parts,
+        found.reason == Reason.COVERED if "reason" in vars(found) else None,
+    )  # fmt: skip
+
+
+def _page_of(shown: NetworkPage, summary: Mapping[str, Any], images: Any, *, has_view: bool) -> str:
+    return shown.page(
+        "network.html", images, answer=shown.answer, lines=missed_lines(summary), summary=summary,
+        run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
+        files="summary.json and coverage.parquet" if has_parquet() else "summary.json",
+        has_view=has_view,
+    )  # fmt: skip
+
+
+def title_of(run: Mapping[str, Any], other: str) -> str:
+    """Names of the files of the mesh; without any, as of a built-in one, another name."""
     names = [each["name"] for each in run["mesh"] if "sha256" in each]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return ", ".join(names[:3]) + more or path.resolve().name
+    return ", ".join(names[:3]) + more or other
 
 
-def table_of(mesh: Mesh, poses: Poses) -> str:
-    """Pairs of the table by default: "seen", but "none" above `MOST_PAIRS`, with a line."""
+def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:
+    """Pairs of the table: those wanted; by default "seen", and "none" above `MOST_PAIRS`.
+
+    None without pyarrow, too, each with a line; `ConfigError` where they are wanted then.
+    """
+    if not has_parquet():
+        if wanted not in (None, "none"):
+            raise ConfigError(f"--table {wanted} needs pyarrow; run: {INSTALL_PYARROW}")
+        LOG.warning(
+            "no coverage.parquet and areas.parquet, which need pyarrow; run: %s", INSTALL_PYARROW
+        )
+        return "none"
     pairs = len(poses) * mesh.n_faces
-    if pairs <= MOST_PAIRS:
-        return "seen"
+    if wanted is not None or pairs <= MOST_PAIRS:
+        return wanted or "seen"
     LOG.warning(
         "no coverage.parquet of %s pairs of pose and face; pass --table seen to write it",
         f"{pairs:,}",

@@ -1,257 +1,70 @@
-"""Files of an evaluation: the table of pairs, of areas, the rig, and coloured meshes.
+"""Files of an evaluation: the rig, and coloured meshes; `tables` has those of Parquet.
 
-The table, in Parquet, has one row for every pair of pose and face that was asked for. It appears
-under its name only when it is whole. An error of the disk is an `OSError` that names the file.
+An error of the disk is an `OSError` that names the file.
 """
 
 import dataclasses
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.output import json_bytes, named, replacing, write_bytes, write_json, writing
+from rastercov.base.output import write_bytes, write_json
 from rastercov.camera.formats.own import content_of
+from rastercov.camera.gltf_lights import Light, scene_of
+from rastercov.camera.lamps import Lamps, lights_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.regions import Regions
+from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of, names_of_poses
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
-from rastercov.raster.observation import BoundKind
+from rastercov.mesh.motion import Motion
+from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report import theme
 from rastercov.report.images import png
 
-if TYPE_CHECKING:
-    from rastercov.kernels.network import PairRows
-
 FloatArray = NDArray[np.float64]
 
-COVERED_M2 = "covered_m2"
-"""Column by area only."""
-CODES = {"visibility_kind": BoundKind, "reason": Reason}
-"""Columns that are written by name."""
-ROWS_A_GROUP = 1 << 18
-"""Rows of a Parquet row group: about 13 MB of columns."""
-BATCHES_WAITING = 2
-"""Batches of rows that wait for the thread that writes; `add` waits where there are more."""
+INSTALL_PYARROW = "pip install 'rastercov[tables]'"
+"""Command that brings pyarrow, which tables need."""
 OPACITY = 0.4
 """Of targets in coloured meshes."""
 MOST_POSES = 5_000
 """Poses up to which a result has the file: about 3 MB."""
 
 
-class CoverageTable:
-    """Parquet file of pairs of pose and face, written by a thread of its own.
-
-    Columns: `pose` and `face` (int32), `group` (its name, dictionary-encoded: a category in pandas
-    and polars), then `coverage.FIGURES`, floats as float32, `incidence` in radians, `reason` and
-    `visibility_kind` by name in lower case, dictionary-encoded. `visibility_bound` includes the
-    rounding of `visibility` to float32, so that it still holds.
-
-    Parameters
-    ----------
-    path : path
-        Of the file, which appears when the `with` block ends well; otherwise nothing changes.
-    mesh : Mesh
-        Whose faces the rows are of.
-    header : mapping, optional
-        Description of the run (inputs with hashes, settings, device), kept as JSON under the key
-        "rastercov" of the schema's metadata.
-    by_area : bool
-        Adds the column `covered_m2`, float32: the part of the face that the pose covers.
-    cameras : (sequence of str, (N,) int32), optional
-        Names of several cameras, and the index of the camera of each pose of the input: adds the
-        column `camera`, the name, dictionary-encoded.
-
-    Notes
-    -----
-    Memory does not grow with the run: at most `ROWS_A_GROUP` rows and `BATCHES_WAITING` + 1 batches
-    are held. A run without rows gives a valid file.
-
-    One thread at a time may use a table: measure in several, add rows in one.
-    """
-
-    def __init__(
-        self,
-        path: str | Path,
-        mesh: Mesh,
-        header: Mapping[str, Any] | None = None,
-        *,
-        by_area: bool = False,
-        cameras: tuple[Sequence[str], NDArray[np.int32]] | None = None,
-    ) -> None:
-        self.path, self.mesh = Path(path), mesh
-        names = pa.dictionary(pa.int32(), pa.string())
-        kinds = {"pose": pa.int32(), "face": pa.int32(), "group": names}
-        if cameras is not None:
-            kinds["camera"] = names
-        for name, kind in FIGURES.items():
-            kinds[name] = pa.bool_() if kind is np.bool_ else pa.float32()
-        kinds |= dict.fromkeys(CODES, names)
-        if by_area:
-            kinds[COVERED_M2] = pa.float32()
-        units = {each.name: each.metadata.get("unit") for each in dataclasses.fields(Coverage)}
-        units[COVERED_M2] = "m^2"
-        fields = [
-            pa.field(name, kind, False, {"unit": units[name]} if units.get(name) else None)
-            for name, kind in kinds.items()
-        ]
-        self.schema = pa.schema(fields, {"rastercov": json_bytes(header or {})})
-        self.n_rows = 0
-        self._group_of_face = mesh.face_group.astype(np.int32)
-        self._names = {"group": _names(group.name for group in mesh.groups)} | {
-            name: _names(code.name.lower() for code in codes) for name, codes in CODES.items()
-        }
-        if cameras is not None:
-            self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]
-        self._writer: Any = None
-        self._pending: Any = None
-        self._pool: ThreadPoolExecutor | None = None
-        self._waiting: deque[Future[None]] = deque()
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        with ExitStack() as stack, named(self.path):
-            part = stack.enter_context(replacing(self.path))
-            # Opened by us, because pyarrow takes only paths that are UTF-8.
-            file = stack.enter_context(part.open("wb"))
-            # Floats are split into their bytes, which compress better side by side. Statistics and
-            # zstd would take as long again as the rest: 111 in place of 49 ns a row, for 10 % of
-            # the size.
-            floats = [field.name for field in self.schema if field.type == pa.float32()]
-            self._writer = stack.enter_context(
-                pq.ParquetWriter(
-                    file,
-                    self.schema,
-                    compression="snappy",
-                    use_dictionary=["pose", *self._names],
-                    use_byte_stream_split=floats,
-                    column_encoding={"face": "DELTA_BINARY_PACKED"},
-                    write_statistics=["pose", "face"],
-                )
-            )
-            self._pending = self.schema.empty_table()
-            self._pool = ThreadPoolExecutor(1)
-            self._stack = stack.pop_all()
-        return self
-
-    def add(self, rows: "PairRows", regions: Regions | None = None) -> None:
-        """Append rows; they are not copied, so must not change any more.
-
-        `regions` of their poses are needed by area.
-        """
-        covered_m2 = None
-        if regions is not None:
-            pose = np.searchsorted(regions.pose_ids, rows.pose)
-            covered_m2 = regions.areas()[pose, rows.face].astype(np.float32)
-        self.n_rows += len(rows.pose)
-        while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
-            self._waiting.popleft().result()
-        assert self._pool is not None
-        try:
-            self._waiting.append(self._pool.submit(self._write, rows, covered_m2))
-        except RuntimeError:  # the system gives no more threads
-            self._pool.shutdown(cancel_futures=True)
-            self._write(rows, covered_m2)
-
-    def __exit__(self, *error: Any) -> None:
-        assert self._pool is not None
-        self._pool.shutdown(cancel_futures=error[0] is not None)  # what waits is not written then
-        try:
-            if error[0] is None:
-                with named(self.path), self._stack:
-                    for written in self._waiting:
-                        written.result()
-                    if len(self._pending):
-                        self._writer.write_table(self._pending)
-            else:
-                with suppress(OSError):  # of the full disk that ended the block
-                    self._stack.__exit__(*error)
-        finally:
-            self._writer = self._pending = self._pool = None
-            self._waiting.clear()
-
-    def _write(self, rows: "PairRows", covered_m2: NDArray[np.float32] | None) -> None:
-        columns: dict[str, Any] = rows._asdict()
-        if COVERED_M2 in self.schema.names:
-            columns[COVERED_M2] = covered_m2
-        columns["group"] = self._group_of_face[rows.face]
-        if "camera" in self._names:
-            columns["camera"] = self._camera_of_pose[rows.pose]
-        for name, names in self._names.items():
-            columns[name] = pa.DictionaryArray.from_arrays(columns[name], names)
-        self._pending = pa.concat_tables([self._pending, pa.table(columns, schema=self.schema)])
-        whole = len(self._pending) // ROWS_A_GROUP * ROWS_A_GROUP
-        if whole:
-            groups, rest = self._pending.slice(0, whole), self._pending.slice(whole)
-            self._pending = rest.take(np.arange(len(rest)))  # a copy releases the memory of batches
-            with named(self.path):
-                self._writer.write_table(groups, row_group_size=ROWS_A_GROUP)
+def has_parquet() -> bool:
+    """True where pyarrow is installed, which `rastercov.report.parquet` needs."""
+    return find_spec("pyarrow") is not None
 
 
-def _names(names: Iterable[str]) -> Any:
-    return pa.array(list(names), pa.string())
-
-
-def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
-    """Write a table of the task faces: Parquet, a row for each face and number of views.
-
-    Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
-    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64).
-    """
-    faces = np.flatnonzero(mesh.task_mask)
-    k = len(covered.area)
-    names = _names(group.name for group in mesh.groups)
-    groups = np.repeat(mesh.face_group[faces], k).astype(np.int32)
-    table = pa.table(
-        {
-            "face": np.repeat(faces, k).astype(np.int32),
-            "group": pa.DictionaryArray.from_arrays(groups, names),
-            "views": np.tile(np.arange(1, k + 1, dtype=np.int32), len(faces)),
-            "m2": covered.area[:, faces].T.ravel(),
-            "bound_m2": np.repeat(covered.bound[faces], k),
-            "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
-        }
-    )
-    write_table(path, table)
-
-
-def write_table(path: Path, table: Any) -> None:
-    """Write an Arrow table as Parquet, by a file of ours: pyarrow takes only paths in UTF-8."""
-    with writing(path) as part, part.open("wb") as file:
-        pq.write_table(table, file)
-
-
-def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> None:
+def write_rig(
+    path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = (), unit: str = "m"
+) -> None:
     """Write the cameras and poses of a result; nothing for more than `MOST_POSES`.
 
-    `names` are those of the images, their rows in the input unless given.
+    `names` are those of the images, as of `names_of_poses` unless given; `unit` is "unit" where
+    lengths have no scale.
     """
     if 0 < len(poses) <= MOST_POSES:
-        write_json(path, content_of(views_of(camera, poses, names)))
+        write_json(path, content_of(views_of(camera, poses, names, unit)))
 
 
-def views_of(camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> Views:
-    """Poses of a result with their cameras; the names of images as for `write_rig`."""
+def views_of(camera: Cameras, poses: Poses, names: Sequence[str] = (), unit: str = "m") -> Views:
+    """Poses of a result with their cameras; names of images and unit as for `write_rig`."""
     cameras = cameras_of(camera)
     used = np.unique(poses.camera).tolist()
     rig = Rig([cameras[row] for row in used], [names_of(camera)[row] for row in used])
+    if isinstance(camera, Rig) and camera.is_one and len(used) == len(camera):
+        rig = camera
     index = np.searchsorted(used, poses.camera)
     placed = dataclasses.replace(poses, camera=index.astype(np.int32), rejected={})
-    images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
-    return Views(rig=rig, poses=placed, images=images)
+    images = tuple(names) or names_of_poses(poses)
+    return Views(rig=rig, poses=placed, images=images, has_unit=unit == "m")
 
 
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
@@ -278,8 +91,10 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
     write_bytes(path, _glb(mesh, mesh.vertices[mesh.faces], mesh.face_group, rows))
 
 
-def write_covered_mesh(path: str | Path, covered: Covered) -> None:
-    """Write the exact parts of the faces that cameras cover, and the rest of the mesh.
+def write_covered_mesh(
+    path: str | Path, covered: Covered, motion: Motion | None = None, lamps: Lamps | None = None
+) -> None:
+    """Write the exact parts of the faces that cameras cover, the rest of the mesh, and lamps.
 
     What no camera covers is red; what they cover runs from violet to yellow with the number of
     cameras, yellow for all that are required; occluders are grey-blue.
@@ -290,6 +105,8 @@ def write_covered_mesh(path: str | Path, covered: Covered) -> None:
         Of the file, as for `write_coloured_mesh`.
     covered : Covered
         Of the mesh.
+    motion : Motion, optional
+        Of its bodies: an animation of their nodes, in steps.
     """
     mesh, parts = covered.mesh, with_rest(covered)
     counts = np.diff(parts.starts)
@@ -305,14 +122,21 @@ def write_covered_mesh(path: str | Path, covered: Covered) -> None:
         np.concatenate([triangles, mesh.vertices[mesh.faces[is_other]]]),
         np.concatenate([mesh.face_group[parts.face[of_piece]], mesh.face_group[is_other]]),
         np.concatenate([entry, np.full(is_other.sum(), theme.OCCLUDER_ROW)]),
+        motion,
+        () if lamps is None else lights_of(lamps),
     )
     write_bytes(path, content)
 
 
 def _glb(
-    mesh: Mesh, triangles: FloatArray, group_of: NDArray[Any], entry: NDArray[np.int64]
+    mesh: Mesh,
+    triangles: FloatArray,
+    group_of: NDArray[Any],
+    entry: NDArray[np.int64],
+    motion: Motion | None = None,
+    lights: Sequence[Light] = (),
 ) -> bytes:
-    """One node a group, turned from z up to y up, with the palette as texture."""
+    """One node a group, turned from z up to y up, with the palette as texture, and lights."""
     buffer = GlbBuffer()
     texture = png(Image.fromarray(theme.coverage_colours()[None]))
     shine = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
@@ -336,12 +160,24 @@ def _glb(
             "attributes": {"POSITION": buffer.add(points), "TEXCOORD_0": buffer.add(uv)},
             "material": int(group.is_target),
         }
-        nodes.append({"name": group.name, "mesh": len(meshes), "matrix": turn.T.ravel().tolist()})
+        node = {"name": group.name, "mesh": len(meshes)}
+        nodes.append(node if motion else node | {"matrix": turn.T.ravel().tolist()})
         meshes.append({"name": group.name, "primitives": [primitive]})
+    roots, more = list(range(len(nodes))), dict[str, Any]()
+    if motion:
+        more = {"animations": [_animation(buffer, mesh, motion, nodes, centre)]}
+        own = {"name": "z up", "children": roots, "matrix": turn.T.ravel().tolist()}
+        nodes, roots = [*nodes, own], [len(nodes)]
+    if lights:
+        lamps, extension = scene_of(lights, len(nodes))
+        roots.append(len(nodes))
+        nodes += lamps
+        more |= {"extensions": extension, "extensionsUsed": list(extension)}
     return buffer.file(
-        {
+        more
+        | {
             "scene": 0,
-            "scenes": [{"nodes": list(range(len(nodes)))}],
+            "scenes": [{"nodes": roots}],
             "nodes": nodes,
             "meshes": meshes,
             "materials": [opaque, opaque | transparent | {"alphaMode": "BLEND"}],
@@ -350,3 +186,41 @@ def _glb(
             "images": [{"bufferView": buffer.add_bytes(texture), "mimeType": "image/png"}],
         }
     )
+
+
+def _animation(
+    buffer: GlbBuffer,
+    mesh: Mesh,
+    motion: Motion,
+    nodes: list[dict[str, Any]],
+    centre: FloatArray,
+) -> dict[str, Any]:
+    """Animation of the nodes of groups that move, about the centre; what is absent has no size.
+
+    The end of the last frame has the values of it again: players stop there.
+    """
+    names = [group.name for group in mesh.groups]
+    times = np.concatenate(([0.0], np.cumsum(motion.durations)))
+    at = buffer.add(times.astype(np.float32), with_range=True)
+    samplers: list[dict[str, Any]] = []
+    channels: list[dict[str, Any]] = []
+
+    def add(node: int, path: str, values: FloatArray) -> None:
+        values = np.concatenate((values, values[-1:])).astype(np.float32)
+        samplers.append({"input": at, "output": buffer.add(values), "interpolation": "STEP"})
+        channels.append({
+            "sampler": len(samplers) - 1, "target": {"node": node, "path": path}
+        })  # fmt: skip
+
+    for index, node in enumerate(nodes):
+        members = np.flatnonzero(mesh.face_group == names.index(node["name"]))
+        body = int(motion.body[members[0]])
+        pose, there = motion.world_from_body[:, body], motion.present[:, body]
+        if (pose != np.eye(4)).any():
+            add(index, "rotation", quaternions_of(pose[:, :3, :3])[:, [1, 2, 3, 0]])
+            add(index, "translation", pose[:, :3, :3] @ centre + pose[:, :3, 3] - centre)
+        if not there.all():
+            add(index, "scale", np.repeat(there.astype(np.float64)[:, None], 3, axis=1))
+    if not channels:
+        add(0, "translation", np.zeros((len(motion), 3)))
+    return {"name": "motion", "samplers": samplers, "channels": channels}

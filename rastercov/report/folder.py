@@ -23,14 +23,13 @@ folder is looked into, moved or deleted.
 """
 
 import errno
-import fcntl
 import hashlib
 import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import chain, count
@@ -39,6 +38,7 @@ from typing import Any, Self
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.locks import locked
 from rastercov.base.output import json_bytes, named
 
 STAGING = ".rastercov-report.part"
@@ -109,7 +109,7 @@ class ReportFolder:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(_locked(self.path))
+            stack.enter_context(locked(self.path))
             if not os.access(self.path, os.W_OK | os.X_OK):
                 raise ConfigError(f"{self.path}: nothing can be written to this folder")
             for journal in self._staging.glob(".rastercov-*.json"):  # of killed runs
@@ -257,41 +257,6 @@ class ReportFolder:
                 f"{others[0]}: came or was changed during the run, and is kept; the new report is "
                 f"in {aside}"
             )
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """The folder, made when it is missing, for this process alone; a killed one leaves no lock.
-
-    A folder that was made, and in which there is nothing at the end, is removed.
-    """
-    made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    except (FileExistsError, NotADirectoryError):
-        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: the folder cannot be used ({error.strerror})") from None
-    is_free = True
-    with suppress(OSError):  # a file system without locks
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            is_free = path.exists()  # not removed by a process that had made it
-        except BlockingIOError:
-            is_free = False
-    if not is_free:
-        os.close(descriptor)
-        raise ConfigError(
-            f"{path}: another process is writing to this folder; wait or name another"
-        )
-    try:
-        yield
-    finally:
-        with suppress(OSError):  # not empty
-            for folder in made:
-                folder.rmdir()
-        os.close(descriptor)
 
 
 def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:

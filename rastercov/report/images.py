@@ -6,6 +6,7 @@ two colours would be a third one.
 
 import io
 import math
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from rastercov.report.theme import (
     PAPER,
     Colour,
     Pixels,
+    in_the_dark,
     index_colours,
 )
 
@@ -43,6 +45,8 @@ LEAST_WIDTH = 320
 """Narrower images are enlarged by a whole factor, to make room for text."""
 LEAST_FRAME = 720
 """Width that the font of a narrower picture suits, too."""
+SMALLEST_TITLE = 0.75
+"""Size of the font of a long title, relative to that of the legend, before it is cut."""
 LEAST_WITH_LINES = 12
 """Pixels of a face from which on its creases are drawn."""
 CREASE_DEG = 30.0
@@ -111,7 +115,7 @@ def contact_sheet(
     pictures : sequence of N PIL.Image.Image
         At least one, of any size.
     captions : sequence of N str
-        One line below each, cut to fit.
+        Lines below each, cut to fit.
     columns : int, optional
         Pictures in a row; about as many as rows by default.
     thumbnail_width : int
@@ -126,16 +130,19 @@ def contact_sheet(
     # A page shows the whole sheet in a column.
     font = font_for(round(thumbnail_width * min(0.8 * columns, MOST_ENLARGED)))
     gap, line = max(4, thumbnail_width // 40), round(line_height(font) * 1.4)
+    lines = [text.split("\n") for text in captions]
+    below = line * max(map(len, lines)) + gap
     starts = range(0, len(thumbnails), columns)
-    heights = [max(t.height for t in thumbnails[at : at + columns]) + line + gap for at in starts]
+    heights = [max(t.height for t in thumbnails[at : at + columns]) + below for at in starts]
     sheet = Image.new("RGB", (columns * (thumbnail_width + gap) + gap, sum(heights) + gap), PAPER)
     draw = ImageDraw.Draw(sheet)
-    for index, (thumbnail, caption) in enumerate(zip(thumbnails, captions, strict=True)):
+    for index, (thumbnail, texts) in enumerate(zip(thumbnails, lines, strict=True)):
         row, column = divmod(index, columns)
         left, top = gap + column * (thumbnail_width + gap), gap + sum(heights[:row])
         sheet.paste(thumbnail, (left, top))
-        middle = (left, top + thumbnail.height + line // 2)
-        draw.text(middle, cut(caption, font, thumbnail_width), INK, font, anchor="lm")
+        for number, text in enumerate(texts):
+            middle = (left, top + thumbnail.height + line // 2 + number * line)
+            draw.text(middle, cut(text, font, thumbnail_width), INK, font, anchor="lm")
     return sheet
 
 
@@ -157,6 +164,15 @@ def png(image: Image.Image, choice: Image.Quantize | None = None) -> bytes:
         image = image.quantize(255, choice, dither=Image.Dither.NONE)
     image.save(file, format="PNG")  # optimised it is 5 % smaller, in six times the time
     return file.getvalue()
+
+
+def png_in_the_dark(content: bytes) -> bytes:
+    """A PNG file in 255 colours as it is for a dark page: the same pixels, another palette."""
+    at = content.index(b"PLTE")
+    end = at + 4 + int.from_bytes(content[at - 4 : at])
+    palette = np.frombuffer(content[at + 4 : end], np.uint8).reshape(-1, 3)
+    chunk = b"PLTE" + in_the_dark(palette).tobytes()
+    return content[:at] + chunk + zlib.crc32(chunk).to_bytes(4) + content[end + 4 :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,25 +317,29 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     font = font_for(max(frame, LEAST_FRAME))
     line = line_height(font)
     bar, margin = round(line * 1.7), round(line * 0.6)
-    title = cut(title, font, frame - 2 * margin)
+    room = frame - 2 * margin
+    small = max(SMALLEST_TITLE, min(1.0, room / max(font.getlength(title), 1.0)))
+    title_font = font_for(round(small * max(frame, LEAST_FRAME)))
+    title = cut(title, title_font, room)
     top = bar if title else 0
 
     # Entries that do not fit in a row continue in the next.
     places, left, row = [], margin, 0
+    keys = [replace(key, name=cut(key.name, font, room - 2 * line)) for key in keys]
     for key in keys:
         scale = (8 if key.high else 1) * line
         texts = (text for text in (key.low, key.high, key.name) if text)
-        room = scale + sum(font.getlength(text) + line * 0.5 for text in texts)
-        if left > margin and left + room > frame - margin:
+        taken = scale + sum(font.getlength(text) + line * 0.5 for text in texts)
+        if left > margin and left + taken > room + margin:
             left, row = margin, row + 1
         places.append((left, row, scale))
-        left += round(room + line)
+        left += round(taken + line)
     bottom = (row + 1) * bar if keys else 0
 
     canvas = Image.new("RGB", (frame, top + image.height + bottom), PAPER)
     canvas.paste(image, ((frame - image.width) // 2, top))
     draw = ImageDraw.Draw(canvas)
-    draw.text((margin, top / 2), title, INK, font, anchor="lm")
+    draw.text((margin, top / 2), title, INK, title_font, anchor="lm")
     for key, (left, row, scale) in zip(keys, places, strict=True):
         middle = top + image.height + bar * row + bar // 2
         x = float(left)
@@ -476,7 +496,7 @@ def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, widt
     rows, columns = np.ogrid[: targets.shape[0], : targets.shape[1]]
     shown = (targets >= 0) & ((rows - columns) // width % 2 == 0)
     pixels[shown] = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
-    pixels[outlines(targets)] = OUTLINE_3D
+    pixels[outlines(np.minimum(targets, 0))] = OUTLINE_3D  # never the triangulation
 
 
 def outlines(rows: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:

@@ -84,6 +84,8 @@ def check(
     min_coverage: float | None = None,
     groups: Mapping[str, float] | None = None,
     views: int | None = None,
+    baseline: StrPath | None = None,
+    out: StrPath | None = None,
 ) -> "Checked":
     """Check of camera poses against a plan, as the command `check` does it.
 
@@ -102,11 +104,16 @@ def check(
         Shares to cover of groups, instead of the plan's.
     views : int, optional
         Cameras that a face or point needs, instead of the plan's.
+    baseline : path, optional
+        The `check.json` of an earlier check, than which nothing may be worse.
+    out : path, optional
+        Folder for the files of the command; without it nothing is written.
 
     Returns
     -------
     Checked
-        `is_met`, `requirements` with the share reached and its bounds, `lines()` and `summary()`.
+        `is_met`, `requirements` with the share reached and its bounds, `against` with what is worse
+        than in the baseline, `lines()` and `summary()`.
 
     Raises
     ------
@@ -115,10 +122,11 @@ def check(
     PoseError
         For a file that cannot be read, a row that is not a pose, or a pose of another camera.
     ConfigError
-        Where nothing is required, or of an unknown group.
+        Where nothing is required, of an unknown group, and for a file that is no baseline.
     """
     from rastercov.camera.formats import read_views
     from rastercov.placement.plan import check as plan_check
+    from rastercov.placement.plan.baseline import read_baseline
 
     asked = _plan(plan, camera)
     shares = {} if groups is None else groups
@@ -129,11 +137,18 @@ def check(
     if views is not None:
         Task(views=views)  # refuses what is no number of views
     wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
-    limits = plan_check.limits(asked, None if min_coverage is None else float(min_coverage), wanted)
+    least = None if min_coverage is None else float(min_coverage)
+    limits = plan_check.limits(asked, least, wanted, may_be_none=baseline is not None)
+    before = None if baseline is None else read_baseline(baseline)
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)
-    return plan_check.check(asked, file, limits, views, poses=given)
+    made = partial(plan_check.check, asked, file, limits, views, poses=given, baseline=before)
+    if out is None:
+        return made()
+    from rastercov.report.check import write  # with the first page only
+
+    return write(made, Path(out))
 
 
 def audit(

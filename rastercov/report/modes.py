@@ -17,11 +17,12 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
-from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.coverage.densities import DORI
+from rastercov.coverage.reasons import NAMES, REASONS, fails
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key
-from rastercov.report.panorama import ALL_SIDES, two_sides
+from rastercov.report.panorama import two_sides
 from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
@@ -94,6 +95,12 @@ class OfCameras(NamedTuple):
     colours: Pixels
 
 
+def of_devices(row: NDArray[np.integer[Any]], names: Sequence[str]) -> OfCameras:
+    """Devices that fail, (F,) by their names: as many as there are for "measured", -1 for none."""
+    colours = [*theme.camera_colours(max(1, len(names)))[: len(names)], theme.COVERED]
+    return OfCameras(row, [*map(fails, names), "measured"], np.array(colours, np.uint8))
+
+
 class OfUnit(NamedTuple):
     """Values of faces, (F,), and the unit to show them with."""
 
@@ -112,12 +119,15 @@ class Mode(NamedTuple):
         Faces of a mesh in their colours, from the values of the mode.
     panel : str
         Panel of the viewer that offers it: "network", "camera" or "object".
+    is_of_frame : bool
+        True where bodies move and the values are those of one frame.
     """
 
     label: str
     words: str
     paint: Callable[[Mesh, Any], Painted]
     panel: str = "network"
+    is_of_frame: bool = False
 
 
 def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
@@ -180,6 +190,55 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     return _on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
+class OfLight(NamedTuple):
+    """Illuminances of faces, (F,), their unit, and the limits of the task."""
+
+    values: FloatArray
+    unit: str
+    least: float = 0.0
+    most: float | None = None
+
+
+def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
+    """Illuminances by factors, with what is too dark and too bright in the colours of these.
+
+    The border of each is the line of the threshold, by face.
+    """
+    found = by_density(mesh, OfUnit(light.values, light.unit))
+    levels, palette = found.levels.copy(), found.palette.copy()
+    lit, task, entries = light.values > 0, mesh.task_mask, list(found.legend)
+    entries = [each for each in entries if each["label"] != "not covered"]
+    total = max(float(mesh.areas[task].sum()), np.finfo(float).tiny)
+    most = math.inf if light.most is None else light.most
+    rows = {
+        "unlit": (LAST - 2, ~lit),
+        "too_dark": (LAST - 1, lit & (light.values < light.least)),
+        "too_bright": (LAST, light.values > most),
+    }
+    for name, (level, faces) in rows.items():
+        if (own := faces & task).any():
+            words = REASONS[name]
+            levels[own], palette[level] = level, words.colour
+            percent_of_area = 100 * float(mesh.areas[own].sum()) / total
+            entries.append(
+                {"level": level, "label": words.label, "colour": list(words.colour),
+                 "percent": percent_of_area, "hatch": words.hatch}
+            )  # fmt: skip
+    return replace(found, levels=levels, palette=palette, legend=entries)
+
+
+def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
+    """Levels of `DORI` by facing densities, (F,) px/m, 0 for none; the legend is in their order."""
+    values = np.asarray(density, np.float64)
+    row = np.searchsorted(list(DORI.values()), values, "right")
+    colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
+    words = [f"{name}, ≥ {least:g} px/m" for name, least in DORI.items()]
+    words = ["not covered", OCCLUDER_LABEL, f"coarser than {next(iter(DORI))}", *words]
+    found = _classes(mesh, _cycled(mesh, np.where(values > 0, row, -1)), colours, words)
+    order = sorted(found.legend, key=lambda each: (each["percent"] is None, -each["level"]))
+    return replace(found, legend=order)
+
+
 def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Angles between views, (F,) degrees, 0 for fewer than two."""
     values = np.asarray(angle, np.float64)
@@ -225,8 +284,22 @@ MODES: dict[str, Mode] = {
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
     "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
     "density": Mode("Pixel density", "Best pixel density of each part.", by_density),
+    "level": Mode(
+        "DORI level", "Level of EN 62676-4 of a target that faces the camera there.", by_level
+    ),
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
+    "device": Mode(
+        "Missing device", "Device of a rig for which each part is not measured.", by_camera
+    ),
     "weak": Mode("Weak zones", "Parts with too few views, small angle, or coarse.", by_weakness),
+    "lux": Mode(
+        "Illuminance", "Light at the middle of each face, by the lamps of the cell.", by_illuminance
+    ),
+    "time": Mode("Share of time", "Share of the time in which each part is covered.", by_share),
+    "now": Mode(
+        "Covered now", "Share of each part that is covered in the frame.", by_share,
+        is_of_frame=True,
+    ),
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
     "single": Mode(
         "One camera", "Coverage by the chosen camera: grey in proportion to it.", by_one_camera,
@@ -243,21 +316,12 @@ def mode_of(name: str) -> Mode:
     return MODES[name]
 
 
-def mode_picture(
-    name: str,
-    mesh: Mesh,
-    values: Any,
-    eyes: ArrayLike = (),
-    *,
-    title: str = "",
-    directions: FloatArray = ALL_SIDES,
-) -> Image.Image:
+def mode_picture(name: str, mesh: Mesh, values: Any, eyes: ArrayLike = ()) -> Image.Image:
     """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
     mode = mode_of(name)
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
-    words = title or mode.words.rstrip(".")
-    return two_sides(mesh, painted.colours, words, keys, painted.hatch, directions, eyes)
+    return two_sides(mesh, painted.colours, mode.words.rstrip("."), keys, painted.hatch, eyes)
 
 
 def rounded(value: float) -> str:

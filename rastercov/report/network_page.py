@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.base.format import area, length, percent, plural, with_bound
+from rastercov.base.format import area, length, percent, plural, signed, verb, with_bound
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of
+from rastercov.camera.rig import Cameras, lamps_of, names_of, short_names
+from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
+from rastercov.coverage.area.failures import illuminance_of_faces
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork, in_words
-from rastercov.coverage.area.regions import Regions, covering_poses
+from rastercov.coverage.area.over_time import OverTime, TimeAreas, time_lines, time_words
+from rastercov.coverage.area.regions import covering_poses
+from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.area.zones import (
     DeadZones,
@@ -27,23 +31,29 @@ from rastercov.coverage.area.zones import (
     face_zones,
     nearest_row,
     nearest_to,
+    where_seen,
+    zone_parts,
     zone_reason,
 )
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
 from rastercov.mesh import Mesh
-from rastercov.report.modes import mode_picture
+from rastercov.mesh.groups import body_of
+from rastercov.report.modes import OfCameras, OfLight, mode_picture, of_devices
+from rastercov.report.over_time import curve_points, frames_picture, time_picture
 from rastercov.report.overview import (
     Overview,
     best_covering,
+    device_hatches,
     numbered,
     zone_close_up,
     zone_rows,
     zones_picture,
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
-from rastercov.report.tables import camera_rows, heading_and_tilt
+from rastercov.report.panorama import upright
+from rastercov.report.tables import camera_rows, device_rows, heading_and_tilt
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -56,10 +66,14 @@ OF_A_FACE = ("drawn_pixels", "incidence", "pixel_density", "facing_density")
 """Figures of a face that its advice wants."""
 ALTERNATIVES = {
     "overview": "The surface in the colours of its cameras, from two sides",
+    "time": "Share of the time in which each part is covered, from two sides",
+    "frames": "Frames side by side, with what is covered in each",
     "zones": "Dead zones by number and reason, from two sides",
-    "contact_sheet": "The images of the poses side by side",
+    "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
 }
 """Words for pictures of pages."""
+SMALL = 0.1
+"""Largest coordinate of cameras that are in a table in millimetres, m."""
 LEAST_LOST_REL = 1e-9
 """Area, relative to the task, below which a camera could be left out: rounding of the union."""
 
@@ -74,7 +88,7 @@ class NetworkPage:
     mesh, camera, poses
         Surface, cameras, and the pose of each.
     noun, names : str, sequence of str
-        "camera 0": word for a pose, and the name of each.
+        "camera": word for a pose; the name of each, as of `names_of_poses`.
     network : Network
     covered, need : (F,) bool, (F,) int64
         Faces that enough cameras cover, and cameras that each face needs.
@@ -88,6 +102,8 @@ class NetworkPage:
         Faces that each pose covers, by face.
     unit : {"m", "unit"}
         Of lengths, as of `rastercov.base.format.area`.
+    level : int or None
+        Of the tree of groups in the table of parts, as of `coverage.parts.entries_at`.
     """
 
     title: str
@@ -105,21 +121,18 @@ class NetworkPage:
     parts: Regions | None = None
     covers: NDArray[np.bool_] | None = None
     unit: str = "m"
-
-    @property
-    def up(self) -> FloatArray:
-        """(3,) direction that is up."""
-        return np.array([0.0, 0.0, 1.0])
-
-    @property
-    def upright(self) -> Poses:
-        """The poses, for directions with z up."""
-        return self.poses
+    level: int | None = None
+    together: NDArray[np.int64] | None = None
 
     @property
     def eyes(self) -> FloatArray:
         """(P, 3) positions of the cameras."""
         return self.poses.world_from_camera[:, :3, 3]
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """Names after the noun, or below it in a table."""
+        return short_names(self.names)
 
     @cached_property
     def task_m2(self) -> float:
@@ -130,7 +143,42 @@ class NetworkPage:
     def values(self) -> dict[str, Any]:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
-        return values_of(self.network, self.covered, self.names, covered, self.need)
+        need = self.need if self.timed is None else np.ones_like(self.need)
+        found = values_of(self.network, self.covered, self.labels, covered, need)
+        if self.timed is not None:
+            found = {"time": self.timed.share_of_time()} | found
+        found |= {"device": devices} if (devices := self._devices()) else {}
+        return found | ({"lux": light} if (light := self._light()) else {})
+
+    def _light(self) -> OfLight | None:
+        """Illuminance of each face, where there are lamps."""
+        lamps = lamps_of(self.camera)
+        values = None if lamps is None else illuminance_of_faces(self.mesh, self.camera)
+        if lamps is None or values is None:
+            return None
+        task = self.network.task
+        return OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
+
+    @property
+    def timed(self) -> OverTime | None:
+        """Coverage over time, where bodies move."""
+        return self.areas.over_time if isinstance(self.areas, TimeAreas) else None
+
+    def _devices(self) -> OfCameras | None:
+        """The camera of a rig with a rule that fails on most of what is dead of each face."""
+        zones, said = self.dead
+        names = list(device_hatches(said["dead_zones"]))
+        if not names:
+            return None
+        of_zone = [
+            names.index(zone["device"]) if "device" in zone else -1 for zone in said["dead_zones"]
+        ]
+        device = np.append(of_zone, -1)[np.minimum(zones.zone, len(of_zone))]
+        dead = np.zeros((len(names), self.mesh.n_faces))
+        is_known = device >= 0
+        np.add.at(dead, (device[is_known], zones.face[is_known]), zones.piece_area[is_known])
+        row = np.where(dead.any(axis=0), dead.argmax(axis=0), -1)
+        return of_devices(np.where(self.covered, len(names), row), names)
 
     @cached_property
     def seen_m2(self) -> FloatArray | None:
@@ -140,13 +188,17 @@ class NetworkPage:
             return np.asarray(self.covers @ of_task, np.float64)
         if self.parts is None:
             return None
-        return np.bincount(self.parts.pair_pose, self.parts.area, len(self.poses)).astype(
-            np.float64
-        )
+        areas = np.bincount(self.parts.pair_pose, self.parts.area, len(self.poses))
+        return areas.astype(np.float64)
 
     @cached_property
     def lost_m2(self) -> FloatArray | None:
         """(P,) area that is not covered any more without each camera; None where not known."""
+        if self.timed is not None and self.timed.over != "some":
+            return None
+        if self.parts is not None and self.together is not None:
+            leads = np.unique(self.together, return_index=True)[1]
+            return lost_without(taken(self.parts, leads), self.need)[self.together]
         if self.parts is not None:
             return lost_without(self.parts, self.need)
         if self.areas is not None or (self.need > 1).any():
@@ -181,7 +233,7 @@ class NetworkPage:
         """Group that hides a face, and advice for the pose that comes nearest to covering it."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
         if name in ("too_few_views", "no_cameras"):
-            return {"nearest": None, "advice": REASONS[name].advice}
+            return {"nearest": None, "advice": general_advice(name)}
         middle = mesh.centroids[face]
         some = nearest_to(self.poses, middle)
         found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE))
@@ -200,19 +252,29 @@ class NetworkPage:
 
             shares = in_front(mesh, pose.world_from_camera[:, :3, 3], np.array([face]))[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
-            before = hider or ""
-            if hider == mesh.groups[mesh.face_group[face]].name:
+            before = body_of(hider or "")
+            if before == body_of(mesh.groups[mesh.face_group[face]].name):
                 before = "another part of it"
         corners = mesh.vertices[mesh.faces[face]]
-        return {"hidden_by": hider} | advised(
-            self.camera, task, pose, figures[best], corners, name, before
-        )
+        said = advised(self.camera, task, pose, figures[best], corners, name, before)
+        if name == "occluded":
+            sight = where_seen(mesh, self.camera, task, pose, middle, face)
+            said["advice"] = sight.format(said["advice"], before or "a surface")
+        return {"hidden_by": hider} | said
 
     def overview(self) -> Image.Image:
         """The surface by the camera that covers it; of very many, by what they cover together."""
         if len(self.poses) <= MOST_COLOURS:
             best = best_covering(self.network)
-            shown = Overview(self.mesh, self.camera, self.poses, self.names, best, self.parts)
+            zones, said = self.dead
+            shown = Overview(
+                self.mesh, self.camera, self.poses, self.labels, best, self.parts,
+                zones=zones, said=said["dead_zones"], noun=self.noun,
+            )  # fmt: skip
+            if self.timed is not None:
+                rows = np.arange(len(self.poses)) if self.together is None else self.together
+                best = np.append(np.unique(rows, return_index=True)[1], -1)[self.timed.longest()]
+                shown = replace(shown, best_pose=best, regions=None, most="longest")
             return shown.picture()
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
@@ -229,6 +291,9 @@ class NetworkPage:
             tasks[f"zone_{row + 1}"] = partial(
                 zone_close_up, zones, said, row, poses, reasons=reasons
             )
+        if self.timed is not None:
+            tasks |= {"time": partial(time_picture, self.timed)}
+            tasks |= {"frames": partial(frames_picture, self.timed)}
         names, found = list(tasks), {}
 
         def work(turn: slice) -> None:
@@ -246,12 +311,12 @@ class NetworkPage:
         """The page to look around in; None for a large mesh."""
         return view_page(
             self.title, self.mesh, self.camera, self.poses,
-            [f"{self.noun} {name}" for name in self.names], self.values,
+            self.names, self.values,
             figures_of(
                 self.figures, self.network.covered_faces, self.seen_m2, self.lost_m2, self.task_m2
             ),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
-            unit=self.unit, up=self.up,
+            unit=self.unit, timed=self.timed,
         )  # fmt: skip
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -267,7 +332,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             pictures={
-                name: Picture.of(text, images[name])
+                name: Picture.drawn(text, images[name])
                 for name, text in ALTERNATIVES.items()
                 if name in images
             },
@@ -277,7 +342,11 @@ class NetworkPage:
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
+            device_rows=device_rows(self.figures, self.unit),
             figures=self.figures,
+            level=self.level,
+            time_curve=curve_points(self.figures, 400, 120),
+            time_lines=time_lines(self.figures),
             reasons=REASONS,
             view=self.view,
             **values,
@@ -290,8 +359,24 @@ class NetworkPage:
         share = self.figures["covered"]["area_percent"] if covered is None else covered["percent"]
         who = plural(len(self.poses), self.noun, "cover")
         if covered is not None:
-            return f"{who} {with_bound(share, covered['bound_percent'])} of the area"
+            share_in_words = with_bound(share, covered["bound_percent"])
+            return f"{who} {share_in_words} of the area{self._long}"
         return f"{who} {percent(share / 100)} of the area"
+
+    @property
+    def _long(self) -> str:
+        """Words on the time in which parts are covered, after a space; none where nothing moves."""
+        return "" if self.timed is None else f" {time_words(self.timed.over)}"
+
+    @property
+    def covered_words(self) -> str:
+        """Words on the exact area, and on what fewer cameras cover; none where it is not known."""
+        exact = self.figures.get("covered_area")
+        if exact is None:
+            return ""
+        some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
+        by_fewer = in_words(exact).partition(" of the area")[2]
+        return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
         """Sentences on the covered area with its bound, on dead zones, and on single cameras."""
@@ -301,22 +386,23 @@ class NetworkPage:
             f"{whole['faces']:,} of {figures['task_faces']:,} faces "
             f"({percent(whole['percent'] / 100)}) are covered as a whole"
         )
-        if exact is not None:
-            some = area(exact["m2"]) if exact["m2"] else "None"
-            by_fewer = in_words(exact).partition(" of it")[2]
-            first = f"{some} of {area(exact['of_m2'])} is covered{by_fewer}; {first}"
+        if self.timed is not None:  # whole faces are those at rest
+            first = self.covered_words
+        elif self.covered_words:
+            first = f"{self.covered_words}; {first}"
         said = [f"{first}."]
         zones, found = self.dead
         entries, reasons = found["dead_zones"], figures["not_covered_because"]
         if reasons and exact is None:
             parts = [
-                f"{each['faces']:,} {REASONS[name].sentence}" for name, each in reasons.items()
+                f"{each['faces']:,} {verb(each['faces'], REASONS[name].sentence)}"
+                for name, each in reasons.items()
             ]
             said[0] += f" Of those that are left, {', '.join(parts)}."
         if entries:
             total, worst = area(float(zones.area.sum())), area(entries[0]["area_m2"])
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
-            where = f" of {entries[0]['groups'][0]}" if len(self.mesh.groups) > 1 else ""
+            where = f" of {zone_parts(entries[0])[0]}" if len(self.mesh.groups) > 1 else ""
             said.append(
                 f"{plural(zones.count(), 'dead zone', 'are left')}{largest}: {worst}{where}, "
                 f"{zone_reason(entries[0])}."
@@ -327,7 +413,7 @@ class NetworkPage:
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             rest = f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
             said.append(
-                f"{self.noun.capitalize()} {self.names[best]} adds most: {area(lost[best])} that "
+                f"{self.noun.capitalize()} {self.labels[best]} adds most: {area(lost[best])} that "
                 f"would not be covered without it.{rest if spare else ''}"
             )
         return said
@@ -339,26 +425,42 @@ class NetworkPage:
     def _areas(self, values: FloatArray) -> list[str]:
         return [area(value, self.unit) if value > self._least else "0" for value in values.tolist()]
 
+    def captions(self) -> list[str]:
+        """Lines below the image of each camera: its name, and what it covers and adds."""
+        types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
+        found = []
+        for row, name in enumerate(self.names):
+            if seen is None:
+                said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
+            else:
+                said = f"covers {percent(seen[row] / self.task_m2)}{self._long}"
+            if lost is not None:
+                said += f", {percent(lost[row] / self.task_m2)} only by it"
+            of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
+            found.append(f"{name}{of_type}\n{said}")
+        return found
+
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
         """Rows of the cameras and their headings.
 
         `more` are further columns by their headings; without them, those that add most are first.
         """
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
-        columns: dict[str, Sequence[str]] = {self.noun: self.names}
+        columns: dict[str, Sequence[str]] = {self.noun: self.labels}
         if len(types) > 1:
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
-        for axis, name in enumerate("xyz"):
-            columns[f"{name}, {'m' if self.unit == 'm' else 'units'}"] = [
-                length(value) for value in self.eyes[:, axis].tolist()
-            ]
-        turned = [heading_and_tilt(pose) for pose in self.upright.world_from_camera]
-        columns["heading"] = [f"{heading:.0f}°" for heading, _ in turned]
-        columns["down"] = [f"{down:.0f}°" for _, down in turned]
+        is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
+        unit = "mm" if is_small else "m" if self.unit == "m" else "units"
+        for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
+            columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
+        axes = upright(poses := self.poses.world_from_camera)
+        turned = [heading_and_tilt(axes @ pose[:3]) for pose in poses]
+        columns["heading"] = [f"{signed(heading, 0)}°" for heading, _ in turned]
+        columns["down"] = [f"{signed(down, 0)}°" for _, down in turned]
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
-            columns["covers"] = self._areas(seen)
+            columns[f"covers alone{self._long}" if self._long else "covers"] = self._areas(seen)
         order = np.arange(len(self.poses))
         if lost is not None:
             columns["only by it"] = self._areas(lost)
@@ -379,14 +481,15 @@ class NetworkPage:
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
             if nearest is not None:
-                place = self.poses.ids.tolist().index(nearest["pose"])
-                advice = f"{self.noun} {self.names[place]} comes nearest: {advice}"
+                # Of a rig with a rule its first camera may be shown alone.
+                place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
+                advice = f"{self.noun} {self.labels[place]} comes nearest: {advice}"
             found.append({
                 "heading": heading,
-                "reason": f"{zone['groups'][0]}: {reason}" if len(self.mesh.groups) > 1
+                "reason": f"{zone_parts(zone)[0]}: {reason}" if len(self.mesh.groups) > 1
                 else f"{reason[:1].upper()}{reason[1:]}",
                 "advice": f"{advice[:1].upper()}{advice[1:]}.",
-                "picture": drawn and Picture.of(f"{heading}, {reason}", drawn),
+                "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
             })  # fmt: skip
         return found
 

@@ -8,8 +8,8 @@ and 6.11.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -22,10 +22,11 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.area.regions import Regions, covering_poses
-from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_reason, zones_at
+from rastercov.coverage.area.regions import covering_poses
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_parts, zone_reason, zones_at
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import WHOLE_REL
@@ -36,6 +37,7 @@ from rastercov.report.images import (
     framed,
     hatched,
     outlines,
+    part_drawn,
     write_labels,
 )
 from rastercov.report.panorama import (
@@ -49,12 +51,15 @@ from rastercov.report.panorama import (
     beside,
     best_directions,
     draw_in_space,
+    front_of,
     in_picture,
+    is_inside,
     look,
     neutral,
     outer_skin,
     paint,
     scene_keys,
+    sides,
     smooth,
     task_points,
     upright,
@@ -63,6 +68,7 @@ from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 FRUSTUM = 0.16
 """Length of the edges of a drawn view pyramid, relative to half the diagonal of the scene."""
 MANY = 30
@@ -75,13 +81,19 @@ CLOSE_UP = 0.65 * FINE
 """Scale of the picture of one zone, a third of the width of a page."""
 CLOSE_UP_REL = 0.04
 """Least distance around a zone in its own picture, relative to the diagonal of the task."""
+LEAST_SHOWN = 0.004
+"""Part of such a picture that the zone has, or else is drawn over what hides it."""
+ENOUGH = 0.4
+"""Part of the most pixels of the zone from any direction that an earlier, oblique one may have."""
 TILTS = 0.6 * np.array([(0.5, -0.7, 0.5), (-0.5, 0.7, 0.5), (0.7, 0.5, 0.5), (0.0, 0.0, -1.0)])
 """Of directions of such a picture against the normal of the zone, so that it shows depth."""
 MOST_ZONES = 30
 """Zones with a number."""
-FEW_UNSEEN = 6
+FEW_UNSEEN = 3
 """Zones that a title names as hidden."""
 COVERED, ASKED = int(Reason.COVERED), -2
+DEVICE_HATCHES = (1, 2, 4, 8, 3, 12)
+"""Hatches of cameras of a rig with a rule, as in `reasons.Words`."""
 LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
 
@@ -91,9 +103,10 @@ class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
     With `regions` of the poses it is coloured point by point, by the nearest camera that covers it;
-    else face by face, by `best_pose`, (F,), -1 for none, -2 for faces that do
-    not matter. `among` are all poses of which they are
-    some, and which say what is up.
+    else face by face, by `best_pose`, (F,), -1 for none, -2 for faces that do not matter. `among`
+    are all poses of which they are some, and which say what is up; `noun` is a word for a pose. Of
+    `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
+    hatch of that camera. `most` says which camera gives a face its colour.
     """
 
     mesh: Mesh
@@ -103,6 +116,15 @@ class Overview:
     best_pose: IntArray
     regions: Regions | None = None
     among: Poses | None = None
+    zones: DeadZones | None = None
+    said: Sequence[Mapping[str, Any]] = ()
+    noun: str = "camera"
+    most: str = ""
+
+    @property
+    def devices(self) -> dict[str, int]:
+        """Hatch of each camera that fails; see `device_hatches`."""
+        return {} if self.zones is None or self.regions is None else device_hatches(self.said)
 
     @property
     def eyes(self) -> FloatArray:
@@ -137,45 +159,75 @@ class Overview:
             return of_faces
         of_points = partial(nearest_covering, self.regions, self.eyes)
         is_task = np.append(self.mesh.task_mask, False)[face]
-        first = np.ix_(*(np.arange(size) // FINE * FINE for size in face.shape))
-        asked = is_task & ~is_task[first]
+        asked = is_task & ~_of_blocks(is_task)
         asked[::FINE, ::FINE] = is_task[::FINE, ::FINE]
         best = scene.at_points(face, of_points, np.int64(-1), asked)
-        found: Pixels = colours[np.where(asked, best, best[first])]
-        return found
+        found: Pixels = colours.take(np.where(asked, best, _of_blocks(best)), axis=0, mode="wrap")
+        if self.zones is None or not self.devices:
+            return found
+        at = partial(zones_at, self.zones, n=len(self.said))
+        zone = scene.at_points(face, at, np.int64(-1), asked & (best < 0))
+        hatch = _hatches_of(self.said, self.devices)[np.where(asked, zone, _of_blocks(zone))]
+        return hatched(found, hatch, scene.hatch)
 
     def picture(self) -> Image.Image:
-        """The task, which fills the picture, and from its other side with all cameras."""
+        """The task, which fills the picture, and from another side with all cameras."""
         mesh, pyramids = self.mesh, self.pyramids()
         poses = (self.among or self.placed).world_from_camera
-        side = best_directions(mesh, mesh.task_mask, 1, poses)[0]
+        first, other = sides(mesh, poses)
+        if other[2] < 0 and front_of(mesh, poses) is None:
+            other = first * (-1, -1, 1)
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
-        scenes = [look(mesh, side, eyes=poses), look(mesh, side * (-1, -1, 1), ends, eyes=poses)]
-        images = [self.drawn(scene, pyramids) for scene in scenes]
+        scenes = [look(mesh, first, eyes=poses), look(mesh, other, ends, eyes=poses)]
+        near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
+        images = [self.drawn(scenes[0], near), self.drawn(scenes[1], pyramids)]
         keys = [
-            Key.of(f"camera {name}" if row == 0 else str(name), colour)
+            Key.of(f"{self.noun} {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
         keys.append(Key.of("covered by none", theme.UNCOVERED))
-        title = plural(len(self.placed), "camera")
+        keys += _device_keys(self.devices)
+        title = plural(len(self.placed), self.noun)
         if len(self.placed):
-            which = (
-                "nearest camera that covers it" if self.regions else "camera that covers it best"
-            )
-            title += f". Surface has the colour of the {which}"
+            which = "nearest " if self.regions else "" if self.most else "best "
+            title += f". Surface has the colour of the {which}{self.noun} that covers it"
+            title += f" {self.most}" if self.most else ""
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def drawn(self, scene: Scene, pyramids: Sequence[FloatArray]) -> Image.Image:
-        """A scene in the colours of its cameras, with those cameras that are in the picture."""
+        """A scene in the colours of its cameras, with the first of them, by their pyramids."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
         image, colours = Image.fromarray(pixels), self.colours
-        rows, places = in_picture(scene, self.eyes)
+        rows, places = in_picture(scene, self.eyes[: len(pyramids)])
         for row in rows:
             draw_in_space(image, scene, _edges(pyramids[row], colours[row]))
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]
         write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
         return smooth(image)
+
+
+def device_hatches(zones: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """Hatch of each camera of a rig with a rule for which zones of a summary are not measured."""
+    names = sorted({zone["device"] for zone in zones if zone.get("device")})
+    return {name: DEVICE_HATCHES[row % len(DEVICE_HATCHES)] for row, name in enumerate(names)}
+
+
+def _hatches_of(
+    zones: Sequence[Mapping[str, Any]], devices: Mapping[str, int]
+) -> NDArray[np.uint8]:
+    """(n + 1,) hatch of each of n zones by the camera that fails; none of what is in no zone."""
+    return np.array([*(devices.get(zone.get("device", ""), 0) for zone in zones), 0], np.uint8)
+
+
+def _device_keys(devices: Mapping[str, int]) -> list[Key]:
+    return [Key.of(fails(name), theme.UNCOVERED, hatch=hatch) for name, hatch in devices.items()]
+
+
+def _of_blocks(image: NDArray[Any]) -> NDArray[Any]:
+    """(H, W) first pixel of the block of `FINE` x `FINE` pixels that each pixel is in."""
+    first = image[::FINE, ::FINE].repeat(FINE, axis=0).repeat(FINE, axis=1)
+    return first[: image.shape[0], : image.shape[1]]
 
 
 def nearest_covering(
@@ -241,20 +293,11 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
     digits = int(np.clip(2 - np.floor(np.log10(max(far, 1e-9))), 0, 9))
     for number, zone in enumerate(shown, start=1):
-        first, *others = zone["groups"]
+        first, *others = zone_parts(zone)
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
         group = first + (f" and {len(others)} more" if others else "")
-        size = area(zone["area_m2"])
-        rows.append(
-            [
-                str(number),
-                size,
-                percent(round(zone["percent"] / 100, 9)),
-                place,
-                group,
-                zone_reason(zone),
-            ]
-        )
+        size, share = area(zone["area_m2"]), percent(round(zone["percent"] / 100, 9))
+        rows.append([str(number), size, share, place, group, zone_reason(zone)])
     rest = summary["other_dead_zones"]
     n_rest = rest["zones"] if rest["percent"] > 100 * SLIVER_REL * rest["zones"] else 0
     if count := len(zones) - len(shown) + n_rest:
@@ -285,24 +328,24 @@ def zones_picture(
     reasons : (F,) uint8
         Rows of `REASONS`, for the zones without a number.
     """
-    mesh, listed = zones.mesh, numbered(summary)
-    faces = np.zeros(mesh.n_faces, np.bool_)
-    faces[zones.face[zones.zone < max(1, len(listed))]] = True
-    faces &= ~outer_skin(mesh, eyes)
-    scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, faces, eyes=eyes)]
-    drawn = [_with_zones(zones, scene, listed, reasons, range(len(listed))) for scene in scenes]
+    mesh, listed, devices = zones.mesh, numbered(summary), device_hatches(summary["dead_zones"])
+    weights = np.where(zones.zone < max(1, len(listed)), zones.piece_area, 0.0)
+    dead = np.bincount(zones.face, weights, mesh.n_faces) / np.maximum(mesh.areas, 1e-300)
+    dead[outer_skin(mesh, eyes)] = 0.0
+    scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, dead, eyes=eyes)]
+    every = range(len(listed))
+    drawn = [_with_zones(zones, scene, listed, reasons, every, devices) for scene in scenes]
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
     title = f"{plural(zones.count(), 'dead zone')}, {share} of the area"
-    which = f"the {len(listed)} largest are numbered"
+    which = f"the {len(listed)} largest are numbered" if listed else "too small to be drawn"
     title += f"; {which if len(listed) < zones.count() else 'numbered from the largest'}"
     seen = {row for _, rows, _ in drawn for row in rows}
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
-        said = f"hidden from both sides: {', '.join(unseen)}"
-        title += (
-            f"; {said if len(unseen) <= FEW_UNSEEN else f'{len(unseen)} hidden from both sides'}"
-        )
-    keys = [*_reason_keys([each for _, _, own in drawn for each in own]), *scene_keys(scenes)]
+        more = f" and {len(unseen) - FEW_UNSEEN} more" if unseen[FEW_UNSEEN:] else ""
+        title += f"; hidden from both sides: {', '.join(unseen[:FEW_UNSEEN])}{more}"
+    keys = _reason_keys([each for _, _, own in drawn for each in own], devices)
+    keys += scene_keys(scenes)
     return framed(beside([image for image, _, _ in drawn]), title, keys)
 
 
@@ -314,44 +357,86 @@ def zone_close_up(
     *,
     reasons: NDArray[np.uint8],
 ) -> Image.Image | None:
-    """A zone of the list from near, with what is around it; None where no side shows it.
+    """A zone of the list from near, with what is around it, seen through what hides it.
 
-    Parameters are those of `zones_picture`, and the row of the zone.
+    Parameters are those of `zones_picture`, and the row of the zone. None for one that is nothing
+    but rounding.
     """
-    mesh, listed = zones.mesh, numbered(summary)
+    mesh, listed, devices = zones.mesh, numbered(summary), device_hatches(summary["dead_zones"])
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone == row]] = True
-    scene = close_up(mesh, faces, np.array(listed[row]["extent"]), eyes)
+
+    def is_own(scene: Scene, face: FaceImage) -> BoolArray:
+        asked = np.append(faces, False)[face]
+        at = partial(zones_at, zones, n=len(listed))
+        return np.asarray(scene.at_points(face, at, np.int64(-1), asked) == row)
+
+    scene = close_up(mesh, faces, np.array(listed[row]["extent"]), eyes, is_own)
     if scene is None:
         return None
-    image, _, own = _with_zones(zones, scene, listed, reasons, [row])
-    return framed(np.asarray(image), "", [*_reason_keys(own), *scene_keys([scene])])
+    image, _, own = _with_zones(zones, scene, listed, reasons, [row], devices)
+    return framed(np.asarray(image), "", [*_reason_keys(own, devices), *scene_keys([scene])])
 
 
 def close_up(
-    mesh: Mesh, faces: NDArray[np.bool_], extent: FloatArray, eyes: ArrayLike = ()
+    mesh: Mesh,
+    faces: BoolArray,
+    extent: FloatArray,
+    eyes: ArrayLike = (),
+    is_own: Callable[[Scene, FaceImage], BoolArray] = lambda scene, face: face >= 0,
 ) -> Scene | None:
-    """Some faces, (F,), of an extent, (2, 3), from near; None where no side shows them."""
+    """Some faces, (F,), of an extent, (2, 3), from near; None where no side has any.
+
+    Where they are hidden from every side, they are beneath what hides them. `is_own` gives the
+    pixels (H, W) of a face image that count, of those with the faces; all unless given.
+    """
     low, high = extent
     least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
     reach = (high - low) / 2 + least
     around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
     normal = upright(eyes) @ (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
     front = normal / max(float(np.linalg.norm(normal)), 1e-300)
-    sides = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
-    shown = []
-    for side in sides:
-        scene = look(mesh, side, scale=0.15, eyes=eyes, around=around)
-        is_shown = np.append(faces & facing(mesh, scene.pose)[0], False)
-        shown.append(int(is_shown[scene.faces].sum()))
-    if not any(shown):
+    tried = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
+
+    def shown(scene: Scene, image: FaceImage) -> FaceImage:
+        """A face image with nothing but the fronts of the faces."""
+        fronts = np.append(faces & facing(mesh, scene.pose)[0], False)
+        found = np.where(fronts[image], image, np.int32(-1))
+        return np.where(is_own(scene, found), found, np.int32(-1))
+
+    def alone(scene: Scene) -> FaceImage:
+        rows = np.flatnonzero(faces & facing(mesh, scene.pose)[0])
+        return shown(scene, part_drawn(mesh, scene.camera, scene.pose, rows).face)
+
+    def count(scene: Scene, *images: FaceImage) -> int:
+        return sum(int((shown(scene, image) >= 0).sum()) for image in images)
+
+    scenes = [look(mesh, side, scale=0.15, eyes=eyes, around=around) for side in tried]
+    counts = [count(scene, scene.face, scene.beneath, scene.targets) for scene in scenes]
+    is_hidden = max(counts) < LEAST_SHOWN * scenes[0].face.size
+    if is_hidden:
+        counts = [count(scene, alone(scene)) for scene in scenes]
+        around += np.array([[-1], [1]]) * reach  # with more of what hides them
+    if not any(counts):
         return None
-    return look(mesh, sides[int(np.argmax(shown))], scale=CLOSE_UP, eyes=eyes, around=around)
+    side = tried[int(np.argmax(np.array(counts) >= ENOUGH * max(counts)))]
+    scene = look(mesh, side, scale=CLOSE_UP, eyes=eyes, around=around)
+    if not is_hidden:
+        return scene
+    beneath = alone(scene)
+    return replace(scene, beneath=np.where(beneath >= 0, beneath, scene.beneath))
 
 
-def _reason_keys(rows: Sequence[int]) -> list[Key]:
-    """Legend of reasons, by their rows in `REASONS`: what is covered, first."""
-    return [Key.of_reason(NAMES[row]) for row in dict.fromkeys([COVERED, *sorted(rows)])]
+def _reason_keys(rows: Sequence[int], devices: Mapping[str, int]) -> list[Key]:
+    """Legend of reasons, by their rows in `REASONS`: what is covered, first; of cameras after it.
+
+    Where there are hatches of cameras, reasons have none.
+    """
+    names = [NAMES[row] for row in dict.fromkeys([COVERED, *sorted(rows)])]
+    if not devices:
+        return list(map(Key.of_reason, names))
+    keys = [Key.of(REASONS[name].label, REASONS[name].colour) for name in names]
+    return [*keys, *_device_keys(devices)]
 
 
 def _with_zones(
@@ -360,10 +445,12 @@ def _with_zones(
     listed: Sequence[Mapping[str, Any]],
     reasons: NDArray[np.uint8],
     named: Sequence[int],
+    devices: Mapping[str, int],
 ) -> tuple[Image.Image, list[int], list[int]]:
     """One view of the zones, with the numbers of some that are seen; these, and reasons in it."""
     n, mesh = len(listed), zones.mesh
     own_reasons = np.array([*(NAMES.index(zone["reason"]) for zone in listed), COVERED], np.uint8)
+    of_devices = _hatches_of(listed, devices)
     layers: list[IntArray] = []  # row of the zone at each pixel, n without a number, -1 for none
     drawn: set[int] = set()
     # Only faces in several zones, or dead in part, have to be asked point by point.
@@ -382,7 +469,8 @@ def _with_zones(
         rows = np.where(layers[-1] == n, reasons[face], own_reasons[layers[-1]])
         counts = np.bincount(rows[face >= 0], minlength=len(NAMES))
         drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
-        return hatched(theme.REASON_COLOURS[rows], theme.REASON_HATCHES[rows], scene.hatch)
+        hatch = of_devices[layers[-1]] if devices else theme.REASON_HATCHES[rows]
+        return hatched(theme.REASON_COLOURS.take(rows, axis=0), hatch, scene.hatch)
 
     pixels = paint(scene, neutral(mesh), own)
     shown = layers[0]
@@ -392,16 +480,17 @@ def _with_zones(
     image = Image.fromarray(pixels)
     counts = np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]
     rows = [row for row in named if counts[row]]
-    places = np.array([middle_of(shown == row) for row in rows]).reshape(-1, 2)
+    at = np.flatnonzero((shown >= 0) & (shown < n))
+    of_zones, spots = shown.ravel()[at], np.stack(np.divmod(at, shown.shape[1])[::-1], axis=1) + 0.5
+    places = np.array([middle_of(spots[of_zones == row]) for row in rows]).reshape(-1, 2)
     own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]
     names, font = [str(row + 1) for row in rows], font_for(round(FINE * 1200))
     write_labels(image, places, names, own_colours, font, FINE, counts[rows])
     return smooth(image), rows, sorted(drawn)
 
 
-def middle_of(mask: NDArray[np.bool_]) -> FloatArray:
-    """Place (x, y) of the pixel of a mask that is nearest to the median of all of them."""
-    places = np.argwhere(mask)[:, ::-1] + 0.5
+def middle_of(places: FloatArray) -> FloatArray:
+    """The one of some places, (N, 2), that is nearest to the median of all of them."""
     away: FloatArray = places - np.median(places, axis=0)
     middle: FloatArray = places[(away**2).sum(axis=1).argmin()]
     return middle

@@ -25,7 +25,7 @@ from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
-from rastercov.base.format import area, length, number, percent, plural, sampling
+from rastercov.base.format import area, length, number, percent, plural, sampling, verb
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -33,17 +33,19 @@ from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.advice import task_in_words
+from rastercov.coverage.area.over_time import OverTime
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
 from rastercov.coverage.parts import part_rows
 from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
 from rastercov.report import theme
-from rastercov.report.images import png
+from rastercov.report.images import png, png_in_the_dark
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
-from rastercov.report.panorama import is_inside, scene_box
+from rastercov.report.panorama import front_of, is_inside, scene_box, sides, upright
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -60,8 +62,14 @@ class Picture:
 
     @classmethod
     def of(cls, alt: str, image: Image.Image) -> "Picture":
-        """A drawing in 255 colours, with its small areas of a colour of their own."""
+        """An image in 255 colours, with its small areas of a colour of their own."""
         return cls(alt, png(image, Image.Quantize.FASTOCTREE))
+
+    @classmethod
+    def drawn(cls, alt: str, image: Image.Image) -> "Picture":
+        """The same with a twin, for a drawing whose greys may be reversed."""
+        light = png(image, Image.Quantize.FASTOCTREE)
+        return cls(alt, light, png_in_the_dark(light))
 
 
 def rendered(template: str, package: str = "rastercov.report", **values: Any) -> str:
@@ -83,6 +91,7 @@ def _environment(package: str) -> "Environment":
     )
     environment.filters |= {
         "area": area,
+        "column_kinds": _column_kinds,
         "count": "{:,}".format,
         "metres": length,
         "number": number,
@@ -91,12 +100,28 @@ def _environment(package: str) -> "Environment":
         "sampling": sampling,
         "srcdoc": _srcdoc,
         "task_in_words": task_in_words,
+        "verb": verb,
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
     environment.globals |= {
         "light": LIGHT, "dark": DARK, "part_rows": part_rows, "most_embedded": MOST_EMBEDDED,
     }  # fmt: skip
     return environment
+
+
+def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
+    """Attribute of the cells of each column: of words, which are not figures, and of long ones."""
+    from markupsafe import Markup
+
+    kinds = []
+    for column in range(len(headings)):
+        cells = [str(row[column]) for row in rows if row[column] != ""]
+        if 2 * sum(FIGURE.match(cell) is None for cell in cells) <= len(cells):
+            kinds.append("")
+        else:
+            is_long = max(map(len, cells)) > LONGEST_WORD
+            kinds.append(Markup(f' class="words{" long" if is_long else ""}"'))
+    return kinds
 
 
 def _srcdoc(page: str) -> str:
@@ -110,12 +135,20 @@ def _base64(data: Any) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
+FIGURE = re.compile(r"[-+\d.,]+(\s|°|$)")
+"""Begin of a cell of figures, which are aligned at their end."""
+LONGEST_WORD = 20
+"""Characters of a cell that is in one line."""
 MOST_FACES = 1_500_000
 """Faces of an exported page: 36 bytes each, a third more as text."""
 MOST_OF_REPORT = 300_000
 """Faces up to which a report has the page: 15 MB."""
+MOST_LEVELS = 2_000_000
+"""Faces of all frames up to which a page has what is covered in each."""
 MOST_EMBEDDED = 2_200_000
 """Characters of the scene inside a page of a report: 35,000 faces, and 3 MB with all pictures."""
+MOST_SIDES = 100_000
+"""Faces up to which a page without a front looks for the best first view, in a second."""
 MOST_STATIONS = 5_000
 """Cameras that a page shows."""
 MOST_FACES_OF_ZONE = 5_000
@@ -139,7 +172,7 @@ def view_page(
     zones: Sequence[Mapping[str, Any]] = (),
     *,
     unit: str = "m",
-    up: ArrayLike = (0.0, 0.0, 1.0),
+    timed: OverTime | None = None,
 ) -> str | None:
     """Page of a result that needs no server; None for one too large for a report.
 
@@ -156,8 +189,8 @@ def view_page(
         As of `zone_entries`.
     unit : {"m", "unit"}
         Of lengths, as of `rastercov.base.format.area`.
-    up : (3,) array_like
-        Direction that is up.
+    timed : OverTime, optional
+        Coverage over time, whose frames are shown.
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
@@ -166,7 +199,7 @@ def view_page(
         "title": title, "version": rastercov.__version__, "is_room": is_inside(mesh, eyes),
         "modes": [described_mode(name, MODES[name]) for name in values],
         "constraints": {}, "can_edit": False, "result": None, "notes": [],
-        "unit": unit, "up": np.asarray(up, np.float64).tolist(),
+        "unit": unit,
     }  # fmt: skip
     state = {
         "revision": 0,
@@ -188,6 +221,15 @@ def view_page(
         painted = MODES[name].paint(mesh, each)
         frames[name] = described_frame(name, painted) | {"summary": summary}
         frames[name] |= levels_of(painted.levels)
+    if timed is not None:
+        scene["motion"] = described_motion(timed.motion)
+        if len(timed.motion) * mesh.n_faces <= MOST_LEVELS:
+            scene["modes"].append(described_mode("now", MODES["now"]))
+            covered = timed.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
+            for row, share in enumerate(covered):
+                painted = MODES["now"].paint(mesh, share)
+                frames[f"now@{row}"] = described_frame("now", painted) | {"summary": summary}
+                frames[f"now@{row}"] |= levels_of(painted.levels)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
 
 
@@ -264,7 +306,10 @@ def figures_of(
 
 
 def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
-    """A mesh as a page needs it, ready for JSON; what is up by poses (P, 4, 4)."""
+    """A mesh as a page needs it, ready for JSON; up and the first view are by poses (P, 4, 4)."""
+    towards = None
+    if mesh.n_faces <= MOST_SIDES or front_of(mesh, poses) is not None:
+        towards = (sides(mesh, poses)[0] @ upright(poses)).tolist()
     firsts = dict(zip(*np.unique(mesh.face_group, return_index=True), strict=True))
     counts = np.bincount(mesh.face_group, minlength=len(mesh.groups)).tolist()
     return {
@@ -273,6 +318,7 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
         "bounds": np.asarray(mesh.bounds).tolist(),
         "frame": scene_box(mesh).tolist(),
         "up": upwards(poses).tolist(),
+        "towards": towards,
         "groups": [
             {
                 "name": group.name, "role": group.role, "is_two_sided": group.is_two_sided,
@@ -286,7 +332,23 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
 
 def described_mode(name: str, mode: Mode) -> dict[str, Any]:
     """A way to colour the faces, ready for JSON."""
-    return {"id": name, "label": mode.label, "words": mode.words, "panel": mode.panel}
+    return {
+        "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel,
+        "is_of_frame": mode.is_of_frame,
+    }  # fmt: skip
+
+
+def described_motion(motion: Motion) -> dict[str, Any]:
+    """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
+    groups, first = np.unique(motion.mesh.face_group, return_index=True)
+    bodies = np.zeros(len(motion.mesh.groups), np.int64)
+    bodies[groups] = motion.body[first]
+    return {
+        "durations": motion.durations.tolist(),
+        "bodies": bodies.tolist(),
+        "poses": _base64(np.ascontiguousarray(motion.world_from_body[:, :, :3]).tobytes()),
+        "present": _base64(motion.present.astype(np.uint8).tobytes()),
+    }
 
 
 def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
@@ -309,6 +371,7 @@ def described_camera(camera: Camera) -> dict[str, Any]:
     z_n, z_f = map(float, camera.depth_of_field())
     is_focused = camera.aperture is not None or camera.focus_range is not None
     near, far = camera.focus_range or (None, None)
+    far = None if far is None or math.isinf(far) else far
     f_number = None
     if camera.aperture is not None and camera.focal_length is not None:
         f_number = camera.focal_length / camera.aperture
@@ -321,12 +384,12 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         "f_number": f_number,
         "focus_distance": camera.focus_distance,
         "focus_near": near,
-        "focus_far": None if far is None or math.isinf(far) else far,
+        "focus_far": far,
         "near": camera.near,
         "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
         "can_focus": camera.focal_length is not None and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
-        "plain": camera.to_json(),
+        "plain": camera.to_json() | ({} if near is None else {"focus_range": [near, far]}),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
 

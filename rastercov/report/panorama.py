@@ -32,7 +32,16 @@ from rastercov.report.images import (
     stripes,
     target_key,
 )
-from rastercov.report.theme import COVERED, OF_CAMERA, OUTSIDE, PAPER, Colour, Pixels, Setting
+from rastercov.report.theme import (
+    COVERED,
+    OF_CAMERA,
+    OUTSIDE,
+    PAPER,
+    UNCOVERED,
+    Colour,
+    Pixels,
+    Setting,
+)
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -55,10 +64,16 @@ DISTANCE = 4.0
 CORNERS = [(1, -1.5), (-1, 1.5), (-1.5, -1), (1.5, 1)]
 DIRECTIONS = np.array([(x, y, z) for z in (1, -1) for x, y in CORNERS])
 """Directions from the scene to the viewer; the first two are the default."""
-ALL_SIDES = DIRECTIONS[[0, 5]]
-"""Two opposite corners: every side of a box is in one of the two pictures."""
+FRONT, FROM_ONE_SIDE = 0.4, 0.75
+"""Lengths of the mean normal of a task, and of the mean of unit vectors to cameras, from which on
+pictures are from their side."""
+ASIDE, ABOVE, STEEP = 0.5, 0.25, 0.9
+"""Parts of two such directions beside their middle, and above it; z of one that is from above or
+below."""
 FROM_BELOW = 0.6
 """Worth of what is seen from below, relative to what is seen from above; to the fourth indoors."""
+SHOWN = 0.5
+"""Part of the most pixels of a face from any direction from which on it is shown well."""
 PIECES = 96
 """Pieces of a line, each visible or hidden."""
 PIXELS_AT_A_TIME = 1 << 16
@@ -209,7 +224,7 @@ def look(
     camera = _fitted(points, pose, scale)
     rows = np.flatnonzero(~mesh.target_mask)
     buffer = part_drawn(mesh, camera, pose, rows)
-    away, skin = turned_away(mesh, eye, eyes), _kept(outer_skin, mesh, eyes)
+    away, skin = turned_away(mesh, eye, eyes), remembered(outer_skin, mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
@@ -227,7 +242,7 @@ def look(
         hides &= behind.face >= 0
         if hides.sum() <= OPENED * n_behind:
             break
-        bodies = _kept(_bodies, mesh, middle)
+        bodies = remembered(_bodies, mesh, middle)
         hidden = np.bincount(bodies[buffer.face[hides]], minlength=mesh.n_faces)
         worth = hidden > OPENED * n_behind
         if not worth.any():  # planes of small faces: all of them or none
@@ -292,13 +307,13 @@ def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
 
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
-    points: FloatArray = _kept(_without_outliers, mesh)[0]
+    points: FloatArray = remembered(_without_outliers, mesh)[0]
     return points
 
 
 def scene_box(mesh: Mesh) -> FloatArray:
     """(2, 3) bounds of the opaque faces, or of all if none is, without outliers."""
-    opaque = _kept(_without_outliers, mesh)[1]
+    opaque = remembered(_without_outliers, mesh)[1]
     return np.stack((opaque.min(axis=0), opaque.max(axis=0)))
 
 
@@ -324,18 +339,53 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
     return found[0], found[1]
 
 
-def best_directions(
-    mesh: Mesh, faces: BoolArray, count: int = 2, eyes: ArrayLike = ()
-) -> FloatArray:
-    """(count, 3) of `DIRECTIONS` that show most of some faces' fronts, chosen greedily.
+def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:
+    """(3,) side of a task that has a front, unit, in the axes of `upright`; None for any other.
 
-    Each direction adds most to the visible pixels of those before it.
+    It is that of its mean normal, else that of the cameras unless they are inside.
     """
-    shown = _kept(_shown, mesh, eyes) * faces
+    rows = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+    weights = mesh.areas[rows] / max(float(mesh.areas[rows].sum()), 1e-300)
+    front = (weights * ~mesh.two_sided_mask[rows]) @ mesh.normals[rows]
+    points = places_of(eyes)
+    if np.linalg.norm(front) < FRONT and len(points) and not is_inside(mesh, eyes):
+        rays = points - weights @ mesh.centroids[rows]
+        rays /= np.maximum(np.linalg.norm(rays, axis=1), 1e-300)[:, None]
+        front = rays.mean(axis=0)
+        if np.linalg.norm(front) < FROM_ONE_SIDE:
+            return None
+    size = float(np.linalg.norm(front))
+    return np.asarray(upright(eyes) @ front / size) if size >= FRONT else None
+
+
+def sides(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray:
+    """(2, 3) directions of the first views of a mesh: both from its front where it has one.
+
+    Otherwise they are the two that show most of the task.
+    """
+    front = front_of(mesh, eyes)
+    if front is None:
+        return best_directions(mesh, mesh.task_mask, eyes=eyes)
+    if abs(front[2]) > STEEP:
+        return DIRECTIONS[np.argsort(-DIRECTIONS @ front, kind="stable")[:2]]
+    x, y, _ = ASIDE * front / np.hypot(*front[:2])
+    return np.asarray(front + np.array([(y, -x, ABOVE), (-y, x, ABOVE)]))
+
+
+def best_directions(
+    mesh: Mesh, weights: ArrayLike, count: int = 2, eyes: ArrayLike = ()
+) -> FloatArray:
+    """(count, 3) of `DIRECTIONS` that show most of faces' fronts, chosen greedily.
+
+    Each direction adds most to the visible pixels of those before it, by `weights` (F,) of faces
+    that are not shown well yet.
+    """
+    shown = remembered(_shown, mesh, eyes) * np.asarray(weights, np.float64)
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):
-        gain = np.maximum(shown - best, 0).sum(axis=1)
+        is_shown = best >= SHOWN * shown.max(axis=0)
+        gain = (np.maximum(shown - best, 0) * ~(is_shown & (best > 0))).sum(axis=1)
         gain[chosen] = -1.0
         chosen.append(int(gain.argmax()))
         best = np.maximum(best, shown[chosen[-1]])
@@ -353,7 +403,7 @@ def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
     return shown
 
 
-def _kept(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
+def remembered(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
     """Answer of a function on a mesh and cameras; the last one for each mesh is kept."""
     known, key = _KEPT.setdefault(mesh, {}), np.asarray(eyes, np.float64).tobytes()
     if make.__name__ not in known or known[make.__name__][0] != key:
@@ -388,7 +438,7 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
     if own is not None:
         at = np.flatnonzero(np.append(mesh.task_mask, False)[face])
         lit = scene.light.astype(np.float32)[face.ravel()[at], None]
-        pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3)[at] * lit
+        pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3).take(at, axis=0) * lit
     behind = np.append(scene.backs, False)[face]
     if behind.any():
         striped = behind & stripes(face.shape, scene.stripe)
@@ -431,18 +481,30 @@ def two_sides(
     title: str,
     keys: Sequence[Key],
     hatch: NDArray[np.uint8],
-    directions: FloatArray = ALL_SIDES,
     eyes: ArrayLike = (),
 ) -> Image.Image:
     """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
-    scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
+    pixels, more = side_by_side(mesh, colours, hatch, sides(mesh, eyes), eyes)
+    return framed(pixels, title, [*keys, *more])
+
+
+def side_by_side(
+    mesh: Mesh,
+    colours: Pixels,
+    hatch: NDArray[np.uint8],
+    directions: FloatArray,
+    eyes: ArrayLike = (),
+    scale: float = FINE,
+) -> tuple[Pixels, list[Key]]:
+    """Views from some directions side by side, and their part of a legend; `scale` as of `look`."""
+    scenes = [look(mesh, direction, scale=scale, eyes=eyes) for direction in directions]
 
     def own(face: FaceImage) -> Pixels:
         return hatched(colours[face], hatch[face], scenes[0].hatch)
 
     painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
     images = [smooth(Image.fromarray(pixels)) for pixels in painted]
-    return framed(beside(images), title, [*keys, *scene_keys(scenes)])
+    return beside(images), scene_keys(scenes)
 
 
 def beside(images: Sequence[Image.Image]) -> Pixels:
@@ -457,15 +519,18 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     keys, mesh, setting = [], scenes[0].mesh, scenes[0].setting
     if any(not mesh.task_mask[scene.faces].all() for scene in scenes):
         keys.append(Key.of("occluder", setting.occluder))
-    if any((scene.beneath >= 0).any() for scene in scenes):
+    over = [np.append(mesh.task_mask, False)[scene.face[scene.beneath >= 0]] for scene in scenes]
+    if not all(each.all() for each in over):
         keys.append(Key.of("occluder in front of the task", setting.occluder, COVERED))
+    if any(each.any() for each in over):
+        keys.append(Key.of("behind another part of the task", COVERED, UNCOVERED, 4, 3))
     if any(scene.shows_backs() for scene in scenes):
         keys.append(Key.of("back of the task, from here", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):
         keys.append(target_key())
     names = list(dict.fromkeys(name for scene in scenes for name in scene.opened))
-    if len(names) > 3:  # rather what they are parts of
-        names = list(dict.fromkeys(name.split("/")[-2:][0] for name in names))
+    own = -2 if len(names) > 3 else -1  # of many rather what they are parts of
+    names = list(dict.fromkeys(name.split("/")[own:][0] for name in names))
     if names:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         what = f": {', '.join(names[:3])}{more}" if len(mesh.groups) > 1 else " towards the reader"

@@ -4,23 +4,27 @@ The tables are those of `plan.json`; the templates `report.html` and `placement.
 headings and words.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.format import percent
+from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
+from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import regions
+from rastercov.coverage.area.table import taken
 from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.coverage.parts import MOST_ROWS
+from rastercov.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
-from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.network import (
     FAILS,
     HOLDS,
     UNDECIDED,
-    Measured,
     Requirement,
     views_by_group,
 )
@@ -35,7 +39,13 @@ MAX_SENTENCES = 12
 
 
 def pages_of(
-    placement: Placement, summary: Mapping[str, Any], notes: Sequence[str], progress: Progress
+    placement: Placement,
+    summary: Mapping[str, Any],
+    notes: Sequence[str],
+    progress: Progress,
+    level: int | None = None,
+    *,
+    has_view: bool = True,
 ) -> dict[str, str]:
     """Texts of `page.html` and `view.html`; the latter is left out for a large mesh.
 
@@ -48,16 +58,14 @@ def pages_of(
         Sentences for the top of the page.
     progress : callable
         Gets the pictures drawn and the pictures in all.
+    level : int, optional
+        Of the parts in their table.
+    has_view : bool
+        False for a page that no `view.html` will lie beside.
     """
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
     tolerance = placement.tolerance
-    figures = summary["network"] | {
-        name: summary[name] for name in ("covered_area", *ZONES) if name in summary
-    }
-    shown = network_page_of(
-        f"Placement of cameras: {plan.name}", prepared.mesh, plan, cameras, prepared.task, figures,
-        plan.task.views,
-    )  # fmt: skip
+    shown = replace(network_of(placement, summary), level=level)
     drawn = shown.drawn(progress)
     owner = cameras.owner
     columns = {
@@ -79,14 +87,24 @@ def pages_of(
         run=summary["made_from"],
         files="plan.json",
         views=plan.task.views,
-        has_view=shown.view is not None,
+        has_view=has_view and shown.view is not None,
         is_best=isinstance(prepared.problem.goal, BestCoverage),
         mounts=[
             ", ".join(map(str, np.flatnonzero(owner == row))) for row in range(len(cameras.mounted))
         ],
         out_of_reach=_out_of_reach(prepared.openings),
+        hiders=_hiders(summary["left"]),
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
+
+
+def _hiders(left: Mapping[str, Any] | None) -> list[tuple[tuple[str, str], float]]:
+    """Parts, what hides them, and the hidden area, m^2: the `MOST_ROWS` largest."""
+    found: dict[tuple[str, str], float] = defaultdict(float)
+    for group in left["groups"] if left else ():
+        for name, m2 in group["hidden_by"].items():
+            found[body_of(group["name"]), body_of(name)] += m2
+    return sorted(found.items(), key=lambda each: -each[1])[:MOST_ROWS]
 
 
 def _out_of_reach(found: Openings | None) -> list[str]:
@@ -104,23 +122,39 @@ def verdicts(requirements: Sequence[Requirement]) -> list[tuple[str, bool | None
     return [(each.words(), VERDICTS[each.status]) for each in requirements]
 
 
-def network_page_of(
-    title: str,
-    mesh: Mesh,
-    plan: Plan,
-    cameras: Measured,
-    task: Task,
-    figures: Mapping[str, Any],
-    views: int | Mapping[str, int],
-    asked: int | None = None,
+def network_of(
+    found: Placement | Checked, content: Mapping[str, Any], *, has_parts: bool = True
 ) -> NetworkPage:
-    """Page of the cameras of a plan; `figures` of them all, `views` and `asked` as of `Checked`."""
-    placed, areas, zones, parts = cameras.placed, cameras.areas, None, None
-    if areas is not None:
-        parts = regions(mesh, plan.rig, placed, task, method=plan.task.method)
-        zones = areas.zones(views_by_group(plan, asked))
+    """Page of the cameras that a plan has placed, or that a check was given.
+
+    Parameters
+    ----------
+    found : Placement or Checked
+    content : mapping
+        That of `plan.json` or `check.json`.
+    has_parts : bool
+        Measure what each of them covers, too, where the result is by area, which takes longest.
+    """
+    of, asked = (found, found.asked_views) if isinstance(found, Checked) else (found.prepared, None)
+    plan, cameras, placed, areas = of.plan, found.cameras, found.cameras.placed, found.cameras.areas
+    title = f"Placement of cameras: {plan.name}"
+    names = found.names if isinstance(found, Checked) else ()
+    if isinstance(found, Checked):
+        title = f"Check of {found.poses_file.name} against {plan.name}"
+    figures = {name: content[name] for name in ("covered_area", *ZONES) if name in content}
+    parts = None
+    if isinstance(areas, TimeAreas):
+        parts = areas.over_time.alone() if has_parts else None
+    elif areas is not None and has_parts:
+        parts = regions(of.mesh, plan.rig, placed, of.task, method=plan.task.method)
+    together = None
+    if gates_of(plan.rig) and parts is not None:
+        together = rows_of_result(plan.rig, placed)
+        parts = taken(parts, together)
     return NetworkPage(
-        title, mesh, plan.rig, placed, "camera", [str(row) for row in range(len(placed))],
-        cameras.network, cameras.covered, views_of(mesh, views), figures, areas, zones, parts,
-        cameras.covers,
+        title, of.mesh, plan.rig, placed, "camera", names_of_poses(placed, names),
+        cameras.network, cameras.covered, views_of(of.mesh, asked or plan.task.views),
+        content["network"] | figures,
+        areas, None if areas is None else areas.zones(views_by_group(plan, asked)), parts,
+        cameras.covers, together=together,
     )  # fmt: skip

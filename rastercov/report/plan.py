@@ -2,11 +2,12 @@
 
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
+joints.csv   joint angles in the order of a tour, where a robot carries the cameras
 page.html    the same with pictures; page.pdf on paper, if asked for
 view.html    the network to look around in, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
-The first three replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the
+All but the matrix replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the
 intermediate result is saved before each step after the selection, and `plan.json` names that step
 under "interrupted", which is still correct when the run is killed in it.
 """
@@ -23,12 +24,14 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import percent, plural, verb
+from rastercov.base.files import seen_from
+from rastercov.base.format import distance, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json
 from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import plain_cameras, provenance_of
+from rastercov.placement.plan.arm import MOST_LOST, ArmPoses
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
@@ -49,7 +52,9 @@ STEP_FIGURES = {
 """Figures of the steps that move cameras, as `plan.json` has them."""
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
 PLACEMENT = ReportKind(
-    "place", re.compile(r"(poses|plan)\.json|(page|view)\.html|page\.pdf"), last="plan.json"
+    "place",
+    re.compile(r"(poses|plan)\.json|joints\.csv|(page|view)\.html|page\.pdf"),
+    last="plan.json",
 )
 
 
@@ -60,6 +65,7 @@ def run_into(
     workers: Workers | None = None,
     *,
     pdf: bool = False,
+    level: int | None = None,
 ) -> Placement:
     """Carry out a plan, and leave all its files in a folder.
 
@@ -74,6 +80,8 @@ def run_into(
         As for `rastercov.placement.plan.run.place`.
     pdf : bool
         True for the page on paper, too.
+    level : int, optional
+        Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
 
     Raises
     ------
@@ -100,7 +108,7 @@ def run_into(
                 with step("page") as progress:
                     from rastercov.report.placement import pages_of  # with the first page only
 
-                    pages = pages_of(placed, summary(placed), lines(placed), progress)
+                    pages = pages_of(placed, summary(placed), lines(placed), progress, level)
             except KeyboardInterrupt:
                 placed = without_page
         save(placed, files, pages, pdf=pdf)
@@ -117,9 +125,12 @@ def save(
     """Replace the earlier report by poses, all figures, and the texts of pages by their names."""
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
+        if placement.arm is not None:
+            folder.file("joints.csv").write_text(joints_csv(placement), encoding="utf-8")
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
-        write_json(folder.file("plan.json"), summary(placement))
+        at = {"folder": seen_from(folder.path, placement.prepared.plan.folder)}
+        write_json(folder.file("plan.json"), summary(placement) | at)
         folder.publish()
 
 
@@ -133,6 +144,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
         "candidate": placement.chosen[cameras.owner],
+        **_of_arm(placement),
     }
     if len(mounts.rig) == 1:
         return content
@@ -146,6 +158,29 @@ def poses_of(placement: Placement) -> dict[str, Any]:
             )
         ]
     return plain_cameras(mounts.rig) | content
+
+
+def joints_csv(placement: Placement) -> str:
+    """Joint angles in the order of the tour, as `Robot.read_path` reads them."""
+    own, arm = placement.prepared.arm, placement.arm
+    assert own is not None
+    assert arm is not None
+    rows = [",".join(map(repr, row)) for row in arm.joints[arm.order].tolist()]
+    return "\n".join([",".join(own.arm.robot.joint_names), *rows, ""])
+
+
+def _of_arm(placement: Placement) -> dict[str, Any]:
+    """Joint angles of each mount, its clearance, what the arm hides, and the tour."""
+    own, arm = placement.prepared.arm, placement.arm
+    if own is None or arm is None:
+        return {}
+    return {
+        "joint_names": own.arm.robot.joint_names,
+        "joints": arm.joints,
+        "clearance_m": arm.clearance,
+        "hidden_by_arm_percent": arm.lost,
+        "tour": arm.order,
+    }
 
 
 def summary(placement: Placement) -> dict[str, Any]:
@@ -193,6 +228,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         **zones,
         "network": network,
         "cameras": _cameras(placement),
+        "arm": _of_arm(placement) or None,
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -295,8 +331,11 @@ def lines(placement: Placement) -> list[str]:
             f"{what} {row} of the selection added nothing after refinement and was left out"
             for row in placement.left_out
         ]
+    if placement.arm is not None:
+        said.append(_on_arm(placement.arm))
     said += [
-        f"the {how} poses cover less of the exact area than those before, and were not taken"
+        f"the {how} poses cover less of the exact area than those before, or lose a goal, and "
+        "were not taken"
         for how in placement.kept_poses
     ]
     if placement.tolerance is not None:
@@ -312,6 +351,11 @@ def lines(placement: Placement) -> list[str]:
             text += f"; without {_what(prepared)} {found.critical} only {left} are left"
         said.append(text)
     said += [f"{each.status}: {each.words()}" for each in placement.requirements]
+    if not placement.is_met and "stricter selection" in placement.steps:
+        said.append(
+            "further selections on cells did not meet all goals either: ask for less, add "
+            "candidates, or give a smaller resolution_of_result"
+        )
     if placement.interrupted:
         said.append(_interrupted(placement))
     elif selection.status == "time_limit":
@@ -327,6 +371,15 @@ def _what(prepared: Prepared) -> str:
 def of_plan(lines: Iterable[str]) -> list[str]:
     """Lines that name entries of a plan file for the options of a command."""
     return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
+
+
+def _on_arm(arm: ArmPoses) -> str:
+    """Line about the joint angles of poses."""
+    least = distance(float(arm.clearance.min(initial=np.inf)))
+    most = float(arm.lost.max(initial=0.0))
+    text = f"joint angles in the order of a tour: joints.csv; links keep clear by {least} or more"
+    text += f"; the arm hides {most:.2f} points of the area at most of one picture"
+    return text + (", and no other solution or candidate is better" if most > MOST_LOST else "")
 
 
 def _interrupted(placement: Placement) -> str:
@@ -345,17 +398,17 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
         return []
     if goal.coverage == wanted.coverage or goal.of_reachable != wanted.of_reachable:
         return []
+    of = OF[prepared.plan.task.weight_by]
     return [
-        f"{percent(goal.coverage)} of the area on cells were asked for, more than the "
+        f"{percent(goal.coverage)} of {of} on cells were asked for, more than the "
         f"{percent(wanted.coverage)} wanted, so that the exact area reaches it"
     ]
 
 
 def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
-    if prepared.cells is None:
-        return OF[prepared.plan.task.weight_by]
-    return f"the area on {len(prepared.cells):,} cells of {prepared.cells.size:g} m"
+    of, cells = OF[prepared.plan.task.weight_by], prepared.cells
+    return of if cells is None else f"{of} on {len(cells):,} cells of {cells.size:g} m"
 
 
 def _selected(placement: Placement) -> str:

@@ -29,12 +29,12 @@ from rastercov.base.format import area, percent, shortened, signed
 from rastercov.base.output import write_bytes
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_border
+from rastercov.camera.projection import angles_of_view
 from rastercov.camera.rig import cameras_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
-from rastercov.coverage.densities import EDITIONS
+from rastercov.coverage.densities import DORI, DORI_EDITION
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.mesh import Mesh
 from rastercov.mesh.sections import section, solid
@@ -46,6 +46,7 @@ from rastercov.report.plan_geometry import (
     visible_from,
 )
 from rastercov.report.tables import heading_and_tilt
+from rastercov.report.theme import DORI as BANDS
 
 FloatArray = NDArray[np.float64]
 
@@ -53,11 +54,10 @@ PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594)
 """Width and height of landscape sheets, mm."""
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Scales that are taken unless one is given: 1 to these times a power of ten."""
-EDITION = "EN 62676-4:2015"
 INK = "#14181d"
 """Colour of cameras, walls and text in the template."""
-LEVELS = ("identify", "recognise", "observe", "detect")
-"""Levels of `EDITION` that have a band, the nearest first."""
+LEVELS = tuple(reversed(DORI))
+"""Levels that have a band, the nearest first."""
 MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
 LETTERS = 84
@@ -86,6 +86,7 @@ class Frame(NamedTuple):
     def path(self, found: Any) -> str:
         """Lines, and the borders of areas, of the world as an SVG path."""
         parts = shapely.get_parts(found)
+        parts = parts[~shapely.is_empty(parts)]
         lines = [part for part in parts if part.geom_type == "LineString"]
         texts = []
         for line in (*lines, *shapely.get_rings(parts)):
@@ -196,6 +197,7 @@ def plan_sheet(
     paths["BELOW"] = frame.path(shapely.multilinestrings(shapely.linestrings(below)))
     zone = _dead_zone(found, frame, views).difference(solids)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
+    paths = {name: path or "M0,0" for name, path in paths.items()}  # fpdf2 refuses an empty path
     turn = None if north is None else math.radians(north)
     metre = 1e3 / frame.scale
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
@@ -207,8 +209,9 @@ def plan_sheet(
         scale_text=scale_text(frame.scale), floor=frame.floor, cut=frame.cut, paths=paths,
         rows=_camera_rows(found, names, frame.floor), cameras=_symbols(found, names, frame, ends),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
-        bar_mm=bar * metre, bar_text=f"{bar:g} m", dead=area(zone.area), edition=EDITION,
-        levels=[(level, EDITIONS[EDITION][level]) for level in LEVELS],
+        bar_mm=bar * metre, bar_text=f"{bar:g} m", dead=area(zone.area), edition=DORI_EDITION,
+        levels=[(level, DORI[level]) for level in LEVELS],
+        bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
         mesh=shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60),
         covered=words if found.areas is None else in_words(found.areas.summary(views)),
         task_rows=[
@@ -232,7 +235,7 @@ def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: Any) -> d
     for pose, index in zip(found.poses.world_from_camera, found.poses.camera, strict=True):
         visible = visible_from(pose[:2, 3], walls).intersection(window)
         for level, views in seen.items():
-            view = field_of_view(cameras[index], pose, EDITIONS[EDITION][level], frame.cut)
+            view = field_of_view(cameras[index], pose, DORI[level], frame.cut)
             views.append(view.intersection(visible))
     paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
     return paths | {"FOV": "".join(map(frame.path, seen["detect"]))}
@@ -264,8 +267,8 @@ def _hatching(zone: Any, step: float) -> Any:
     if zone.is_empty:
         return zone
     x0, y0, x1, y1 = zone.bounds
-    sums = np.arange(math.ceil((x0 + y0) / step), (x1 + y1) / step) * step
-    lines = [((x0, each - x0), (x1, each - x1)) for each in sums.tolist()]
+    sums = np.arange(math.ceil((x0 + y0) / step), (x1 + y1) / step)[:, None] * step
+    lines = shapely.linestrings((x0, x1), sums - (x0, x1))  # none, where the zone is small
     return shapely.multilinestrings(lines).intersection(zone)
 
 
@@ -301,20 +304,21 @@ def _camera_rows(found: Evaluation, names: Sequence[str], floor: float) -> list[
         names, found.poses.world_from_camera, found.poses.camera, strict=True
     ):
         camera, place = cameras[index], pose[:3, 3] - (0, 0, floor)
-        reach = [min(camera.fx, camera.fy) / EDITIONS[EDITION][level] for level in LEVELS]
-        rays = view_border(camera, 2)[[3, 7]]  # in the middle of the right and the left side
-        right, left = np.degrees(np.arctan2(rays[:, 0], rays[:, 2])).tolist()
+        reach = [min(camera.fx, camera.fy) / DORI[level] for level in LEVELS]
         heading, tilt = (f"{signed(each, 0)}°" for each in heading_and_tilt(pose))
         distances = " / ".join(signed(each, 0 if each >= 9.95 else 1) for each in reach)
         row = [*map(signed, place.tolist()), heading, tilt, lens_text(camera)]
-        rows.append([shortened(name, 16), *row, f"{signed(right - left, 0)}°", distances])
+        rows.append(
+            [shortened(name, 16), *row, f"{signed(angles_of_view(camera)[0], 0)}°", distances]
+        )
     return rows
 
 
 def lens_text(camera: Camera) -> str:
-    """Focal length and f-number of a camera; in pixels where metres are not known."""
+    """Focal length and f-number of a camera; its field of view where metres are not known."""
     if camera.focal_length is None:
-        return f"f {min(camera.fx, camera.fy):.0f} px"
+        across, down = angles_of_view(camera)
+        return f"{across:.0f} x {down:.0f}°"
     stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
     return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
 
@@ -325,6 +329,7 @@ def check_sheet_name(path: Path) -> None:
     try:
         import ezdxf  # noqa: F401 - only to say that it is missing
         import fpdf  # noqa: F401
+        import matplotlib  # noqa: F401 - its fonts
     except ImportError:
         if path.suffix.lower() != ".svg":
             raise ConfigError(
@@ -344,7 +349,7 @@ def write_sheet(text: str, frame: Frame, path: Path) -> None:
 
 def _pdf(svg: bytes, paper: str) -> bytes:
     """A sheet as one page of PDF in its own size, with its fonts."""
-    import matplotlib
+    import matplotlib  # its fonts
     from fpdf import FPDF
 
     width, height = PAPERS[paper]

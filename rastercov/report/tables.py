@@ -11,6 +11,7 @@ from rich.text import Text
 
 from rastercov.base.format import area, percent, plural, size_in_words
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.area.over_time import time_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.reasons import REASONS
 
@@ -18,41 +19,41 @@ LONGEST_NAME = 22
 """Characters of the name of a part in a table."""
 
 
-def summary_table(summary: Mapping[str, Any], level: int | None = None) -> Table:
+def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: str = "m") -> Table:
     """`Network.summary` for a terminal of 80 columns: parts or groups, the whole task, reasons.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
     as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of the area of
-    whole faces that are not covered, and "seeable %" the covered share of what a camera outside
-    all bodies can see.
+    whole faces that are not covered, "faces %" the share of faces where the result is by face, and
+    "seeable %" the covered share of the area that a camera outside all bodies can see. `unit` is
+    of lengths, as of `rastercov.base.format.area`.
     """
     poses, views = summary["poses"], summary["required_views"]
     title = f"Covered by {plural(poses, 'camera')}"
     title += f", {views} a face" if views > 1 else ""
     by_area, of_seeable = "covered_area" in summary, summary["covered_of_seeable_percent"]
     if summary["unseeable_m2"] and of_seeable is not None:
-        share = (
-            summary["covered_area"]["percent"] if by_area else summary["covered"]["area_percent"]
-        )
-        title += f": {share:.1f} % of the area, {of_seeable:.1f} % of what can be seen"
+        whole = summary["covered_area"] if by_area else summary["covered"]
+        share = percent(whole["percent" if by_area else "area_percent"] / 100)
+        title += f": {share} of the area, {percent(of_seeable / 100)} of what can be seen"
+    if "over_time" in summary:
+        title += f" {time_words(summary['over_time']['over'])}"
     table = Table(title=title, title_justify="left", caption_justify="left")
     table.add_column("part" if summary["parts"] else "group", no_wrap=True, max_width=LONGEST_NAME)
-    for name in ("area", "covered %", "seeable %"):
+    for name in ("area", "covered %" if by_area else "faces %", "seeable %"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("mainly", no_wrap=True)
     rows = part_rows(summary, level)
     for row in rows[:MOST_ROWS]:
-        table.add_row(Text(_end_of(row.name)), *_cells(row))
+        table.add_row(Text(_end_of(row.name)), *_cells(row, unit))
     if rows[MOST_ROWS:]:
-        file = "summary.json" if "run" in summary else "plan.json"
-        table.caption = f"and {len(rows) - MOST_ROWS} more, see {file}"
+        table.caption = f"and {len(rows) - MOST_ROWS} more, see --json"
     occluders = [entry for entry in entries_at(summary, level or 1) if "covered" not in entry]
     for entry in occluders[:MOST_ROWS]:
-        cell = Text(_end_of(entry["name"]))
-        table.add_row(cell, str(entry["faces"]), "occluder", style="dim")
+        table.add_row(Text(_end_of(entry["name"])), "", "occluder", style="dim")
     if len(rows) != 1:
         table.add_section()
-        table.add_row("all to be seen", *_cells(PartRow.of(summary)), style="bold")
+        table.add_row("all to be seen", *_cells(PartRow.of(summary), unit), style="bold")
     reasons = summary["not_covered_because"]
     if reasons:
         table.add_section()
@@ -67,10 +68,11 @@ def _end_of(name: str) -> str:
     return name if len(name) <= LONGEST_NAME else f"...{name[3 - LONGEST_NAME :]}"
 
 
-def _cells(row: PartRow) -> tuple[str, ...]:
+def _cells(row: PartRow, unit: str) -> tuple[str, ...]:
     """Cells of a part after its name."""
-    of_seeable = "" if row.of_seeable_percent is None else f"{row.of_seeable_percent:.1f}"
-    return area(row.area_m2), f"{row.percent:.1f}", of_seeable, row.reason
+    shares = row.percent, row.of_seeable_percent
+    texts = ["" if each is None else percent(each / 100).removesuffix(" %") for each in shares]
+    return area(row.area_m2, unit), *texts, row.reason
 
 
 def run_table(summary: Mapping[str, Any]) -> Table:
@@ -87,11 +89,12 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
     bound = f"; largest bound {summary['largest_visibility_bound']:.2g}"
     table.add_row("visibility", ", ".join(kinds) + bound if kinds else "none")
-    by_area = f"{covered['area_percent']:.1f} % of the area"
-    faces = f"{covered['percent']:.1f} % of the faces, {by_area}"
+    by_area = f"{percent(covered['area_percent'] / 100)} of the area"
+    faces = f"{percent(covered['percent'] / 100)} of the faces, {by_area}"
     if "covered_area" in summary:
         table.add_row("coverage", in_words(summary["covered_area"]), style="bold")
-        table.add_row("whole faces", faces)
+        if "over_time" not in summary:
+            table.add_row("whole faces", faces)
     else:
         table.add_row("coverage", faces)
     if summary.get("by_face_because"):
@@ -121,6 +124,18 @@ def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
         share = (covered or entry["covered"])["percent"]
         rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
     return rows
+
+
+def device_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:
+    """Name of each device of rigs with a rule, and what is missed by it alone; often none."""
+    return [
+        [
+            entry["device"] or entry["condition"],
+            area(entry["missed"]["m2"], unit),
+            percent(entry["missed"]["percent"] / 100),
+        ]
+        for entry in summary.get("by_device", ())
+    ]
 
 
 def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:

@@ -67,6 +67,13 @@ DARKEST, GREY_SPAN = 14, 235
 """Grey of a face: light * (DARKEST + GREY_SPAN * coverage)."""
 WEAK: tuple[Colour, ...] = ((204, 62, 68), (226, 142, 44), (112, 92, 176))
 """Of weak parts: too few views, small angle, coarse."""
+DORI: dict[str, Colour] = {
+    "detect": (223, 234, 245), "observe": (207, 232, 207), "recognise": (253, 235, 176),
+    "identify": (248, 198, 168),
+}  # fmt: skip
+"""Of the levels of `rastercov.coverage.densities.DORI`, on paper and in the viewer."""
+COARSE = (150, 156, 164)
+"""Of what is covered at none of these levels."""
 CAMERAS: tuple[Colour, ...] = (
     (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (100, 185, 245), (236, 206, 60),
     (213, 48, 40), (120, 84, 190), (130, 190, 40), (40, 50, 140), (250, 160, 170), (0, 205, 205),
@@ -78,9 +85,25 @@ COVERAGE_SCALE = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (
 """Dark violet over teal to yellow: lightness rises evenly, so that it is readable in grey too."""
 ZERO_COVERAGE, OCCLUDER_3D = (232, 33, 45), (146, 160, 178)
 OUTLINE_3D = (110, 120, 130)
+NEARLY_GREY, VIVID, DARK_PAPER = 30.0, 80.0, 22.0
+"""Spans of the channels of a colour up to which it is a grey in the dark, and from which it is not;
+grey of the paper there."""
 PALETTE = 256
 ZERO_ROW, OCCLUDER_ROW = 0, 1
 """Rows of the palette for no coverage and for occluders."""
+
+
+def in_the_dark(colours: Pixels) -> Pixels:
+    """Colours (N, 3) of a picture for a dark page: greys from dark to pale, all others as they are.
+
+    A colour that is nearly grey keeps its hue, and has the lightness of HSL reversed.
+    """
+    given = colours.astype(np.float64)
+    most, least = given.max(axis=1, keepdims=True), given.min(axis=1, keepdims=True)
+    kept = np.clip((most - least - NEARLY_GREY) / (VIVID - NEARLY_GREY), 0.0, 1.0)
+    dark = DARK_PAPER + (255 - DARK_PAPER) / 255 * (given + 255 - most - least)
+    found: Pixels = np.rint(kept * given + (1 - kept) * dark).astype(np.uint8)
+    return found
 
 
 def coverage_colours() -> Pixels:

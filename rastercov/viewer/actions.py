@@ -225,17 +225,50 @@ class Request(Action):
     action: Annotated[Union[(*_FORMS, Step, Constrain, OfVariant)], Field(discriminator="do")]  # type: ignore[valid-type]
 
 
+MOST_OF_DRAWING = 16 << 20
+"""Bytes of the image of a drawing."""
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class Drawing(Action):
+    """A drawing under the floor plan.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    place : two pairs of floats
+        a and b of its place in the plan, see `page/drawing.js`.
+    opacity : float
+    image : str
+        PNG, JPEG or SVG, in base64; the page judges it before it is decoded.
+    """
+
+    name: Name
+    place: Annotated[list[Pair], Field(min_length=2, max_length=2)]
+    opacity: Annotated[float, Field(ge=0, le=1)]
+    image: Annotated[
+        str, Field(pattern="^[A-Za-z0-9+/]+=*$", max_length=4 * (MOST_OF_DRAWING // 3 + 1))
+    ]
+
+
 def request_of(entries: Mapping[str, Any]) -> Request:
     """Request of a page; ConfigError in one line for what is none."""
+    return checked(Request, entries)  # type: ignore[no-any-return] # of the form
+
+
+def checked(form: type[Action], entries: Mapping[str, Any]) -> Any:
+    """Entries in a form; ConfigError in one line where they are not."""
     try:
-        return Request.model_validate(entries)
+        return form.model_validate(entries)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(printable(str(each), 40) for each in first["loc"])
         got = shown(first.get("input"))
         wanted = first["msg"]
         if first["type"] == "union_tag_invalid":  # whose message has the whole tag
-            wanted = f"do must be one of {first['ctx']['expected_tags']}"
+            tag = first["ctx"]["discriminator"].strip("'")
+            wanted = f"{tag} must be one of {first['ctx']['expected_tags']}"
         raise ConfigError(f"{place or 'request'}: {wanted}, got {got}") from None
 
 

@@ -8,7 +8,7 @@ face: what each camera gets of it, what hides it, and what would help.
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,18 +20,33 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.coverage.advice import advice
+from rastercov.camera.rig import led_by
+from rastercov.coverage.advice import advice, depth_in_words
+from rastercov.coverage.area.criteria import baseline_holds
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated_reasons, is_certain
 from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.densities import density_text
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import ViewSpread, share_of_faces
+from rastercov.coverage.network import ViewSpread, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
+from rastercov.coverage.reasons import (
+    BASELINE,
+    CONDITIONS,
+    NAMES,
+    REASONS,
+    UNCERTAIN,
+    Reason,
+    fails,
+    reason_rows,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.native.coverage_spread import widest_angles
+from rastercov.placement.bits import by_face
 from rastercov.placement.uncovered import in_front
-from rastercov.report.modes import OfCameras
+from rastercov.report.modes import OfCameras, OfUnit, of_devices, rounded
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
@@ -41,11 +56,11 @@ BoolArray = NDArray[np.bool_]
 
 MOST_BYTES = 1 << 30
 """Memory for rows that the present state does not need."""
-BYTES_A_FACE = 10
+BYTES_A_FACE = 14
 """Of a row."""
 MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
-FIELDS = ("coverage", "reason", "pixel_density")
+FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
 
 Key = tuple[Camera, bytes, Task]
 
@@ -60,13 +75,15 @@ class Row:
         (3.6).
     reason : uint8
         `rastercov.Reason`.
-    density : float32
-        Pixels a metre along the worst direction.
+    density, facing : float32
+        Pixels a metre along the worst direction, on the surface and of a target that faces the
+        camera.
     """
 
     coverage: NDArray[np.float32]
     reason: NDArray[np.uint8]
     density: NDArray[np.float32]
+    facing: NDArray[np.float32]
 
     @cached_property
     def covers(self) -> BoolArray:
@@ -90,14 +107,15 @@ class Measurements:
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
         """Row of each of some stations of a state."""
-        task = of_one_camera(state.task)
-        keys = [(state.camera_of(each), each.pose.tobytes(), task) for each in stations]
-        missing: dict[Camera, dict[Key, FloatArray]] = {}
+        keys = [
+            (state.camera_of(each), each.pose.tobytes(), state.task_of(each)) for each in stations
+        ]
+        missing: dict[tuple[Camera, Task], dict[Key, FloatArray]] = {}
         for key, station in zip(keys, stations, strict=True):
             if key not in self._rows:
-                missing.setdefault(key[0], {})[key] = station.pose
+                missing.setdefault((key[0], key[2]), {})[key] = station.pose
         self.progress = [0, sum(map(len, missing.values()))]
-        for camera, poses in missing.items():
+        for (camera, task), poses in missing.items():
             self._measure(camera, task, poses)
         self.progress = [0, 0]
         found = [self._rows[key] for key in keys]
@@ -128,10 +146,11 @@ class Measurements:
         keys = iter(poses)
         matrices = Poses.of(np.array(list(poses.values())))
         for batch in evaluate_batches(self.observer(camera), matrices, task, fields=FIELDS):
-            for figures in zip(batch.coverage, batch.reason, batch.pixel_density, strict=True):
-                coverage, reason, density = figures
-                row = Row(coverage.astype(np.float32), reason.copy(), density.astype(np.float32))
-                self._rows[next(keys)] = row
+            for reason, *figures in zip(
+                batch.reason, batch.coverage, batch.pixel_density, batch.facing_density, strict=True
+            ):
+                coverage, *densities = (each.astype(np.float32) for each in figures)
+                self._rows[next(keys)] = Row(coverage, reason.copy(), *densities)
             self.progress[0] += len(batch.pose_ids)
 
 
@@ -184,8 +203,10 @@ class NetworkFigures:
             "coverage": lambda: self.best,
             "camera": self._cameras,
             "views": lambda: self.views,
-            "density": self.density,
+            "density": lambda: OfUnit(self._best("density"), f"px/{self.state.unit}"),
+            "level": lambda: self._best("facing"),
             "angle": self.widest_angle,
+            "device": self._devices,
         }
 
     @cached_property
@@ -201,18 +222,56 @@ class NetworkFigures:
         on = self.state.on
         return OfCameras(row, [each.name for each in on], every[[place[each.id] for each in on]])
 
-    def density(self) -> NDArray[np.float32]:
-        """Greatest pixel density by a camera that covers the face, pixels a metre."""
-        density = np.zeros(self.mesh.n_faces, np.float32)
+    @cached_property
+    def failing(self) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[str, ...]]:
+        """Reason of each face for the rig that comes nearest, its device, and their names.
+
+        Rows of `REASONS`, (F,), and of the names; -1 for no device. Each device is judged by its
+        reason of the face, and the angle is that at its centroid.
+        """
+        mesh = self.mesh
+        if not self.state.gates:
+            return np.zeros(mesh.n_faces, np.intp), np.full(mesh.n_faces, -1), ()
+        rig, poses, stations = self.state.of_rules()
+        if not stations:
+            return np.zeros(mesh.n_faces, np.intp), np.full(mesh.n_faces, -1), ()
+        place = {each.id: row for row, each in enumerate(self.state.on)}
+        own = np.array([self.rows[place[each.id]].reason for each in stations])
+        reason, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
+        reason, device = reason.astype(np.intp), poses.camera[row].astype(np.intp)
+        for at, lead in enumerate(led_by(rig, poses).tolist()):
+            gate = rig.gates[int(poses.camera[lead])]
+            eyes = poses.world_from_camera[lead : lead + gate.n, :3, 3]
+            is_bad = (reason[at] == Reason.COVERED) & ~baseline_holds(gate, eyes, mesh.centroids)
+            reason[at, is_bad], device[at, is_bad] = BASELINE, -1
+            if gate.has_deviation:
+                placed = poses.world_from_camera[lead : lead + gate.n]
+                is_bad = ~is_certain(gate, placed, mesh.centroids)
+                is_bad &= reason[at] == Reason.COVERED
+                reason[at, is_bad], device[at, is_bad] = UNCERTAIN, -1
+        order = np.where(reason >= BASELINE, Reason.COVERED - 0.5, reason)
+        best, every = order.argmax(axis=0), np.arange(mesh.n_faces)
+        return reason[best, every], device[best, every], rig.names
+
+    def _devices(self) -> OfCameras:
+        """The device for which each face is not measured."""
+        reason, device, names = self.failing
+        n = len(names)  # the conditions follow the devices
+        condition = n + (reason == UNCERTAIN)
+        row = np.where(reason == Reason.COVERED, n + len(CONDITIONS), device)
+        row = np.where(row < 0, condition, row)
+        return of_devices(row if names else device, [*names, *CONDITIONS])
+
+    def _best(self, name: str) -> NDArray[np.float32]:
+        """Greatest of a density of `Row` by a camera that covers the face, pixels a metre."""
+        best = np.zeros(self.mesh.n_faces, np.float32)
         for row in self.rows:
-            np.maximum(density, np.where(row.covers, row.density, np.float32(0)), out=density)
-        return density
+            np.maximum(best, np.where(row.covers, getattr(row, name), np.float32(0)), out=best)
+        return best
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""
         from rastercov.base.memory import read_only
-        from rastercov.kernels.placement_presolve import by_face
-        from rastercov.kernels.spread import widest_angles
 
         faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]
         ends = np.concatenate([[0], np.cumsum([len(each) for each in faces])]).astype(np.int64)
@@ -230,14 +289,10 @@ class NetworkFigures:
         """Figures of the network and of its stations, ready for JSON; see `pages.figures_of`."""
         mesh, task_faces, areas = self.mesh, self.mesh.task_mask, np.asarray(self.mesh.areas)
         unseen = task_faces & ~self.covered
-        reasons = {
-            NAMES[row]: share_of_faces(mesh, unseen & (self.reasons == row), task_faces)
-            for row in np.unique(self.reasons[unseen]).tolist()
-        }
         network = {
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
             "task_faces": int(task_faces.sum()),
-            "not_covered_because": reasons,
+            "not_covered_because": shares_by_reason(mesh, self.reasons, unseen, task_faces),
         }
         total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
         single = self.views == 1
@@ -245,11 +300,6 @@ class NetworkFigures:
         own = [(each.sum(), areas[each].sum(), areas[each & single].sum()) for each in covers]
         faces, seen, alone = np.array(own).reshape(-1, 3).T
         return figures_of(network, faces, seen, alone, total, [each.id for each in self.state.on])
-
-
-def of_one_camera(task: Task) -> Task:
-    """The thresholds that decide what one camera covers."""
-    return replace(task, views=1, min_angle_deg=0.0)
 
 
 def exact_area(
@@ -264,15 +314,12 @@ def exact_area(
     """
     poses, task = state.poses(), replace(state.task, views=state.most_views, min_angle_deg=0.0)
     found = AreaNetwork(mesh, task)
-    finder = RegionPass(mesh, state.rig(), task)
-    try:
-        done = 0
+    done = 0
+    with closing(RegionPass(mesh, state.rig(), task)) as finder:
         for regions in finder.batches(poses):
             found.add(regions)
             done += len(regions.pose_ids)
             progress(done, len(poses))
-    finally:
-        finder.close()
     return found
 
 
@@ -315,10 +362,17 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
 
 def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     """One line on the face."""
-    size = area(float(mesh.areas[face]))
+    size = area(float(mesh.areas[face]), figures.state.unit)
     if not mesh.task_mask[face]:
         return f"An occluder, {size}: it hides, and is not to be covered."
     views, task = int(figures.views[face]), figures.state.task
+    reason, device, names = figures.failing
+    if names and reason[face] == Reason.COVERED:
+        return f"Measured by a rig, {size}."
+    if names:
+        who = f"{fails(names[device[face]])}, " if device[face] >= 0 else ""
+        why = REASONS[NAMES[reason[face]]].label
+        return f"Not measured, {size}: {who}{why}."
     if figures.covered[face]:
         return f"Covered by {plural(views, 'camera')}, {size}."
     if not figures.rows:
@@ -335,7 +389,7 @@ def _of_station(
     measurements: Measurements, state: RigState, station: Station, face: int
 ) -> dict[str, Any]:
     """Figures of the face in one camera."""
-    mesh, camera, task = measurements.mesh, state.camera_of(station), of_one_camera(state.task)
+    mesh, camera, task = measurements.mesh, state.camera_of(station), state.task_of(station)
     observer = measurements.observer(camera)
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
     found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
@@ -352,10 +406,11 @@ def _of_station(
     entries = {
         "visible part": f"{percent(visible)} ± {100 * bound:.1g} %",
         "coverage": f"{found['coverage']:.3g}",
-        "pixels if nothing hides it": f"{found['drawn_pixels']:.3g} px",
+        "pixels if nothing hides it": f"{rounded(found['drawn_pixels'])} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g} deg",
-        "pixel density": f"{found['pixel_density']:.4g} px/m",
-        "depth": f"{depth.min():.3g} to {depth.max():.3g} m",
+        "pixel density": density_text(found["pixel_density"], f"px/{state.unit}"),
+        "facing density": density_text(found["facing_density"], f"px/{state.unit}"),
+        "depth": depth_in_words(depth, state.unit),
         "in the image": percent(found["in_view_fraction"]),
     }
     return {
@@ -364,7 +419,13 @@ def _of_station(
         "reason": reason.name.lower(),
         "words": words,
         "help": advice(
-            reason, found, depth, task, camera, "" if occluder is None else occluder["name"]
+            reason,
+            found,
+            depth,
+            task,
+            camera,
+            "" if occluder is None else occluder["name"],
+            state.unit,
         ),
         "figures": [{"label": label, "value": value} for label, value in entries.items()],
         "occluder": occluder,

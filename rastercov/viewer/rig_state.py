@@ -18,7 +18,9 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rig import Rig, Views
+from rastercov.camera.rig import Rig, Views, names_of_poses
+from rastercov.camera.rule import Gate
+from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -75,6 +77,12 @@ class RigState:
         all of them unless given.
     catalogue : Path or None
         Catalogue of the plan, beside that of the package.
+    unit : {"m", "unit"}
+        Of lengths; "unit" is that of a reconstruction without a scale.
+    gates : mapping of tuple of str to Gate
+        Rules of rigs by the names of their cameras.
+    tasks : mapping of str to Task
+        Thresholds of some cameras by name, in place of those of the task.
     """
 
     stations: tuple[Station, ...]
@@ -82,12 +90,17 @@ class RigState:
     task: Task = field(default_factory=Task)
     needed: Mapping[str, int] | None = None
     catalogue: Path | None = None
+    unit: str = "m"
+    gates: Mapping[tuple[str, ...], Gate] = field(default_factory=dict)
+    tasks: Mapping[str, Task] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls, rig: Rig, poses: Poses, names: tuple[str, ...] = (), task: Task | None = None
     ) -> "RigState":
-        """State of the cameras of a rig and their poses; `names` of the stations, or numbers.
+        """State of the cameras of a rig and their poses.
+
+        Names of the stations are as of `names_of_poses`.
 
         Raises
         ------
@@ -99,7 +112,7 @@ class RigState:
                 f"the viewer takes up to {MOST_STATIONS:,} cameras, got {len(poses):,} poses; "
                 "give fewer"
             )
-        words = names or tuple(f"camera {row}" for row in poses.ids.tolist())
+        words = names_of_poses(poses, names)
         stations = tuple(
             Station(row, words[row], rig.names[index], frozen(pose.copy()))
             for row, (index, pose) in enumerate(
@@ -107,7 +120,31 @@ class RigState:
             )
         )
         cameras = MappingProxyType(dict(zip(rig.names, rig.cameras, strict=True)))
-        return cls(stations, cameras, task or Task())
+        gates = {rig.names[at : at + gate.n]: gate for at, gate in rig.gates.items()}
+        task = task or Task()
+        every = dict(zip(rig.names, tasks_of(rig, task), strict=True))
+        tasks = {name: every[name] for name in rig.tasks}
+        return cls(stations, cameras, task, gates=gates, tasks=tasks)
+
+    def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
+        """Cameras with the rules of their rigs, and stations of rigs whose cameras are all on.
+
+        A rig is stations that follow one another, in the order of its cameras.
+        """
+        names = [name for own in self.gates for name in own]
+        firsts = np.cumsum([0, *map(len, self.gates)]).tolist()
+        rig = Rig([self.cameras[name] for name in names], names)._with_gates(
+            dict(zip(firsts, self.gates.values(), strict=False))
+        )
+        found: list[Station] = []
+        for row in range(len(self.stations)):
+            for own in self.gates:
+                some = self.stations[row : row + len(own)]
+                if tuple(each.camera for each in some) == own and all(each.is_on for each in some):
+                    found += some
+        matrices = np.array([each.pose for each in found]).reshape(-1, 4, 4)
+        placed = Poses.of(matrices, camera=[names.index(each.camera) for each in found])
+        return rig, placed, found
 
     @property
     def on(self) -> tuple[Station, ...]:
@@ -133,6 +170,10 @@ class RigState:
     def camera_of(self, station: Station) -> Camera:
         """The camera of a station."""
         return self.cameras[station.camera]
+
+    def task_of(self, station: Station) -> Task:
+        """The thresholds that decide what the camera of a station covers."""
+        return self.tasks.get(station.camera) or of_one_camera(self.task)
 
     def with_station(self, station: Station) -> "RigState":
         """With a station in place of the one of its id."""
@@ -229,8 +270,8 @@ class RigState:
 
     def views(self) -> Views:
         """All stations as `Views`, for files."""
-        names = tuple(each.name for each in self.stations)
-        return Views(rig=self.rig(), poses=self.poses(all_stations=True), images=names)
+        names, has_unit = tuple(each.name for each in self.stations), self.unit == "m"
+        return Views(self.rig(), self.poses(all_stations=True), names, has_unit=has_unit)
 
     def camera(self, name: str) -> Camera:
         """A camera by its name; ConfigError where there is none."""
@@ -245,6 +286,11 @@ class RigState:
         while free in taken:
             free, number = f"{name} {number}", number + 1
         return free
+
+
+def of_one_camera(task: Task) -> Task:
+    """The thresholds that decide what one camera covers."""
+    return replace(task, views=1, min_angle_deg=0.0)
 
 
 class History:

@@ -9,16 +9,20 @@ from typing import Any
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.files import UnreadableError, one_line, read_json
 from rastercov.base.format import plural
 from rastercov.base.output import write_bytes, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
 from rastercov.report.pages import embedded, levels_of
+from rastercov.viewer.actions import MOST_OF_DRAWING, Drawing, checked
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
+DRAWING = "viewer_drawing.json"
+"""Drawing under the floor plan."""
 MODES = tuple(name for name in OF_A_RIG if name != "single")
 """Ways to colour the faces that the file has."""
 
@@ -66,10 +70,17 @@ class Saving:
             if asked["what"] == "report":
                 path = self.out / "report"
                 return {"path": str(path), "words": self._report(state, path)}
-            for what, text in _texts(state).items():
-                write_bytes(self.out / NAMES[what], text.encode())
+            drawing, path = self.session.drawing, self.out / NAMES["rig"]
+            if state.stations or drawing is None:
+                for what, text in _texts(state).items():
+                    write_bytes(self.out / NAMES[what], text.encode())
+            if drawing is not None or not self.session.is_drawing_saved:
+                path = path if state.stations else self.out / DRAWING
+                content = None if drawing is None else drawing.model_dump()
+                own = {"scene": self.session.scene.title, "drawing": content}
+                write_bytes(self.out / DRAWING, json.dumps(own).encode())
             self.session.history.saved()
-        path = self.out / NAMES["rig"]
+            self.session.is_drawing_saved = True
         return {"path": str(path), "words": f"saved {path}"}
 
     def _report(self, state: RigState, path: Path) -> str:
@@ -77,9 +88,31 @@ class Saving:
 
         if not state.on:
             raise ConfigError("there is no camera that is on; add one for a report")
+        if state.unit != "m":
+            raise ConfigError("a report is in metres, and this has no scale; see rastercov audit")
         options = Options(method=self.session.measurements.method)
         run(self.session.scene.mesh, state.rig(), state.poses(), state.task, path, options)
         return f"a report of {plural(len(state.on), 'camera')} is in {path}"
+
+
+def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
+    """The session with the drawing of its scene in the first of some folders that has it.
+
+    Raises
+    ------
+    ConfigError
+        For a drawing that is damaged.
+    """
+    for path in (folder / DRAWING for folder in folders):
+        if session.drawing is None and path.is_file():
+            try:
+                content = read_json(path, 2 * MOST_OF_DRAWING)
+                if content["scene"] == session.scene.title and content["drawing"]:
+                    session.drawing = checked(Drawing, content["drawing"])
+            except (RastercovError, UnreadableError, LookupError, TypeError) as error:
+                fault = f"{path} is no drawing of the viewer ({one_line(error)}); remove it"
+                raise ConfigError(fault) from None
+    return session
 
 
 def _texts(state: RigState) -> dict[str, str]:
@@ -141,7 +174,7 @@ def exported(session: Session, modes: Sequence[str] = MODES) -> str:
     """Text of a page that needs no server; ResourceError for more than `MOST_FACES` faces."""
     scene = session.scene.described(is_kept=session.is_kept, can_edit=False)
     frames: dict[str, Any] = {}
-    for mode in modes:
+    for mode in (each["id"] for each in scene["modes"] if each["id"] in modes):
         try:
             head, levels = unframed(session.frame(mode, {}))
         except RastercovError:

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from pydantic import TypeAdapter
 
 import rastercov
-from rastercov.base.arguments import annotations_of, documented, metadata_of
-from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.arguments import annotations_of, documented
+from rastercov.base.errors import ConfigError, PoseError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
 from rastercov.camera.camera import Camera
@@ -24,12 +24,14 @@ from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
+from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.clearance import KeepOutBox, Place, in_solid
+from rastercov.mesh.solids import in_solid
+from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.file import plan_of, read_plan
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
@@ -47,6 +49,8 @@ UNITS = {
     "min_pixel_density": "px/m", "min_facing_density": "px/m", "min_pixels_per_m2": "px/m²",
 }  # fmt: skip
 """Units of thresholds."""
+KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
+"""Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
     {"name": "alpha_deg", "words": "Largest angle between two normals of a segment, (6.1).",
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 30.0,
@@ -55,8 +59,12 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-OF_A_RIG = tuple(name for name in MODES if name != "weak")
+OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "lux"))
 """Modes that a rig has values of; weak zones are of an audit, whose page has them."""
+MOST_REACH = 100.0
+"""Distance of cameras from a part without constraints at most, in sizes of the part."""
+LEAST_SITE = 2.0
+"""Size of a scene from which it has DORI levels, m."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -101,6 +109,14 @@ class Scene:
         return bool(
             limits.spaces or limits.keep_out or limits.clearance or limits.stand_off or self.pool
         )
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Ways to colour the faces; DORI levels are of scenes in which people may be."""
+        is_site = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))) >= LEAST_SITE
+        has_levels = is_site and self.start.unit == "m"
+        known = {"level": has_levels, "device": bool(self.start.gates)}
+        return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
     def placement(self) -> dict[str, Any]:
@@ -151,15 +167,17 @@ class Scene:
         """Everything of the scene that does not change, ready for JSON."""
         return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
             "title": self.title,
+            "unit": self.start.unit,
             "version": rastercov.__version__,
             "is_room": self.is_room,
             "task_fields": task_fields(),
+            "levels": DORI if "level" in self.modes else {},
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
             "modes": [
                 described_mode(name, MODES[name])
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
-                for name in OF_A_RIG
+                for name in self.modes
             ],
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
@@ -203,11 +221,24 @@ class Scene:
         return {"boxes": boxes, "keep_out": volumes}
 
 
+def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
+    """Least and greatest distance from which a camera is tried, metres."""
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    whole = size * max(camera.fx, camera.fy) / min(camera.width, camera.height)
+    z_n, z_f = camera.depth_of_field()
+    near = max(0.02 * size, 1.01 * camera.near, 1.01 * float(z_n))
+    far = min(1.2 * max(whole, 0.5 * size), 0.99 * float(z_f))
+    return near, max(far, 1.01 * near)
+
+
 def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> PoseSpace:
     """Places of cameras where no plan limits them: around the part, or within the room."""
     low, high = np.asarray(mesh.bounds)
     eyes, size = state.eyes, float(np.linalg.norm(high - low))
-    reach = 0.0 if is_room or is_inside(mesh, eyes) else 2.0 * size
+    reach = 0.0
+    if not (is_room or is_inside(mesh, eyes)):
+        farthest = max(distances(mesh, each)[1] for each in state.cameras.values())
+        reach = min(max(2.0 * size, farthest), MOST_REACH * size)
     box = np.stack((low - reach, high + reach))
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
@@ -218,30 +249,24 @@ def task_fields() -> list[dict[str, Any]]:
     """Thresholds of a task with their limits, for sliders."""
     words, default, found = documented(Task), Task(), []
     for name, hint in annotations_of(Task).items():
-        if name not in words:
-            continue
-        limits = metadata_of(hint)
-        members = get_args(hint) if type(None) in get_args(hint) else ()
-        inner = members[0] if members else hint
-        kind = get_args(inner)[0] if get_origin(inner) is not Literal else inner
-        is_choice = get_origin(kind) is Literal
-        bounds: dict[type, Any] = {type(each): each for each in limits}
-        ge, gt, le = (bounds.get(kind) for kind in (Ge, Gt, Le))
-        low = float(ge.ge) if ge else float(gt.gt) if gt else None
-        found.append(
-            {
-                "name": name,
-                "words": words[name],
-                "kind": "choice" if is_choice else kind.__name__,
-                "low": low,
-                "is_low_open": gt is not None,
-                "high": None if le is None else float(le.le),
-                "choices": list(get_args(kind)) if is_choice else None,
-                "default": getattr(default, name),
-                "is_optional": bool(members),
-                "unit": UNITS.get(name, ""),
-            }
-        )
+        if name in words:
+            schema = TypeAdapter(hint).json_schema()
+            own = schema.get("anyOf", [schema])[0]  # the other one is null
+            low = own.get("minimum", own.get("exclusiveMinimum"))
+            found.append(
+                {
+                    "name": name,
+                    "words": words[name],
+                    "kind": "choice" if "enum" in own else KINDS[own["type"]],
+                    "low": low,
+                    "is_low_open": "exclusiveMinimum" in own,
+                    "high": own.get("maximum"),
+                    "choices": own.get("enum"),
+                    "default": getattr(default, name),
+                    "is_optional": "anyOf" in schema,
+                    "unit": UNITS.get(name, ""),
+                }
+            )
     return found
 
 
@@ -282,7 +307,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     if rig is not None:
         if rig.rig is None and cameras is None:
             raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
-        start = _state(rig, plan.build_task(), cameras)
+        start = state_of(rig, plan.build_task(), cameras)
         if cameras is not None:  # those that the rig does not use may be added
             of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
             start = replace(
@@ -295,12 +320,24 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
-    return Scene(plan.name, mesh, start, plan, pool)
+    notes = rule_notes(cameras or (rig.rig if rig is not None else None))
+    return Scene(plan.name, mesh, start, plan, pool, notes=notes)
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
     """Scene of a mesh and cameras."""
-    return Scene(title, mesh, _state(views, task), notes=views.notes)
+    notes = (*views.notes, *rule_notes(views.rig))
+    return Scene(title, mesh, state_of(views, task), notes=notes)
+
+
+def rule_notes(rig: Rig | None) -> tuple[str, ...]:
+    """A line on a rule of a rig, which the figures of the page are without."""
+    if rig is None or not rig.gates:
+        return ()
+    return (
+        "figures count cameras one by one; the rule of their rig is in colours by missing device, "
+        "face by face, and in evaluate",
+    )
 
 
 def run_of(folder: Path) -> Mapping[str, Any]:
@@ -345,12 +382,31 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    start = _state(read_views(rig_file), task, _cameras(run))
+    start = state_of(read_views(rig_file), task, _cameras(run))
     needed = (_read(folder / name).get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
-    return Scene(folder.resolve().name, mesh, start, result=result)
+    notes = rule_notes(read_views(rig_file).rig)
+    return Scene(folder.resolve().name, mesh, start, result=result, notes=notes)
+
+
+def mesh_of_place(folder: Path) -> Mesh | None:
+    """Mesh of the plan in a result of `place`, whose files are where they were; None elsewhere."""
+    told = _read(folder / "plan.json") if (folder / "plan.json").is_file() else {}
+    if not isinstance(told.get("plan"), Mapping) or not isinstance(told.get("folder"), str):
+        return None
+    try:
+        # Cameras and candidates may have files that are there no more.
+        needed = told["plan"].keys() & {"meshes", "targets", "rooms"}
+        bodies = told["plan"].get("bodies") or ()
+        if told["plan"].get("motion") and any(each.get("urdf") for each in bodies):
+            needed |= told["plan"].keys() & {"bodies", "motion"}
+        entries = {name: told["plan"][name] for name in needed}
+        plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
+        return named_scene(plan)[0]
+    except RastercovError:  # such as a file that was moved
+        return None
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -384,15 +440,12 @@ def _cameras(run: Mapping[str, Any]) -> Rig:
     return Rig([Camera.from_dict(each) for each in entries], names)
 
 
-def _state(views: Views, task: Task, cameras: Rig | None = None) -> RigState:
-    """State of views, with some cameras if they have none.
-
-    Names of images are those of the stations where all differ.
-    """
+def state_of(views: Views, task: Task, cameras: Rig | None = None) -> RigState:
+    """State of views, with some cameras if they have none."""
     if views.rig is None and cameras is not None:
         named = bool(views.camera_names)
         views = views.with_cameras(cameras) if named else replace(views, rig=cameras)
     if views.rig is None:
         raise PoseError("there are poses and no camera; give a camera as well")
-    names = views.images if len(set(views.images)) == len(views.poses) and all(views.images) else ()
-    return RigState.of(views.rig, views.poses, names, task)
+    state = RigState.of(views.rig, views.poses, views.images, task)
+    return state if views.has_unit else replace(state, unit="unit")

@@ -35,8 +35,9 @@ from rastercov.report.pages import (
     soup_of,
     static_file,
 )
+from rastercov.viewer.actions import MOST_OF_DRAWING
 from rastercov.viewer.saving import Saving
-from rastercov.viewer.session import Session, StaleError
+from rastercov.viewer.session import Session, StaleError, framed
 from rastercov.viewer.work import BusyError, Work
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ LOG = logging.getLogger("rastercov")
 Answer = Callable[[Any, Any], Any]
 """Answer to a query and a body; see `_response`."""
 MOST_BYTES = 1 << 20
-"""Longest request: poses and thresholds have some hundred bytes."""
+"""Longest request, a drawing excepted: poses and thresholds have some hundred bytes."""
 LONGEST_ERROR = 300
 """Characters of an error, of which a request may have chosen most."""
 SECONDS_TO_CLOSE = 1.0
@@ -96,7 +97,9 @@ def application(
     threads = ThreadPoolExecutor(thread_name_prefix=ABANDONED)
     made = [Route("/", _page), Route("/static/{name:path}", _static)]
     for path, method, answer in _answers(session, Work(session), Saving(session, out)):
-        made.append(Route(f"/api/{path}", _endpoint(threads, answer), methods=[method]))
+        most = 2 * MOST_OF_DRAWING if path == "drawing" else MOST_BYTES
+        endpoint = _endpoint(threads, answer, most)
+        made.append(Route(f"/api/{path}", endpoint, methods=[method]))
     app = Starlette(routes=made)
     guard: Any = _Guard
     app.add_middleware(guard, port=port, token=token, arrived=arrived)
@@ -195,6 +198,12 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         side = _whole(query, "side") if "side" in query else 720
         return session.image(_whole(query, "station"), side)
 
+    def pieces(query: Any, body: Any) -> bytes:
+        try:
+            return session.pieces()
+        except ConfigError as error:  # no fault of the page, which asks at every rest
+            return framed({"fault": str(error)}, b"")
+
     def download(query: Any, body: Any) -> tuple[bytes, dict[str, str]]:
         name, data = saving.content(str(query.get("what", "")))
         return data, {"content-disposition": f'attachment; filename="{name}"'}
@@ -204,11 +213,13 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         ("soup", "GET", soup),
         ("groups", "GET", lambda query, body: groups_of(session.scene.mesh)),
         ("state", "GET", lambda query, body: session.described_state()),
+        ("drawing", "GET", lambda query, body: session.described_drawing()),
+        ("drawing", "POST", lambda query, body: session.draw(body)),
         ("ping", "GET", ping),
         ("act", "POST", lambda query, body: session.act(body)),
         ("image", "GET", image),
         ("why", "GET", lambda query, body: session.why(_whole(query, "face"))),
-        ("pieces", "GET", lambda query, body: session.pieces()),
+        ("pieces", "GET", pieces),
         ("zones", "GET", lambda query, body: session.zones()),
         ("job", "POST", lambda query, body: {"id": work.start(body)}),
         ("job", "GET", lambda query, body: work.described()),
@@ -228,8 +239,8 @@ def _response(answer: Any) -> "Response":
     return Response(json.dumps(data), media_type="application/json")
 
 
-def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
-    """Endpoint that reads the body, answers in a thread, and reports errors in one line.
+def _endpoint(threads: ThreadPoolExecutor, answer: Answer, most: int) -> Any:
+    """Endpoint that reads up to `most` bytes, answers in a thread, and reports errors in one line.
 
     A server that ends does not wait for `threads`, as it would for those of Starlette.
     """
@@ -242,14 +253,14 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
 
         loop = asyncio.get_running_loop()
         try:
-            body = await _body(request) if request.method == "POST" else None
+            body = await _body(request, most) if request.method == "POST" else None
             return await loop.run_in_executor(
                 threads, lambda: _response(answer(request.query_params, body))
             )
         except ClientDisconnect:
             return Response()  # to no one
         except _TooLong:
-            refused = _error(413, f"a request has at most {MOST_BYTES:,} bytes")
+            refused = _error(413, f"this request has at most {most:,} bytes")
             refused.headers["connection"] = "close"  # the rest is not read
             return refused
         except (StaleError, BusyError) as error:
@@ -270,7 +281,7 @@ class _TooLong(Exception):  # noqa: N818 - becomes an answer
     pass
 
 
-async def _body(request: "Request") -> dict[str, Any]:
+async def _body(request: "Request", most: int) -> dict[str, Any]:
     """JSON object of a request."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if kind != "application/json":
@@ -278,7 +289,7 @@ async def _body(request: "Request") -> dict[str, Any]:
     text = bytearray()
     async for part in request.stream():
         text += part
-        if len(text) > MOST_BYTES:
+        if len(text) > most:
             raise _TooLong
     with suppress(ValueError, RecursionError):
         body = json.loads(text or b"{}")

@@ -21,18 +21,28 @@ from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.job import evaluate
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
+from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
 from rastercov.report.modes import mode_of
 from rastercov.report.pages import described_frame, soup_of, zone_entries
-from rastercov.viewer.actions import Constrain, OfVariant, Request, Step, applied, request_of
+from rastercov.viewer.actions import (
+    Constrain,
+    Drawing,
+    OfVariant,
+    Request,
+    Step,
+    applied,
+    checked,
+    request_of,
+)
 from rastercov.viewer.measurements import (
     Measurements,
     NetworkFigures,
     exact_area,
-    of_one_camera,
     why,
 )
 from rastercov.viewer.rig_state import History, RigState
@@ -65,6 +75,8 @@ class Session:
         self.measurements = Measurements(scene.mesh, method)
         self.is_kept = scene.has_constraints
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
+        self.drawing: Drawing | None = None  # under the floor plan
+        self.is_drawing_saved = True
         self._figures: NetworkFigures | None = None
         self._areas: tuple[RigState, AreaNetwork] | None = None
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
@@ -95,7 +107,19 @@ class Session:
             for name, (kept, figures) in self.variants.copy().items()
         ]
         own = {"session": self.name, "is_kept": self.is_kept, "variants": variants}
+        own["is_saved"] = entries["is_saved"] and self.is_drawing_saved
         return described_state(self.scene, state, entries | own)
+
+    def described_drawing(self) -> dict[str, Any]:
+        """The drawing under the floor plan, ready for JSON; empty where there is none."""
+        return {} if self.drawing is None else self.drawing.model_dump()
+
+    def draw(self, changes: Mapping[str, Any]) -> None:
+        """Take other entries of the drawing, or no drawing without any."""
+        with self.lock:
+            known = self.described_drawing()
+            self.drawing = checked(Drawing, {**known, **changes}) if changes else None
+            self.is_drawing_saved = False
 
     def act(self, entries: Mapping[str, Any]) -> bytes:
         """Carry out an edit; a frame of the faces after it.
@@ -323,10 +347,12 @@ def camera_png(
     """
     if not LEAST_SIDE <= side <= MOST_SIDE:
         raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
-    row = state.row(station)
-    own = state.stations[row]
-    camera, task = state.camera_of(own), of_one_camera(state.task)
-    found = camera_image(mesh, camera, own.pose, task, side=side)
+    own = state.station(station)
+    camera, task = state.camera_of(own), state.task_of(own)
+    small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
+    reasons = evaluate(mesh, camera, own.pose[None], task, fields=("reason",)).reason[0]
+    found = by_faces(camera_scene(mesh, small, own.pose), reasons)
+    n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
     pixels = camera_pixels(found)
     legend = [
         {"label": key.name, "colour": first, "stripe": next(iter(others), None), "hatch": key.hatch}
@@ -336,5 +362,5 @@ def camera_png(
     buffer = BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
     height, width = pixels.shape[:2]
-    title = f"{own.name}: covers {found.faces:,} whole faces"
+    title = f"{own.name}: covers {n_covered:,} whole faces"
     return {"width": width, "height": height, "title": title, "legend": legend}, buffer.getvalue()

@@ -15,27 +15,24 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
-from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import area, plural
 from rastercov.base.interrupts import ABANDONED
-from rastercov.camera.camera import Camera
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import least_cosine
 from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Mesh
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan.prepare import Step
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
-from rastercov.viewer.actions import Action
-from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
-from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
-from rastercov.viewer.scene import Scene
+from rastercov.viewer.actions import Action, checked
+from rastercov.viewer.measurements import Measurements, NetworkFigures
+from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station, of_one_camera
+from rastercov.viewer.scene import Scene, distances
 from rastercov.viewer.session import Session, StaleError
 
 FloatArray = NDArray[np.float64]
@@ -75,7 +72,7 @@ def refined(
     own = state.station(station)
     if not own.is_on:
         raise ConfigError(f"{own.name} is off; switch it on to refine it")
-    mesh, camera, task = measurements.mesh, state.camera_of(own), of_one_camera(state.task)
+    mesh, camera, task = measurements.mesh, state.camera_of(own), state.task_of(own)
     others = [each for each in state.on if each.id != station]
     rest = _figures(measurements, state, others)
     need = np.ones(mesh.n_faces, np.int64)
@@ -215,7 +212,7 @@ def tries(
     slopes = rng.uniform(-SPREAD, SPREAD, (count, 3))
     directions = normals + slopes - (slopes * normals).sum(axis=1, keepdims=True) * normals
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    near, far = _distances(mesh, state.cameras[camera])
+    near, far = distances(mesh, state.cameras[camera])
     reach = np.exp(rng.uniform(np.log(near), np.log(far), count))
     targets = np.asarray(mesh.centroids)[faces]
     eyes, is_allowed = space.project_to_allowed(targets + reach[:, None] * directions)
@@ -224,16 +221,6 @@ def tries(
         raise ConfigError("no place for a further camera is allowed; allow more")
     rolls = rng.uniform(0, np.pi, int(is_allowed.sum())) * space.is_roll_free
     return space.composed(eyes[is_allowed], (targets - eyes)[is_allowed], rolls)
-
-
-def _distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
-    """Least and greatest distance from which a camera is tried, metres."""
-    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    whole = size * max(camera.fx, camera.fy) / min(camera.width, camera.height)
-    z_n, z_f = camera.depth_of_field()
-    near = max(0.02 * size, 1.01 * camera.near, 1.01 * float(z_n))
-    far = min(1.2 * max(whole, 0.5 * size), 0.99 * float(z_f))
-    return near, max(far, 1.01 * near)
 
 
 def _figures(
@@ -271,7 +258,12 @@ class Place(Action):
 
 
 Asked = Refine | AddNext | Place
-_ASKED: TypeAdapter[Asked] = TypeAdapter(Annotated[Asked, Field(discriminator="kind")])
+
+
+class Job(Action):
+    """Request of a page for work."""
+
+    work: Annotated[Asked, Field(discriminator="kind")]
 
 
 class BusyError(ConfigError):
@@ -301,13 +293,7 @@ class Work:
         ConfigError
             For work that does not exist.
         """
-        try:
-            asked = _ASKED.validate_python(entries)
-        except ValidationError:
-            raise ConfigError(
-                'work must be {"kind": "refine", "station": ID}, {"kind": "add", "camera": NAME} '
-                f'or {{"kind": "place", "cameras": N}}, got {shown(entries)}'
-            ) from None
+        asked = checked(Job, {"work": entries}).work
         with self._lock:
             if self._said.get("status") == "running":
                 raise BusyError("other work is running; wait for its end, or cancel it")
@@ -404,7 +390,7 @@ class Work:
             if made is state:
                 return f"{words}: no move covers more"
             session.take(made, words, revision)
-            return f"{words}: done" if gain is None else f"{words}: {area(gain)} more"
+            return f"{words}: done" if gain is None else f"{words}: {area(gain, state.unit)} more"
 
         return take
 

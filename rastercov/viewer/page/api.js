@@ -43,6 +43,8 @@ export class Server {
   why = (face) => this.#json(`why?face=${face}`);
   startJob = (what) => this.#json("job", posted(what));
   cancelJob = () => this.#json("job/cancel", posted({}));
+  drawing = () => this.#json("drawing");
+  keepDrawing = (changes) => this.#json("drawing", posted(changes));
   save = (what) => this.#json("save", posted({ what }));
   act = async (body) => frameOf(await (await this.#ask("act", posted(body))).arrayBuffer());
   image = async (station, side) =>
@@ -111,6 +113,7 @@ export class Recorded {
   constructor(data) {
     this.data = data;
     this.isRecorded = true;
+    this.frame = 0; // of bodies that move
     this.hasZones = data.zones?.length > 0;
   }
 
@@ -129,21 +132,23 @@ export class Recorded {
   });
   groups = async () => new Uint16Array(bytesOf(this.data.groups).buffer);
 
-  /** Frame of a mode: of the chosen camera where there is one, "mode:station". */
+  /** Frame of a mode: at a time, "mode@frame"; of the chosen camera where there is one, "mode:station". */
   async act({ mode, station, action }) {
     if (action.do !== "none")
       throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
-    const frame = this.data.frames[`${mode}:${station}`] ?? this.data.frames[mode];
+    const { frames } = this.data;
+    const frame = frames[`${mode}@${this.frame}`] ?? frames[`${mode}:${station}`] ?? frames[mode];
     if (!frame) throw new Refused(`this file has no figures of ${mode}`, 404);
     return { json: { state: this.data.state, ...frame }, payload: bytesOf(frame.levels) };
   }
 
   /** Modes that the file holds. */
-  hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split(":")[0] === mode);
+  hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split(/[:@]/)[0] === mode);
 
   /** Group of a face and its label in each mode. */
   async why(face) {
-    const figures = Object.entries(this.data.frames).map(([mode, frame]) => {
+    const isShown = ([key]) => !key.includes("@") || key.endsWith(`@${this.frame}`);
+    const figures = Object.entries(this.data.frames).filter(isShown).map(([mode, frame]) => {
       const level = atob(frame.levels).charCodeAt(face);
       return {
         label: labelOfMode(this.data.scene, mode, this.data.state),
@@ -155,7 +160,7 @@ export class Recorded {
 }
 
 function labelOfMode(scene, key, state) {
-  const [mode, station] = key.split(":");
+  const [mode, station] = key.split("@")[0].split(":");
   const label = scene.modes.find((each) => each.id === mode)?.label ?? mode;
   const name = state.stations.find((each) => String(each.id) === station)?.name;
   return name ? `${label}, ${name}` : label;

@@ -1,6 +1,6 @@
 /** Bar at the top (undo, saving, help) and the tools over the picture. */
 
-import { button, choice, element, metres, toggle } from "rastercov/dom.js";
+import { button, choice, element, menu, metres, toggle } from "rastercov/dom.js";
 import { offerFile } from "rastercov/status.js";
 import { sectionOf } from "rastercov/tools.js";
 
@@ -38,11 +38,9 @@ const DOWNLOADS = [
 ];
 
 function saveMenu(session) {
-  const close = () => {
-    menu.open = false;
-  };
   const save = async (what) => {
-    close();
+    root.open = false;
+    if (what === "report") session.emit("notice", "Writing the report…");
     try {
       const { words } = await session.server.save(what);
       session.emit("notice", words);
@@ -52,29 +50,20 @@ function saveMenu(session) {
     }
   };
   const download = async (what, name) => {
-    close();
+    root.open = false;
     try {
       offerFile(name, await session.server.download(what));
     } catch (error) {
       session.emit("fault", error.message);
     }
   };
-  const menu = element(
-    "details.menu",
-    {},
-    element("summary", { title: "Ctrl+S saves the rig" }, "Save"),
-    element(
-      "div.items",
-      {},
-      SAVES.map(([what, text, title]) => button(text, () => save(what), { title })),
-      element("hr"),
-      DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name))),
-    ),
-  );
-  menu.save = save;
-  document.addEventListener("pointerdown", (event) => menu.contains(event.target) || close());
+  const root = menu("Save", "Ctrl+S saves the rig", [
+    SAVES.map(([what, text, title]) => button(text, () => save(what), { title })),
+    element("hr"),
+    DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name))),
+  ]);
   session.saveRig = () => save("rig");
-  return menu;
+  return root;
 }
 
 /** Tools over the picture. */
@@ -103,47 +92,23 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
     measure.set(tool === "measure");
     aim.set(tool === "aim");
   });
-  const shows = element(
-    "details.menu",
-    {},
-    element("summary", { title: "what is drawn" }, "Show"),
-    element(
-      "div.items",
-      {},
-      toggle("Cameras", true, (isOn) => frusta.setShown(isOn), { title: "frusta and names (C)" }),
-      session.canEdit
-        ? toggle("Handles", true, (isOn) => gizmo.setShown(isOn), {
+  const shows = menu("Show", "what is drawn", [
+    toggle("Cameras", true, (isOn) => frusta.setShown(isOn), { title: "frusta and names (C)" }),
+    session.canEdit
+      ? [
+          toggle("Handles", true, (isOn) => gizmo.setShown(isOn), {
             title: "arrows and rings of the chosen camera (G)",
-          })
-        : null,
-      session.canEdit
-        ? toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), {
+          }),
+          toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), {
             title: "axes of the camera, not of the world (X)",
-          })
-        : null,
-      toggle("Depth of field", false, (isOn) => frusta.setFocus(isOn), {
-        title: "planes between which the chosen camera is in focus",
-      }),
-      optionToggle(session, view, "Transparent occluders", "isTransparent", "bodies that only hide (T)"),
-      optionToggle(
-        session,
-        view,
-        "Leave out faces turned away",
-        "isCulled",
-        "look into rooms from outside (B)",
-      ),
-      optionToggle(session, view, "Exact pieces at rest", "hasPieces", "parts of faces that are not covered"),
-      optionToggle(session, view, "Lines along edges", "hasEdges", "creases, borders, and edges between groups (O)"),
-      optionToggle(
-        session,
-        view,
-        "Flat colours",
-        "isFlat",
-        "exactly the colours of the legend, without light (H)",
-      ),
-    ),
-  );
-  document.addEventListener("pointerdown", (event) => shows.contains(event.target) || (shows.open = false));
+          }),
+        ]
+      : null,
+    toggle("Depth of field", false, (isOn) => frusta.setFocus(isOn), {
+      title: "planes between which the chosen camera is in focus",
+    }),
+    OPTIONS.map((option) => optionToggle(session, view, ...option)),
+  ]);
   const bar = element(
     "div.tools",
     { role: "toolbar", "aria-label": "View" },
@@ -158,6 +123,14 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
   bar.leavePlan = () => plan.isOn() && plan.set(false, true);
   return bar;
 }
+
+const OPTIONS = [
+  ["Transparent occluders", "isTransparent", "bodies that only hide (T)"],
+  ["Leave out faces turned away", "isCulled", "look into rooms from outside (B)"],
+  ["Exact pieces at rest", "hasPieces", "parts of faces that are not covered"],
+  ["Lines along edges", "hasEdges", "creases, borders, and edges between groups (O)"],
+  ["Flat colours", "isFlat", "exactly the colours of the legend, without light (H)"],
+];
 
 function optionToggle(session, view, text, name, title) {
   const made = toggle(text, view.options[name], (isOn) => view.setOption(name, isOn), { title });
@@ -192,19 +165,10 @@ function sectionControls(session, view) {
     cut.at = Number(place.value);
     apply();
   });
-  const axis = choice(
-    "axis of the section",
-    [
-      [0, "x"],
-      [1, "y"],
-      [2, "z"],
-    ],
-    2,
-    (value) => {
-      cut.axis = value;
-      apply();
-    },
-  );
+  const axis = choice("axis of the section", ["x", "y", "z"].map((name, at) => [at, name]), 2, (value) => {
+    cut.axis = value;
+    apply();
+  });
   const flip = button(
     "⇄",
     () => {

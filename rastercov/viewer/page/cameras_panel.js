@@ -1,8 +1,8 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
-import { button, choice, count, element, figure, fill, keepingFocus, percent, section, unitOfLength } from "rastercov/dom.js";
+import { button, choice, count, element, figure, fill, keepingFocus, metres, percent, section, inUnit } from "rastercov/dom.js";
 import { finder } from "rastercov/finder.js";
-import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
+import { anglesOf, centreOf, distance, poseFromAngles, scale } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";
 import { control, labelOf, numberBox } from "rastercov/fields.js";
 
@@ -128,25 +128,24 @@ function poseSection(session, { view, tools, jobs }) {
     else name.value = session.station()?.name ?? "";
   });
   const [low, high] = session.scene.bounds;
-  const decimals = Math.max(0, 4 - Math.round(Math.log10(distance(low, high))));
+  const size = distance(low, high);
+  const perField = inUnit("m") === "m" && size < 1 ? 1000 : 1; // millimetres of a small part
+  const lengths = perField > 1 ? "mm" : inUnit("m");
+  const decimals = Math.max(0, 4 - Math.round(Math.log10(perField * size)));
   const values = () => {
     const pose = session.poseOf(session.station());
-    const [x, y, z] = centreOf(pose);
+    const [x, y, z] = scale(centreOf(pose), perField);
     return { x, y, z, ...anglesOf(pose, up) };
   };
   const fields = [
-    ["x", unitOfLength()],
-    ["y", unitOfLength()],
-    ["z", unitOfLength()],
-    ["heading", "°"],
-    ["elevation", "°"],
-    ["roll", "°"],
+    ...["x", "y", "z"].map((key) => [key, lengths]),
+    ...["heading", "elevation", "roll"].map((key) => [key, "°"]),
   ].map(([key, unit]) => {
     const limits =
       key === "elevation" ? { low: -90, high: 90 } : key.length > 1 ? { low: -360, high: 360 } : {};
     const box = numberBox({ label: labelOf(key), value: 0, unit, ...limits }, (value) => {
       const next = { ...values(), [key]: value };
-      const centre = [next.x, next.y, next.z];
+      const centre = scale([next.x, next.y, next.z], 1 / perField);
       session.act({
         do: "pose",
         station: session.chosen,
@@ -290,9 +289,9 @@ function isApplicable(name, camera) {
 /** Line about the lens: model, size, depth of field. */
 function focusWords(camera) {
   const sharp = camera.depth_of_field;
-  const far = sharp && (sharp[1] === null ? "infinity" : `${figure(sharp[1])} m`);
+  const far = sharp && (sharp[1] === null ? "infinity" : metres(sharp[1]));
   const words =
     `${camera.model}, ${camera.width} × ${camera.height} px` +
-    (sharp ? `, sharp from ${figure(sharp[0])} m to ${far}` : ", sharp everywhere");
+    (sharp ? `, sharp from ${metres(sharp[0])} to ${far}` : ", sharp everywhere");
   return element("p.soft.focus-words", {}, words);
 }

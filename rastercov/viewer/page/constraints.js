@@ -57,7 +57,7 @@ function drawBall(sketch, centre, radius, colour) {
  * The pose that is wanted, moved to the nearest mounting place; null where it would enter a keep-out, or
  * where constraints are not kept, the pose as it is.
  */
-export function allowedPose(constraints, state, _before, wanted) {
+export function allowedPose(constraints, state, wanted) {
   const isKept = state.is_kept ?? constraints?.is_kept;
   if (!constraints || !isKept) return wanted;
   const centre = centreOf(wanted);

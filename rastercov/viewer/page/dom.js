@@ -60,6 +60,13 @@ export function choice(label, choices, value, onChange, { title = "" } = {}) {
   return menu;
 }
 
+/** Menu that opens below a button, and closes at a press elsewhere; `root.open = false` closes it. */
+export function menu(text, title, items) {
+  const root = element("details.menu", {}, element("summary", { title }, text), element("div.items", {}, items));
+  document.addEventListener("pointerdown", (event) => root.contains(event.target) || (root.open = false));
+  return root;
+}
+
 const KEPT_KEY = "rastercov-page:";
 
 /** What this browser remembers of the page under a name, or `otherwise`. */
@@ -155,8 +162,12 @@ export function figure(value, digits = 3) {
 
 const clampedDecimals = (n) => Math.min(6, Math.max(0, n));
 
-/** Percentage with one decimal. */
-export const percent = (value) => (value === null || value === undefined ? "–" : `${value.toFixed(1)} %`);
+/** Percentage with one decimal, never rounded down to 0 nor up to 100. */
+export const percent = (value) => {
+  if (value === null || value === undefined) return "–";
+  if (value > 0 && value < 0.05) return "< 0.1 %";
+  return value < 100 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
+};
 
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");
@@ -168,8 +179,8 @@ export function useUnit(name) {
   unit = name;
 }
 
-/** Name of the unit of lengths beside a field. */
-export const unitOfLength = () => (unit === "m" ? "m" : "units");
+/** A unit with metres, such as "m" or "px/m", in the unit of lengths. */
+export const inUnit = (text) => (unit === "m" ? text : text === "m" ? "units" : text.replace("/m", "/unit"));
 
 /** Length with a fitting unit. */
 export function metres(value) {

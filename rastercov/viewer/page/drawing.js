@@ -1,5 +1,5 @@
 /**
- * A drawing under the floor plan: a picture of the user's own disk, which stays in this browser.
+ * A drawing under the floor plan: a picture of the user's own disk, which is saved with the rig.
  *
  * It lies by a similarity: a place [x, y] of the drawing, whose width is `WIDTH`, is the complex number
  * z = x - i y, and a z + b that of the plan, metres towards east and north. Two places of the drawing
@@ -7,12 +7,14 @@
  * in which browsers run no script and load nothing.
  */
 
-import { button, element, remember, remembered } from "rastercov/dom.js";
+import { bytesOf } from "rastercov/api.js";
+import { button, element, inUnit, menu } from "rastercov/dom.js";
+import { rayAt } from "rastercov/gizmo.js";
 import { add, boxCorners, dot, horizon, scale } from "rastercov/maths.js";
 import { numberBox } from "rastercov/fields.js";
 
 const WIDTH = 1000;
-const MOST_BYTES = 32 << 20;
+const MOST_BYTES = 16 << 20; // which the program takes, too
 const MOST_PIXELS = 64e6;
 const MOST_ASPECT = 50;
 const SNAP = 10; // pixels from a click to a corner of the mesh that takes it
@@ -38,7 +40,7 @@ const over = ([a, b], [c, d]) => [(a * c + b * d) / (c * c + d * d), (b * c - a 
 export class Drawing {
   constructor(view, session, tools, overlay) {
     Object.assign(this, { view, session, tools });
-    this.kept = null; // {name, place: [a, b], opacity}
+    this.kept = null; // {name, place: [a, b], opacity, image: base64}, as the program has it
     this.isPlan = false;
     this.points = []; // that were clicked: two of the drawing, then two of the plan
     this.image = element("img.drawing", { alt: "drawing under the floor plan", hidden: true });
@@ -48,11 +50,23 @@ export class Drawing {
     session.on("tool", (tool) => tool === "drawing" || this.#ask([]));
     view.onSketch((sketch, look) => this.#mark(sketch, look), { isOnTop: true });
     view.onDrawn((look) => this.#lay(look));
-    this.#show(remembered(this.#key, null), remembered(`${this.#key} image`, null));
+    session.on("restarted", () => this.kept && this.#keep(this.kept));
+    this.#load();
   }
 
-  get #key() {
-    return `drawing ${this.session.scene.title}`;
+  async #load() {
+    const kept = await this.session.server.drawing();
+    if (kept.image) this.#show(kept, bytesOf(kept.image));
+  }
+
+  /** Gives changes of the drawing to the program, which saves it with the rig; {} removes it. */
+  async #keep(changes) {
+    try {
+      await this.session.server.keepDrawing(changes);
+      this.session.takeOver(); // it is not saved
+    } catch (error) {
+      this.session.emit("fault", error.message);
+    }
   }
 
   #build() {
@@ -70,29 +84,27 @@ export class Drawing {
     this.place = button("Place by two points", () => this.#ask([], true), {
       title: "to scale: two points of the drawing, then their distance or their places in the model",
     });
-    this.remove = button("Remove", () => this.#show(null, null));
+    this.remove = button("Remove", () => {
+      this.kept = null;
+      this.#update();
+      this.#keep({});
+    });
     this.opacity = element("input", { type: "range", min: "0.05", max: "1", step: "0.05" });
-    this.opacity.addEventListener("input", () => this.#set({ opacity: Number(this.opacity.value) }));
-    this.menu = element(
-      "details.menu",
-      { hidden: true },
-      element("summary", { title: "a drawing under the floor plan; it stays in this browser" }, "Drawing"),
-      element(
-        "div.items",
-        {},
-        file,
-        button("Choose a PNG, JPEG or SVG…", () => file.click()),
-        this.place,
-        element("label.check.opacity", {}, "Opacity", this.opacity),
-        this.remove,
-      ),
-    );
-    document.addEventListener("pointerdown", (event) => this.menu.contains(event.target) || (this.menu.open = false));
+    this.opacity.addEventListener("input", () => (this.image.style.opacity = this.opacity.value));
+    this.opacity.addEventListener("change", () => this.#set({ opacity: Number(this.opacity.value) }));
+    this.menu = menu("Drawing", "a drawing under the floor plan, saved with the rig", [
+      file,
+      button("Choose a PNG, JPEG or SVG…", () => file.click()),
+      this.place,
+      element("label.check.opacity", {}, "Opacity", this.opacity),
+      this.remove,
+    ]);
+    this.menu.hidden = true;
     this.words = element("span");
-    this.distance = numberBox({ label: "Distance", value: null, low: 0, is_low_open: true, unit: "m" }, (value) =>
+    this.distance = numberBox({ label: "Distance", value: null, low: 0, is_low_open: true, unit: inUnit("m") }, (value) =>
       this.#scaleTo(value),
     );
-    this.typed = element("label.group", {}, this.distance.input, element("span.unit", {}, "m"));
+    this.typed = element("label.group", {}, this.distance.input, element("span.unit", {}, inUnit("m")));
     this.hint = element(
       "div.hint",
       { role: "status", hidden: true },
@@ -109,46 +121,40 @@ export class Drawing {
     this.#update();
   }
 
-  /** Takes a file, over the whole scene at first; where it was by the last one of its name. */
+  /** Takes a file, over the whole scene at first; a new version of the last one where that is. */
   async choose(file) {
     const bytes = new Uint8Array(await file.slice(0, MOST_BYTES + 1).arrayBuffer());
-    const { fault, type } = judged(file.name, bytes);
-    if (fault) return this.session.emit("fault", fault);
-    const url = await dataUrl(new Blob([bytes], { type }));
-    const last = remembered(this.#key, null);
-    const isShown = await this.#show(last?.name === file.name ? last : { name: file.name }, url);
-    if (!isShown) this.session.emit("fault", `${file.name} cannot be shown; save it anew as PNG, JPEG or SVG`);
-    else if (!remember(`${this.#key} image`, url))
-      this.session.emit("notice", "The drawing is too large to be kept here: choose it again after a reload.");
-    return isShown;
+    const place = this.kept?.name === file.name ? this.kept.place : null;
+    if (!(await this.#show({ opacity: 0.6, name: file.name.slice(-120), place }, bytes))) return;
+    if (!this.isPlan) this.session.emit("notice", `${file.name} is under the floor plan (P).`);
+    this.#keep(this.kept);
   }
 
-  /** Shows an image at its place; false where it is none. */
-  async #show(kept, url) {
-    this.kept = null;
-    if (kept && url) {
-      this.image.src = url;
-      const isImage = await this.image.decode().then(
-        () => true,
-        () => false,
-      );
-      this.aspect = this.image.naturalHeight / this.image.naturalWidth;
-      if (!isImage || !(this.aspect > 1 / MOST_ASPECT && this.aspect < MOST_ASPECT)) return false;
-      Object.assign(this.image, { width: WIDTH, height: WIDTH * this.aspect });
-      this.kept = { opacity: 0.6, ...kept, place: kept.place ?? this.#overScene() };
-      this.opacity.value = String(this.kept.opacity);
-    }
-    if (!url) for (const each of ["", " image"]) remember(this.#key + each, null);
-    this.#set({});
+  /** Shows the bytes of an image at its place; false, and a line, where it is none. */
+  async #show(kept, bytes) {
+    const { fault, type } = judged(kept.name, bytes);
+    if (fault) return this.session.emit("fault", fault);
+    const url = await dataUrl(new Blob([bytes], { type }));
+    const image = Object.assign(new Image(), { src: url });
+    const isImage = await image.decode().then(
+      () => true,
+      () => false,
+    );
+    const aspect = image.naturalHeight / image.naturalWidth;
+    if (!isImage || !(aspect > 1 / MOST_ASPECT && aspect < MOST_ASPECT))
+      return this.session.emit("fault", `${kept.name} cannot be shown; save it anew as PNG, JPEG or SVG`);
+    this.aspect = aspect;
+    Object.assign(this.image, { src: url, width: WIDTH, height: WIDTH * aspect });
+    this.kept = { ...kept, place: kept.place ?? this.#overScene(), image: url.split(",")[1] };
+    this.image.style.opacity = this.opacity.value = String(kept.opacity);
+    this.#update();
     return true;
   }
 
+  /** Changes the place or the opacity. */
   #set(changes) {
-    if (this.kept) {
-      Object.assign(this.kept, changes);
-      remember(this.#key, this.kept);
-      this.image.style.opacity = this.kept.opacity;
-    }
+    Object.assign(this.kept, changes);
+    this.#keep(changes);
     this.#update();
   }
 
@@ -215,10 +221,7 @@ export class Drawing {
   }
 
   #click(x, y) {
-    const { canvas, camera } = this.view;
-    const { clientWidth: width, clientHeight: height } = canvas;
-    const { from } = camera.ray((2 * x) / width - 1, 1 - (2 * y) / height, width, height);
-    const plan = this.#toPlan(from);
+    const plan = this.#toPlan(rayAt(this.view, x, y).from);
     const [a, b] = this.kept.place;
     const [re, im] = over(minus(plan, b), a);
     const isOfDrawing = this.points.length < 2 && !this.isToMove;
@@ -292,7 +295,7 @@ const dataUrl = (blob) =>
 function judged(name, bytes) {
   if (bytes.length > MOST_BYTES) return { fault: `${name} has more than ${MOST_BYTES >> 20} MB; save it smaller` };
   const found = headOf(bytes);
-  if (!found) return { fault: `${name} is no PNG, JPEG or SVG; export the drawing as one of them` };
+  if (!found) return { fault: `${name} is no PNG, JPEG or SVG for the floor plan; open meshes and rigs with rastercov view` };
   const [type, width, height] = found;
   if (width * height <= MOST_PIXELS) return { type };
   return { fault: `${name} has ${width} × ${height} pixels, of at most ${MOST_PIXELS / 1e6} million; save it smaller` };

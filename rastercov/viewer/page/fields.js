@@ -4,7 +4,7 @@
  * range is answered by one line under the box and goes no further.
  */
 
-import { check, choice, element, figure } from "rastercov/dom.js";
+import { check, choice, element, figure, inUnit, toggle } from "rastercov/dom.js";
 
 /**
  * Box for a number; `onValue` gets numbers in range alone.
@@ -71,12 +71,14 @@ function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {
 /**
  * Slider and box of one number.
  *
- * @param {object} field as the server describes it; its `is_low_open` keeps the slider above low
+ * @param {object} field as the server describes it; its `is_low_open` keeps the slider above low, and
+ *   `presets` are numbers by name
  * @param {number|null} value
  * @param {(value: number|null, isDrag: boolean) => void} onValue isDrag while the slider moves
  */
 export function numberField(field, value, onValue) {
   const isWhole = field.kind === "int";
+  const unit = inUnit(field.unit ?? "");
   const span = spanOf(field, value);
   const label = field.label ?? labelOf(field.name);
   const slider = element("input", {
@@ -97,9 +99,13 @@ export function numberField(field, value, onValue) {
     const x = span.isWholeSteps ? Number(slider.value) : span.at(Number(slider.value) / 1000);
     return isWhole ? Math.round(x) : Number(x.toPrecision(4));
   };
-  const box = numberBox({ ...field, label, value, isWhole }, (number) => {
+  const box = numberBox({ ...field, label, value, isWhole, unit }, (number) => {
     slider.value = toSlider(number);
     onValue(number, false);
+  });
+  const presets = Object.entries(field.presets ?? {}).map(([name, number]) => {
+    const pick = (isOn) => onValue(isOn ? number : field.default, false);
+    return { number, chip: toggle(labelOf(name), false, pick, { title: `${number} ${unit}, of EN 62676-4` }) };
   });
   let isDragging = false;
   slider.addEventListener("input", () => {
@@ -127,6 +133,7 @@ export function numberField(field, value, onValue) {
     slider.disabled = box.input.disabled = !isOn;
   };
   const set = (next) => {
+    for (const { number, chip } of presets) chip.set(number === next);
     if (isDragging) return;
     const isOn = next !== null && next !== undefined;
     if (optional) {
@@ -147,9 +154,10 @@ export function numberField(field, value, onValue) {
       optional,
       element("span.field-label", {}, label),
       box.input,
-      element("span.unit", {}, UNITS[field.unit] ?? field.unit ?? ""),
+      element("span.unit", {}, UNITS[unit] ?? unit),
     ),
     slider,
+    presets.length ? element("div.presets", {}, presets.map(({ chip }) => chip)) : null,
     box.fault,
   );
   return { root, set, slider, input: box.input };

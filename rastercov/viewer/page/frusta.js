@@ -19,7 +19,7 @@ import {
 } from "rastercov/maths.js";
 import { element } from "rastercov/dom.js";
 
-export const COLOURS = {
+const COLOURS = {
   on: [0.25, 0.33, 0.45, 1],
   off: [0.55, 0.58, 0.62, 0.5],
   chosen: [0.0, 0.44, 0.95, 1],
@@ -65,12 +65,6 @@ export class Frusta {
     if (found === this.hovered) return;
     this.hovered = found;
     this.#label();
-    this.view.request();
-  }
-
-  /** Depth of the frusta as a part of the scene's radius. */
-  setDepth(part) {
-    this.depth = part * sphereAround(this.session.scene.frame).radius;
     this.view.request();
   }
 

@@ -93,10 +93,7 @@ export class Gizmo {
       });
       handles.push({ kind: "ring", at, axis, points });
     });
-    const [right, down] = [
-      [1, 0, 0],
-      [0, 1, 0],
-    ].map((axis) => scale(directionFromCamera(look.pose, axis), 9 * pixel));
+    const [right, down] = AXES.slice(0, 2).map((axis) => scale(directionFromCamera(look.pose, axis), 9 * pixel));
     const square = [
       [-1, -1],
       [1, -1],
@@ -191,8 +188,7 @@ export class Gizmo {
       move: (nowX, nowY, event) => {
         if (isVoid()) return;
         const wanted = follow(nowX, nowY, event.ctrlKey);
-        pose =
-          wanted && (allowedPose(this.session.scene.constraints, this.session.state, pose, wanted) ?? pose);
+        pose = wanted && (allowedPose(this.session.scene.constraints, this.session.state, wanted) ?? pose);
         if (pose !== start) this.session.act({ do: "pose", station: station.id, pose }, { isDrag: true });
       },
       end: () => finish(pose),
@@ -217,7 +213,7 @@ export class Gizmo {
         return turned(start, axis, turn);
       };
     }
-    const ray = (x, y) => rayAt(view, look, x, y);
+    const ray = (x, y) => rayAt(view, x, y);
     if (kind === "arrow") {
       const first = alongAxis(centre, axis, ray(startX, startY));
       return (x, y) => moved(start, scale(axis, alongAxis(centre, axis, ray(x, y)) - first));
@@ -259,7 +255,7 @@ export class Gizmo {
       const by = [scale(right, step[0]), scale(ahead, step[1]), scale(up, step[2])].reduce(add);
       wanted = moved(pose, scale(by, size));
     }
-    const next = allowedPose(this.session.scene.constraints, this.session.state, pose, wanted);
+    const next = allowedPose(this.session.scene.constraints, this.session.state, wanted);
     if (!next) return true;
     const action = { do: "pose", station: station.id, pose: next };
     this.nudged = { action, reloads: this.session.reloads };
@@ -275,7 +271,7 @@ export class Gizmo {
 }
 
 /** Ray {from, along} through a place of the canvas. */
-export function rayAt(view, look, x, y) {
+export function rayAt(view, x, y) {
   const { clientWidth: width, clientHeight: height } = view.canvas;
   return view.camera.ray((2 * x) / width - 1, 1 - (2 * y) / height, width, height);
 }

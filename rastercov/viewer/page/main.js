@@ -91,6 +91,13 @@ async function open() {
     large,
   );
 
+  document.addEventListener("dragover", (event) => event.preventDefault()); // no browser leaves the page
+  document.addEventListener("drop", (event) => {
+    event.preventDefault();
+    const [file] = event.dataTransfer.files;
+    if (file && drawing) drawing.choose(file);
+    else if (file) session.emit("fault", `${file.name}: this page takes no files`);
+  });
   await view.open();
   listenToKeys({ session, view, navigation, gizmo, tools, bar, tabs: panels, help });
   fitAll(session, view);

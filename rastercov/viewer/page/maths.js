@@ -29,13 +29,6 @@ export function unit(a) {
 /** Point between `a` (t = 0) and `b` (t = 1). */
 export const mix = (a, b, t) => add(scale(a, 1 - t), scale(b, t));
 
-/** World axis that makes the largest angle with `direction`. */
-export function worldAxisFarFrom(direction) {
-  const sizes = direction.map(Math.abs);
-  const at = sizes.indexOf(Math.min(...sizes));
-  return [0, 1, 2].map((axis) => (axis === at ? 1 : 0));
-}
-
 /** Product of two matrices. */
 export function multiply(a, b) {
   const product = new Array(16);
@@ -83,15 +76,6 @@ export function rigidInverse(pose) {
   const axes = [column(pose, 0), column(pose, 1), column(pose, 2)];
   const centre = centreOf(pose);
   return [...axes.flatMap((axis) => [...axis, -dot(axis, centre)]), 0, 0, 0, 1];
-}
-
-/** Pose at `eye` that looks along `forward`, with `up` upwards in the image. */
-export function lookAlong(eye, forward, up) {
-  const ahead = unit(forward);
-  let right = cross(ahead, up);
-  if (length(right) < 1e-9) right = cross(ahead, worldAxisFarFrom(ahead));
-  right = unit(right);
-  return poseOf(right, cross(ahead, right), ahead, eye);
 }
 
 /** Pose turned about a world axis (of length 1) through its own centre; axes stay orthonormal. */

@@ -35,8 +35,8 @@ export class MeshPass {
     this.parts = program(gl, MESH_STAGES, ["position", "parent", "weights"], { ...defines, PIECES: 1 });
     this.corners = gl.createVertexArray();
     gl.bindVertexArray(this.corners);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ARRAY_BUFFER, soup, gl.STATIC_DRAW);
+    this.soup = gl.createBuffer();
+    this.setCorners(soup);
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     this.levels = table(gl, this.nFaces, gl.R8UI);
@@ -52,6 +52,12 @@ export class MeshPass {
     nearest(gl);
     this.setPalette(new Uint8Array(768).fill(NEUTRAL)); // until the first figures come
     this.target = pickTarget(gl);
+  }
+
+  /** Corners, as of the constructor. */
+  setCorners(soup) {
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.soup);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, soup, this.gl.STATIC_DRAW);
   }
 
   /** Level of each face, (F) bytes. */

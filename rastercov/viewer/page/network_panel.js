@@ -3,12 +3,15 @@
 import { button, element, fill, percent, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
+import { timePanel } from "rastercov/time.js";
 
 export function networkPanel(session) {
   const modes = modeList(session, "network");
+  const time = timePanel(session);
   return element(
     "div",
     {},
+    time ? section("Time", [time]) : null,
     section("All cameras together", [modes, reasons(session)]),
     session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
     session.canEdit ? section("Exact area", [exactArea(session)]) : null,
@@ -43,9 +46,11 @@ function reasons(session) {
 
 /** Sliders of the task. */
 function thresholds(session) {
-  const controls = session.scene.task_fields.map((field) => ({
+  const { task_fields: fields, levels } = session.scene;
+  const presets = { min_facing_density: levels };
+  const controls = fields.map((field) => ({
     field,
-    control: control(field, session.state.task[field.name] ?? null, (value, isDrag) => {
+    control: control({ ...field, presets: presets[field.name] }, session.state.task[field.name] ?? null, (value, isDrag) => {
       session.act({ do: "task", changes: { [field.name]: value } }, { isDrag });
     }),
   }));

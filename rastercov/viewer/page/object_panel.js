@@ -17,7 +17,7 @@ export function objectPanel(session, view, shown) {
     element("dt", {}, "Vertices"),
     element("dd", {}, count(scene.n_vertices)),
     element("dt", {}, "Size"),
-    element("dd", {}, sides.join(" × ")),
+    element("dd", {}, sizeOf(sides)),
     scene.result ? [element("dt", {}, "Result"), element("dd", {}, scene.result.words)] : null,
   );
   const groups = scene.groups.map((group, at) =>
@@ -48,6 +48,12 @@ export function objectPanel(session, view, shown) {
       ? section("Constraints", constraintControls(session, view, shown))
       : null,
   );
+}
+
+/** Lengths with their unit once, where all have one. */
+function sizeOf(sides) {
+  const [unit, ...others] = new Set(sides.map((each) => each.split(" ")[1]));
+  return others.length ? sides.join(" × ") : `${sides.map(parseFloat).join(" × ")} ${unit}`;
 }
 
 function constraintControls(session, view, shown) {

@@ -29,6 +29,7 @@ export function followPieces(session, view) {
     if (!isAsked && stations.length * session.scene.n_faces > MOST_PAIRS) return;
     try {
       const { json, payload } = await session.server.pieces();
+      if (json.fault) throw new Error(json.fault);
       if (revision !== session.state.revision) return;
       session.pieces = { revision, percent: json.percent, ...trianglesOf(session, payload) };
       session.figures.summary.exact_area_percent = json.percent;
@@ -60,13 +61,14 @@ export function legendOfPieces(session, figures, pieces) {
   const dead = [...pieces.areas.values()].reduce((sum, area) => sum + area, 0);
   const share = (level) => ((pieces.areas.get(level) ?? 0) / dead) * (100 - pieces.percent) || 0;
   const others = (figures.legend ?? []).filter((each) => each.level !== pieces.covered);
-  const known = [...others.filter(({ percent: by }) => by !== null)].map((each) => ({
+  const known = others.filter(({ percent: by }) => by !== null).map((each) => ({
     ...each,
     percent: share(each.level),
   }));
   const covered = { level: pieces.covered, label: "covered", percent: pieces.percent };
   const rows = [{ ...covered, colour: colourOf(session, pieces.covered) }, ...known];
-  return [...rows.sort((a, b) => b.percent - a.percent), ...others.filter(({ percent: by }) => by === null)];
+  const some = rows.filter((each) => each.percent > 0).sort((a, b) => b.percent - a.percent);
+  return [...some, ...others.filter(({ percent: by }) => by === null)];
 }
 
 const colourOf = (session, level) => [...session.palette.subarray(3 * level, 3 * level + 3)];

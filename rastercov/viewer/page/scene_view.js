@@ -74,6 +74,10 @@ export class SceneView {
       this.request();
     });
     this.session.on("state chosen face poses", () => this.request());
+    this.session.on("time", () => {
+      if (!this.isLost) this.mesh.setCorners(this.session.corners);
+      this.request();
+    });
   }
 
   #createPasses() {

@@ -6,14 +6,16 @@
  * answers.
  *
  * Events: "state" (rig or task), "frame" (levels and figures), "chosen" (station), "face" (picked),
- * "connection", "idle", "fault" (one line for the user), "notice" (one line), "mode".
+ * "connection", "restarted", "idle", "fault" (one line for the user), "notice" (one line), "mode", "time".
  */
 
 import { Gone, bytesOf } from "rastercov/api.js";
 import { centreOf } from "rastercov/maths.js";
+import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
 const KEPT_KEY = "rastercov-kept";
+const KEY_IS_OLD = "the program was started again with another key: open the address that it printed";
 
 export class Session {
   #listeners = new Map();
@@ -29,6 +31,7 @@ export class Session {
     this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
+    this.frame = 0; // of bodies that move
   }
 
   on(events, listener) {
@@ -51,6 +54,8 @@ export class Session {
       this.server.state(),
     ]);
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
+    this.cornersAtRest = soup.corners;
+    if (scene.motion) this.corners = cornersAt(this, 0);
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
     scene.modes = modes;
     for (const mode of modes) {
@@ -110,6 +115,14 @@ export class Session {
     this.mode = id;
     this.emit("mode", id);
     this.refresh();
+  }
+
+  /** Shows a frame of bodies that move. */
+  setFrame(frame) {
+    this.frame = this.server.frame = frame;
+    this.corners = cornersAt(this, frame);
+    this.emit("time", frame);
+    if (this.modeOf().is_of_frame) this.refresh();
   }
 
   setOption(name, value, isDrag = false) {
@@ -176,10 +189,7 @@ export class Session {
 
   async #refused(error, item) {
     if (error.status === 403) {
-      this.#setConnected(
-        false,
-        "the program was started again with another key: open the address that it printed",
-      );
+      this.#setConnected(false, KEY_IS_OLD);
       return;
     }
     this.#queue.shift();
@@ -269,11 +279,7 @@ export class Session {
         await this.reload("Another tab changed the rig; it is shown here now.");
       }
     } catch (error) {
-      const isKeyOld = error.status === 403;
-      this.#setConnected(
-        false,
-        isKeyOld ? "the program was started again with another key: open the address that it printed" : "",
-      );
+      this.#setConnected(false, error.status === 403 ? KEY_IS_OLD : "");
     } finally {
       this.isChecking = false;
     }
@@ -311,6 +317,7 @@ export class Session {
       ...kept,
       stations: kept.stations.map((s) => ({ ...s, pose: poses.get(s.id) ?? s.pose })),
     });
+    this.emit("restarted");
     this.emit("notice", "The program was started again; the rig of this page was put back.");
   }
 

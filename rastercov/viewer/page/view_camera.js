@@ -41,8 +41,8 @@ const FARTHEST = 2.6;
 const STEEPEST = radians(89.5);
 
 export class ViewCamera {
-  /** @param {object} scene its `bounds`, the box without outliers, `frame`, and `up` */
-  constructor({ bounds, frame, up }) {
+  /** @param {object} scene its `bounds`, the box without outliers, `frame`, `up`, and the side to look from, `towards` */
+  constructor({ bounds, frame, up, towards }) {
     this.bounds = bounds;
     this.frame = frame;
     this.up = unit(up);
@@ -50,6 +50,10 @@ export class ViewCamera {
     this.isParallel = false;
     this.isPlan = false;
     this.pinned = null;
+    if (towards) {
+      const [east, north, above] = [...horizon(this.up), this.up].map((axis) => -dot(axis, unit(towards)));
+      Object.assign(this, { heading: Math.atan2(north, east), elevation: Math.asin(clamp(above, -1, 1)) });
+    }
     this.fit();
   }
 
@@ -66,14 +70,14 @@ export class ViewCamera {
     this.elevation ??= radians(-28);
     const corners = boxCorners(this.frame);
     this.#fill(corners, aspect, covered);
-    const { target, range } = this;
+    const farthest = FARTHEST * this.range;
     if (points.length) this.#fill([...corners, ...points], aspect, covered);
-    if (this.range > FARTHEST * range) Object.assign(this, { target, range: FARTHEST * range });
+    if (this.range > farthest) this.#fill(corners, aspect, covered, farthest);
   }
 
-  /** Fills the picture with points, in its middle. */
-  #fill(points, aspect, [top, bottom]) {
-    const { centre, radius } = sphereAround(this.bounds);
+  /** Fills the picture with points, in its middle; from a range of at least `nearest`. */
+  #fill(points, aspect, [top, bottom], nearest = 0) {
+    const { centre, radius } = sphereAround(this.frame);
     const slope = Math.tan(this.field / 2);
     Object.assign(this, { target: centre, range: Math.max(1e-6, ...points.map((each) => distance(each, centre))) });
     this.range *= 3 / slope;
@@ -91,7 +95,8 @@ export class ViewCamera {
       const wanted = [(left + right) / 2, (above + below) / 2 - (top - bottom) * slope];
       const by = [0, 1].map((axis) => scale(column(pose, axis), wanted[axis] * this.range));
       this.target = by.reduce(add, this.target);
-      this.range *= Math.max((right - left) / aspect, (below - above) / (1 - top - bottom)) / (2 * FITTED * slope);
+      const part = Math.max((right - left) / aspect, (below - above) / (1 - top - bottom)) / (2 * FITTED * slope);
+      this.range = Math.max(nearest, this.range * part);
     }
   }
 

@@ -1,0 +1,70 @@
+"""Pictures of coverage over time: the share of time, and frames side by side."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.over_time import OverTime
+from rastercov.report.images import contact_sheet, framed
+from rastercov.report.modes import by_share, mode_picture
+from rastercov.report.panorama import FINE, side_by_side, sides
+
+FRAMES = 12
+"""Frames of the strip, evenly spread; the worst is among them."""
+UNEVEN = 0.1
+"""Percent of the area by which frames differ where one of them is the worst."""
+SMALL = 0.25 * FINE
+"""Scale of a frame, half the width of a picture in a strip."""
+
+
+def time_picture(found: OverTime) -> Image.Image:
+    """Mesh at rest, by the share of time in which its faces are covered."""
+    eyes = found.poses.world_from_camera
+    return mode_picture("time", found.motion.mesh, found.share_of_time(), eyes)
+
+
+def frames_picture(found: OverTime) -> Image.Image:
+    """Frames side by side, each with its number and what is covered in it, above one legend."""
+    motion, table, eyes = found.motion, found.table(), found.poses.world_from_camera
+    shares = np.array([each["percent"] for each in table])
+    worst, is_uneven = int(shares.argmin()), bool(np.ptp(shares) >= UNEVEN)
+    rows = np.linspace(0, len(motion) - 1, min(FRAMES, len(motion))).astype(np.int64)
+    rows[np.abs(rows - worst).argmin()] = worst
+    covered, area = found.frames.areas(), frames_of(motion.mesh).areas
+    directions, is_timed = sides(motion.mesh, eyes), bool((motion.durations != 1).any())
+    pictures, captions, keys = [], [], {}
+    for row in rows.tolist():
+        mesh, kept = motion.frame(row)
+        share = covered[row][kept] / np.maximum(area[kept], 1e-300)
+        painted = by_share(mesh, share)
+        legend = [each | {"percent": None} for each in painted.legend]
+        pixels, more = side_by_side(mesh, painted.colours, painted.hatch, directions, eyes, SMALL)
+        own = replace(painted, legend=legend).keys("covered share of a face")
+        for key in (*own, *more):  # what is cut open is not the same in all
+            name = key.name.partition(":")[0]
+            keys[name] = replace(key, name=name)
+        pictures.append(Image.fromarray(pixels))
+        said = table[row]
+        at = f", time {said['time']:g}" if is_timed else ""
+        is_worst = ", the worst" if row == worst and is_uneven else ""
+        hidden = [f"hidden most by {said['hidden_by']}"] if said["hidden_by"] else []
+        first = f"frame {row}{at}: {said['percent']:.1f} %{is_worst}"
+        captions.append("\n".join((first, *hidden)))
+    sheet = contact_sheet(pictures, captions)
+    return framed(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
+
+
+def curve_points(summary: Any, width: float, height: float) -> str:
+    """Points of the curve of area by time of a summary, for SVG; none without figures over time.
+
+    It is a step for each unit of time.
+    """
+    points, before = [], 0.0
+    for each in summary.get("over_time", {}).get("curve", ()):
+        y = height * (1 - each["percent"] / 100)
+        points += [f"{width * x:.1f},{y:.1f}" for x in (before, each["share"])]
+        before = each["share"]
+    return " ".join(points)

@@ -1,0 +1,231 @@
+"""Tables of pairs and areas in Parquet, which needs pyarrow: `rastercov[tables]`.
+
+The table of pairs has one row for every pair of pose and face that was asked for. It appears under
+its name only when it is whole. An error of the disk is an `OSError` that names the file.
+
+Callers ask `coverage_files.has_parquet` first and import this file in a function: most commands run
+without pyarrow, which takes 0.1 s to load.
+"""
+
+import dataclasses
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from rastercov.base.output import json_bytes, named, replacing, writing
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.area.union import Covered
+from rastercov.coverage.coverage import FIGURES, Coverage
+from rastercov.coverage.reasons import Reason
+from rastercov.mesh import Mesh
+from rastercov.raster.observation import BoundKind
+
+if TYPE_CHECKING:
+    from rastercov.coverage.records import PairRows
+
+COVERED_M2 = "covered_m2"
+"""Column by area only."""
+CODES = {"visibility_kind": BoundKind, "reason": Reason}
+"""Columns that are written by name."""
+ROWS_A_GROUP = 1 << 18
+"""Rows of a Parquet row group: about 13 MB of columns."""
+BATCHES_WAITING = 2
+"""Batches of rows that wait for the thread that writes; `add` waits where there are more."""
+
+
+class CoverageTable:
+    """Parquet file of pairs of pose and face, written by a thread of its own.
+
+    Columns: `pose` and `face` (int32), `group` (its name, dictionary-encoded: a category in pandas
+    and polars), then `coverage.FIGURES`, floats as float32, `incidence` in radians, `reason` and
+    `visibility_kind` by name in lower case, dictionary-encoded. `visibility_bound` includes the
+    rounding of `visibility` to float32, so that it still holds.
+
+    Parameters
+    ----------
+    path : path
+        Of the file, which appears when the `with` block ends well; otherwise nothing changes.
+    mesh : Mesh
+        Whose faces the rows are of.
+    header : mapping, optional
+        Description of the run (inputs with hashes, settings, device), kept as JSON under the key
+        "rastercov" of the schema's metadata.
+    by_area : bool
+        Adds the column `covered_m2`, float32: the part of the face that the pose covers.
+    cameras : (sequence of str, (N,) int32), optional
+        Names of several cameras, and the index of the camera of each pose of the input: adds the
+        column `camera`, the name, dictionary-encoded.
+
+    Notes
+    -----
+    Memory does not grow with the run: at most `ROWS_A_GROUP` rows and `BATCHES_WAITING` + 1 batches
+    are held. A run without rows gives a valid file.
+
+    One thread at a time may use a table: measure in several, add rows in one.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        mesh: Mesh,
+        header: Mapping[str, Any] | None = None,
+        *,
+        by_area: bool = False,
+        cameras: tuple[Sequence[str], NDArray[np.int32]] | None = None,
+    ) -> None:
+        self.path, self.mesh = Path(path), mesh
+        names = pa.dictionary(pa.int32(), pa.string())
+        kinds = {"pose": pa.int32(), "face": pa.int32(), "group": names}
+        if cameras is not None:
+            kinds["camera"] = names
+        for name, kind in FIGURES.items():
+            kinds[name] = pa.bool_() if kind is np.bool_ else pa.float32()
+        kinds |= dict.fromkeys(CODES, names)
+        if by_area:
+            kinds[COVERED_M2] = pa.float32()
+        units = {each.name: each.metadata.get("unit") for each in dataclasses.fields(Coverage)}
+        units[COVERED_M2] = "m^2"
+        fields = [
+            pa.field(name, kind, False, {"unit": units[name]} if units.get(name) else None)
+            for name, kind in kinds.items()
+        ]
+        self.schema = pa.schema(fields, {"rastercov": json_bytes(header or {})})
+        self.n_rows = 0
+        self._group_of_face = mesh.face_group.astype(np.int32)
+        self._names = {"group": _names(group.name for group in mesh.groups)} | {
+            name: _names(code.name.lower() for code in codes) for name, codes in CODES.items()
+        }
+        if cameras is not None:
+            self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]
+        self._writer: Any = None
+        self._pending: Any = None
+        self._pool: ThreadPoolExecutor | None = None
+        self._waiting: deque[Future[None]] = deque()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack, named(self.path):
+            part = stack.enter_context(replacing(self.path))
+            # Opened by us, because pyarrow takes only paths that are UTF-8.
+            file = stack.enter_context(part.open("wb"))
+            # Floats are split into their bytes, which compress better side by side. Statistics and
+            # zstd would take as long again as the rest: 111 in place of 49 ns a row, for 10 % of
+            # the size.
+            floats = [field.name for field in self.schema if field.type == pa.float32()]
+            self._writer = stack.enter_context(
+                pq.ParquetWriter(
+                    file,
+                    self.schema,
+                    compression="snappy",
+                    use_dictionary=["pose", *self._names],
+                    use_byte_stream_split=floats,
+                    column_encoding={"face": "DELTA_BINARY_PACKED"},
+                    write_statistics=["pose", "face"],
+                )
+            )
+            self._pending = self.schema.empty_table()
+            self._pool = ThreadPoolExecutor(1)
+            self._stack = stack.pop_all()
+        return self
+
+    def add(self, rows: "PairRows", regions: Regions | None = None) -> None:
+        """Append rows; they are not copied, so must not change any more.
+
+        `regions` of their poses are needed by area.
+        """
+        covered_m2 = None
+        if regions is not None:
+            pose = np.searchsorted(regions.pose_ids, rows.pose)
+            covered_m2 = regions.areas()[pose, rows.face].astype(np.float32)
+        self.n_rows += len(rows.pose)
+        while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
+            self._waiting.popleft().result()
+        assert self._pool is not None
+        try:
+            self._waiting.append(self._pool.submit(self._write, rows, covered_m2))
+        except RuntimeError:  # the system gives no more threads
+            self._pool.shutdown(cancel_futures=True)
+            self._write(rows, covered_m2)
+
+    def __exit__(self, *error: Any) -> None:
+        assert self._pool is not None
+        self._pool.shutdown(cancel_futures=error[0] is not None)  # what waits is not written then
+        try:
+            if error[0] is None:
+                with named(self.path), self._stack:
+                    for written in self._waiting:
+                        written.result()
+                    if len(self._pending):
+                        self._writer.write_table(self._pending)
+            else:
+                with suppress(OSError):  # of the full disk that ended the block
+                    self._stack.__exit__(*error)
+        finally:
+            self._writer = self._pending = self._pool = None
+            self._waiting.clear()
+
+    def _write(self, rows: "PairRows", covered_m2: NDArray[np.float32] | None) -> None:
+        columns: dict[str, Any] = rows._asdict()
+        if COVERED_M2 in self.schema.names:
+            columns[COVERED_M2] = covered_m2
+        columns["group"] = self._group_of_face[rows.face]
+        if "camera" in self._names:
+            columns["camera"] = self._camera_of_pose[rows.pose]
+        for name, names in self._names.items():
+            columns[name] = pa.DictionaryArray.from_arrays(columns[name], names)
+        self._pending = pa.concat_tables([self._pending, pa.table(columns, schema=self.schema)])
+        whole = len(self._pending) // ROWS_A_GROUP * ROWS_A_GROUP
+        if whole:
+            groups, rest = self._pending.slice(0, whole), self._pending.slice(whole)
+            self._pending = rest.take(np.arange(len(rest)))  # a copy releases the memory of batches
+            with named(self.path):
+                self._writer.write_table(groups, row_group_size=ROWS_A_GROUP)
+
+
+def _names(names: Iterable[str]) -> Any:
+    return pa.array(list(names), pa.string())
+
+
+def group_names(mesh: Mesh, faces: NDArray[np.int64]) -> Any:
+    """Arrow column of the names of the groups of some faces."""
+    names = _names(group.name for group in mesh.groups)
+    return pa.DictionaryArray.from_arrays(mesh.face_group[faces].astype(np.int32), names)
+
+
+def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
+    """Write a table of the task faces: Parquet, a row for each face and number of views.
+
+    Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
+    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64).
+    """
+    faces = np.flatnonzero(mesh.task_mask)
+    k = len(covered.area)
+    columns = {
+        "face": np.repeat(faces, k).astype(np.int32),
+        "group": group_names(mesh, np.repeat(faces, k)),
+        "views": np.tile(np.arange(1, k + 1, dtype=np.int32), len(faces)),
+        "m2": covered.area[:, faces].T.ravel(),
+        "bound_m2": np.repeat(covered.bound[faces], k),
+        "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
+    }
+    write_columns(path, columns)
+
+
+def write_frames(path: Path, frames: Sequence[Mapping[str, Any]]) -> None:
+    """Write a table of frames: Parquet, a row a frame, of the columns of `OverTime.table`."""
+    write_columns(path, {name: [each[name] for each in frames] for name in frames[0]})
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns as Parquet, by a file of ours: pyarrow takes only paths in UTF-8."""
+    with writing(path) as part, part.open("wb") as file:
+        pq.write_table(pa.table(columns), file)
