@@ -1,7 +1,6 @@
 """Rasterisers to test, and a headless context for the whole run that nothing is left behind on."""
 
 import gc
-import logging
 import os
 from collections import Counter
 from contextlib import ExitStack
@@ -11,10 +10,8 @@ from pathlib import Path
 import moderngl
 import pytest
 from hypothesis import settings
-from notices import NOTICE
 
 from rastercov.base.errors import DeviceError
-from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, libraries
@@ -26,14 +23,8 @@ settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
-# Wrong types in a call that does not look at them would be wrong memory.
-DirectCalls.is_checked = True
-
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
-
-# Whether loops are compiled depends on what ran before; no test of what is said may.
-logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.getMessage())
 
 
 def pytest_configure(config):
@@ -45,11 +36,6 @@ def pytest_configure(config):
     ours = {path.stem for folder in folders for path in (root / folder).rglob("*.py")}
     names = "|".join(["__main__", *sorted(ours)])
     config.addinivalue_line("filterwarnings", rf"error:::(rastercov\b|({names})$)")
-
-
-def pytest_collection_modifyitems(items):
-    """Begin with tests that compile for a minute: what the processes share at the end is short."""
-    items.sort(key=lambda item: item.get_closest_marker("compile") is None)
 
 
 def pytest_terminal_summary(terminalreporter):

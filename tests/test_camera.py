@@ -381,6 +381,7 @@ FILES = {
         "width = 1\nheight = 1\nfx = 100\nfy = 200\npixel_size = 1e-6\nf_number = 2",
         r"give focal lengths of 0\.0001 m and 0\.0002 m; correct pixel_size",
     ),
+    "calibrated.toml": ('file = "a.yaml"', r"names another file: rastercov\.read_views"),
     "sideless.toml": ("height = 1\nhfov_deg = 60", "missing width; hfov_deg needs it"),
     "outside.toml": ("width = 9\nheight = 9\nvfov_deg = 60\ncy = -1", "vfov_deg needs a principal"),
     "preset.toml": ('preset = "leica"', "no 'leica' among the cameras of the catalogue; there are"),

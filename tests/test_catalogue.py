@@ -10,6 +10,7 @@ import pytest
 import rastercov as rc
 from rastercov.camera.catalogue import catalogue, misfit
 from rastercov.camera.projection import rays_of
+from rastercov.camera.rig import preset_rig
 from rastercov.cli import command
 from rastercov.placement.plan.file import PlanError, plan_of
 
@@ -52,6 +53,54 @@ def test_every_model_has_its_source_and_every_pair_that_fits_is_a_camera():
     for camera, one in shop.cameras.items():
         fitting = {f"{camera}+{lens}" for lens, its in shop.lenses.items() if not misfit(one, its)}
         assert fitting == {name for name in names if name.startswith(f"{camera}+")}
+
+
+def test_scanners_have_a_pixel_a_beam_and_reach_as_far_as_their_sheets_say():
+    for name, low, high, step, reach in (
+        ("vlp16", -15, 15, 0.199, (1, 100)),
+        ("tls-360", -60, 90, 0.036, (0.6, 70)),
+    ):
+        camera = rc.Camera.load(name)
+        assert camera.depth_of_field() == reach
+        at = camera.width / 2
+        rays = rays_of(
+            np.array([(at, camera.height - 1e-6), (at, 1e-6), (at + 1, camera.cy)]), camera
+        )
+        ends = np.degrees(np.arcsin(-rays[:2, 1] / np.linalg.norm(rays[:2], axis=1)))
+        assert ends == pytest.approx((low, high), abs=0.02)
+        assert math.degrees(math.atan2(rays[2, 0], rays[2, 2])) == pytest.approx(step, abs=2e-4)
+
+
+def test_a_head_is_two_cameras_side_by_side_that_measure_together(tmp_path, capsys):
+    head = rc.Rig.preset("stereo:0.3:rpi-gs+rpi-16mm")
+    assert head.cameras == (rc.Camera.preset("rpi-gs+rpi-16mm"),) * 2
+    assert np.ptp(head.rig_from_camera[:, :3, 3], axis=0).tolist() == [0.3, 0, 0]
+    assert head.rule == rc.All()
+    usual = rc.Rig.preset("stereo:0.12")
+    assert usual.cameras == rc.Rig.preset("stereo").cameras == (rc.Camera.preset("zed"),) * 2
+    across = math.degrees(2 * math.atan(usual.cameras[0].width / 2 / usual.cameras[0].fx))
+    assert across == pytest.approx(76, abs=0.6)
+    (tmp_path / "own.toml").write_text('[heads]\nours = { camera = "khepra", baseline = 0.2 }')
+    own = preset_rig("ours", tmp_path / "own.toml")
+    assert own.rig_from_camera[1, 0, 3] == 0.2
+    assert own.cameras[0].width == 1280
+    head = {"preset": "ours:0.25", "min_baseline_deg": 3}
+    entries = {"meshes": [{"built_in": "box"}], "rigs": {"eyes": head}, "catalogue": "own.toml"}
+    plan = plan_of(entries, tmp_path / "plan.toml")
+    assert plan.rig.names == ("eyes/left", "eyes/right")
+    assert plan.rig.gates[0].least_deg == 3
+    assert command(["cameras", "stereo", "--json"]) == 0
+    [listed] = json.loads(capsys.readouterr().out)["heads"]
+    assert (listed["name"], listed["camera"]) == ("stereo", "zed")
+    for name, words in (
+        ("stereo:wide", "a baseline in metres wanted, got 'wide'"),
+        ("stereo:-1", "got '-1'"),
+        ("stereo:1:none", "no 'none' among the cameras"),
+        ("mono:1", "a head is NAME:BASELINE or NAME:BASELINE:CAMERA"),
+    ):
+        with pytest.raises(rc.CameraError, match=words) as error:
+            rc.Rig.preset(name)
+        assert "\n" not in str(error.value)
 
 
 REFUSED = {

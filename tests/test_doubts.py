@@ -6,7 +6,7 @@ import pytest
 import rastercov as rc
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.doubts import dead_pixels, doubts
+from rastercov.coverage.doubts import BEYOND, dead_pixels, doubts
 from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh, shapes
 
@@ -109,3 +109,12 @@ def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():
     assert dead_pixels(CAMERA) == {}
     assert lines(mesh, around(mesh)[:2], folding)[0].startswith("6")
     assert lines(mesh, around(mesh)[:2], disc) == []
+
+
+def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
+    poses = rc.look_at(np.array([(0, 0, 0.9), (9, 0, 1)]), (2, 1, 1.0))
+    (line,) = lines(shapes.by_name("room"), poses)
+    assert line == f"1 camera is {BEYOND}: 1 at (9.0, 0.0, 1.0)"
+    box = shapes.box((1.0, 1.0, 1.0), 1)
+    (line,) = lines(box, rc.look_at(np.array([(0.1, 0, 0), (0, 0, 2), (2, 2, 2)]), (0, 0, 0.4)))
+    assert line.endswith(": 0 at (0.1, 0.0, 0.0)")

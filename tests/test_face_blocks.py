@@ -1,4 +1,4 @@
-"""Faces judged eight at a time by SIMD, against the same faces one by one."""
+"""Faces judged in lanes, against the same faces one by one."""
 
 import math
 
@@ -14,16 +14,14 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, measurements
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import CHOICES, Network
-from rastercov.coverage.reasons import Reason
-from rastercov.kernels import coverage as kernels
-from rastercov.kernels import decision
-from rastercov.kernels.decision import AT_A_TIME
+from rastercov.coverage.records import figures_of
 from rastercov.mesh import shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.native.coverage_figures import judge_poses
 
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))
-FEW = AT_A_TIME - 1
-"""Faces of a part of a mesh that are measured one by one: there is no block of that many."""
+FEW = 1
+"""Faces of a part of a mesh that are measured one by one: no level has as few lanes."""
+pytestmark = pytest.mark.native
 METHODS = "certified", "exact", "sampled:cpu@2"
 
 
@@ -68,10 +66,10 @@ def sums(network):
 
 
 def parts_of(judge, measured, poses):
-    """Arguments scene, lens, seen and work of the loops, for a few faces at a time."""
-    whole, lens, seen, work = [], [], [], []
+    """Arguments scene, lens, seen and points of the loops, for a few faces at a time."""
+    whole = []
     judge.share(measured, poses, lambda: lambda rows, index, scope: whole.append(scope))
-    scene, lens, seen, work = whole[0]
+    scene, lens, seen, points = whole[0]
     for first in range(0, judge.mesh.n_faces, FEW):
         part = slice(first, first + FEW)
         of_faces = {
@@ -83,7 +81,7 @@ def parts_of(judge, measured, poses):
             for name in ("visible", "drawn", "kind", "area_error")
             if getattr(seen, name).size
         }
-        yield part, (scene._replace(**of_faces), lens, seen._replace(**of_pairs), work)
+        yield part, (scene._replace(**of_faces), lens, seen._replace(**of_pairs), points)
 
 
 def one_by_one(judge, measured, poses):
@@ -92,9 +90,7 @@ def one_by_one(judge, measured, poses):
     figures = {name: np.empty(shape, kind) for name, kind in FIGURES.items()}
     for part, scope in parts_of(judge, measured, poses):
         few = {n: np.empty_like(each[:, part], order="C") for n, each in figures.items()}
-        out = kernels.record(few)
-        kernels.judge_poses((0, len(poses)), *scope, judge.rules[0], out, 0)
-        kernels.replace_by_angles(out.incidence)
+        judge_poses(0, len(poses), *scope, judge.rules[0], figures_of(few))
         for name, each in few.items():
             figures[name][:, part] = each
     return figures
@@ -104,7 +100,7 @@ def one_by_one(judge, measured, poses):
 @pytest.mark.parametrize("method", METHODS)
 @examples(25, at_night=400)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_eight_faces_are_judged_as_one_is(method, seed):
+def test_faces_in_lanes_are_judged_as_one_is(method, seed):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
     distance = float(10 ** rng.uniform(0, 1))
@@ -133,16 +129,9 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
             np.testing.assert_equal(sums(total), sums(whole))
 
 
-def test_codes_are_those_of_the_package():
-    for code in BoundKind:
-        assert getattr(decision, code.name) == code
-    for code in Reason:
-        assert getattr(decision, code.name) == code
-
-
 @pytest.mark.parametrize("skew", [0, 1, 3, 7])
 def test_figures_are_the_same_in_any_place(skew):
-    """Blocks begin at cache lines, wherever the arrays of the figures do."""
+    """Lanes begin at cache lines, wherever the arrays of the figures do."""
     mesh = shapes.torus(9, 7)
     poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), 3 * np.ptp(mesh.bounds), 5))
     with open_observer(mesh, CAMERA) as observer:

@@ -153,6 +153,19 @@ def test_check_replaces_what_is_wanted():
     assert found.views == 3
 
 
+def test_check_holds_a_rig_against_the_baseline_that_it_wrote(capsys):
+    found = rc.check(NAMED, POSES, out="base")
+    assert {"check.html", "check.json"} < files()
+    worse = rc.check(PLAN, POSES[:2], min_coverage=0.1, baseline="base/check.json")
+    assert (found.is_met, worse.is_met) == (True, False)
+    Path("plan.toml").write_text(TOML)
+    rc.write_poses("rig.json", POSES[:2])
+    line = "check plan.toml -p rig.json --min-coverage 0.1 --baseline base/check.json --json"
+    code, out, _ = call(capsys, line)
+    assert code == 1
+    assert json.loads(out)["baseline"] == as_stored(vars(worse.against))
+
+
 def test_check_takes_several_cameras():
     wide, long = (rc.Camera(width=96, height=72, fx=f, fy=f) for f in (60, 120))
     index = [0, 1, 0, 1, 0, 1]
@@ -192,7 +205,7 @@ def test_audit_is_the_command(capsys):
     assert command == function
     assert as_stored(found.summary())["covered_percent"] == function["covered_percent"]
     assert [entry["frame"] for entry in function["frames"]["per_frame"]] == list("abc")
-    assert "of 3 frames" in Path("function", "audit.html").read_text()
+    assert "the 3 frames is needed" in Path("function", "audit.html").read_text()
     assert pq.read_table("function/cameras.parquet")["frame"].to_pylist() == frames
 
 
@@ -224,6 +237,7 @@ WITHOUT_UNIT = rc.Views(
             r"candidates\[0\]: there is no camera 'camera'; cameras are other",
         ),
         (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
+        (lambda: rc.check(PLAN, POSES, baseline="part.obj"), "part.obj: "),
         (lambda: rc.check(PLAN, [[1, 2]]), "poses must"),
         (lambda: rc.check(PLAN, POSES, groups={"door": 0.5}), "no group 'door'"),
         (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid must be a share of 0 to 1, got 2"),

@@ -116,6 +116,17 @@ def test_any_layout_of_numbers_gives_the_same_answer(kind, order):
     assert np.array_equal(found, expected)
 
 
+@pytest.mark.parametrize(
+    ("name", "argument"),
+    [("evaluate", "by"), ("audit", "by"), ("audit", "suggest"),
+     ("Motion.poses_of", "body"), ("Robot.is_moving", "link")],
+)  # fmt: skip
+def test_an_array_is_compared_with_no_name(right, name, argument):
+    """It would be a comparison of each element, and that many bytes."""
+    many = np.broadcast_to(np.int8(0), (2**40, 3))
+    assert not right[name].spoiled(**{argument: many}).fault()
+
+
 @pytest.mark.parametrize("n", [2**31, 2**40])
 def test_more_than_the_memory_holds_is_refused_before_any_is_taken(n):
     one = np.int8(0)

@@ -2,14 +2,17 @@
 
 import subprocess
 import sys
+import tarfile
 import tomllib
 import warnings
 import zipfile
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 
 import pytest
+from nightly import IS_NIGHTLY
 from processes import python
+
+from rastercov import native
 
 ROOT = Path(__file__).parents[1]
 LINKED = {"rastercov/reference": "reference", "rastercov/shaders": "shaders"}
@@ -48,7 +51,7 @@ def expected():
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory):
-    """A copy of the tree: setuptools packs whatever an earlier build left in build/."""
+    """A copy of the tree: nothing that an earlier build left in it."""
     if not (ROOT / ".git").exists():
         pytest.skip("git says what belongs to the tree, and this is no clone")
     copy = tmp_path_factory.mktemp("tree")
@@ -64,16 +67,17 @@ def tree(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def built(tree, tmp_path_factory):
-    """Folder with the wheel and the sdist, by the setuptools that is here or else a fresh one."""
+    """Folder with the wheel and the sdist, by the tools that are here; loops of one level.
+
+    At night the loops are compiled from the sdist, else the wheel takes those of this tree.
+    """
     out = tmp_path_factory.mktemp("dist")
-    words = [sys.executable, "-m", "build", "--outdir", str(out)]
-    try:
-        is_new_enough = int(version("setuptools").split(".")[0]) >= 77
-    except PackageNotFoundError:
-        is_new_enough = False
-    words += ["--no-isolation"] if is_new_enough else []
-    command(*words, str(tree), cwd=out)  # the wheel is built from the sdist
-    return out
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(tree)]
+    build.append("-Ccmake.define.RASTERCOV_LEVELS=own")
+    if not IS_NIGHTLY:
+        build.append(f"-Ccmake.define.RASTERCOV_BUILT={native.FOLDER}")
+    command(*build, cwd=out)
+    return out  # the wheel is built from the sdist
 
 
 @pytest.fixture(scope="module")
@@ -96,21 +100,49 @@ def test_the_links_to_the_top_level_are_relative():
         assert (ROOT / target / "__init__.py").is_file()
 
 
-def test_every_package_is_listed():
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+def test_every_folder_of_code_is_a_package():
     found = {str(PurePosixPath(n).parent) for n in expected() if n.endswith("__init__.py")}
-    assert set(listed) == {name.replace("/", ".") for name in found}
     code = {str(PurePosixPath(n).parent) for n in expected() if n.endswith((".py", ".glsl"))}
-    assert code == found  # no folder of code without an __init__.py
+    assert code == found
 
 
 @pytest.mark.slow
 def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
     names = {name for name in files(unzipped) if ".dist-info/" not in name}
+    modules = {name for name in names if name.endswith(".so")}
+    names -= modules
     assert names == expected()
+    own = f"_{native.runnable()[-1]}"
+    assert {Path(name).name.split(".")[0] for name in modules} == {"_cpu", own}
     assert {"rastercov/shaders/face.vert.glsl", "rastercov/reference/__init__.py"} <= names
     for name in names:
         assert (unzipped / name).read_bytes() == (ROOT / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_the_sdist_holds_all_that_the_loops_are_compiled_from(built):
+    (sdist,) = built.glob("*.tar.gz")
+    sources = {name for name in tracked() if name.startswith("rastercov/native/")}
+    with tarfile.open(sdist) as archive:
+        found = {name.partition("/")[2] for name in archive.getnames()}
+    assert sources <= found
+    assert not {name for name in found if name.endswith((".so", ".pyi"))}
+
+
+@pytest.mark.slow
+def test_the_wheel_asks_only_for_the_stable_interface_of_python(unzipped):
+    """A module tagged with one version of Python would not be found by a later one."""
+    (info,) = unzipped.glob("*.dist-info")
+    if "-abi3-" in (info / "WHEEL").read_text():
+        assert all(name.endswith(".abi3.so") for name in files(unzipped) if name.endswith(".so"))
+
+
+def test_wheels_have_the_loops_of_all_levels():
+    table = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]
+    wheels = [each for each in table["overrides"] if each["if"].get("state") == "wheel"]
+    assert [each["cmake"]["define"]["RASTERCOV_LEVELS"] for each in wheels] == [
+        ";".join(native.LEVELS)
+    ]
 
 
 SCRIPT = """
@@ -129,7 +161,6 @@ assert "void main" in shaders.source("face.vert")
 assert shapes.teapot().n_faces > 1000
 assert shapes.aeroplane().n_faces == 1970
 import rastercov.report.coverage, rastercov.report.placement, rastercov.viewer.server
-# An image by OpenGL: nothing has to be compiled, which takes a minute.
 words = "render teapot-5 -c khepra -p sphere:2 --device surfaceless".split()
 sys.exit(cli.command([*words, "--out", sys.argv[3]]))
 """
@@ -159,7 +190,6 @@ def test_a_warning_in_a_file_of_ours_is_an_error(module):
 def test_the_wheel_names_its_command_and_licence(unzipped):
     (info,) = unzipped.glob("*.dist-info")
     assert "rastercov = rastercov.cli:main" in (info / "entry_points.txt").read_text()
-    assert (info / "top_level.txt").read_text().split() == ["rastercov"]
     assert (info / "licenses" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
     metadata = (info / "METADATA").read_text(encoding="utf-8")
     assert "\nLicense-Expression: MIT\n" in metadata

@@ -5,6 +5,7 @@ import dataclasses
 import importlib
 import inspect
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,13 +15,16 @@ import rastercov
 import rastercov.mesh.shapes
 
 SURFACE = """
-    BoundKind Camera CameraError CellShares Cells ConfigError Conventions Coverage Covered
-    DeadZones DeviceError Engine Evaluation FaceCounts Group Mesh MeshError Network Observation
-    Observer PoseError Poses RastercovError Rasterizer RasterizerInfo Reason RegionUnion Regions
-    ResourceError Rig Task Views Visibility VisibilityBuffer Workers audit cells check
-    dead_zones evaluate evaluate_batches look_at open_observer open_rasterizer place read_poses
-    read_views regions sphere_of_poses unite visibility write_poses write_views"""
-"""A name that is added or goes is added or goes here, and in docs/changelog.md."""
+    All Any AtLeast BeamDensity BoundKind Camera CameraError CellShares Cells Collisions
+    ConfigError Conventions Coverage Covered DeadZones DeviceError Engine Evaluation Exposure
+    FaceCounts Group Highlight Illuminance Lamp Lamps LaserLine Mesh MeshError Motion Network
+    Observation Observer OverTime PoseError Poses RastercovError Rasterizer RasterizerInfo
+    RayAngle Reason RegionUnion Regions ResourceError Rig Robot Task Uncertainty Views
+    Visibility VisibilityBuffer Workers audit cells check conveyor dead_zones evaluate
+    evaluate_batches evaluate_over_time laser_line load_lamps load_motion look_at open_observer
+    open_rasterizer over_time place read_poses read_views regions regions_over_time show
+    sphere_of_poses table turntable unite visibility write_poses write_views"""
+"""A name that is added or goes is added or goes here, and in CHANGELOG.md."""
 
 
 def test_the_surface_is_these_names():
@@ -40,14 +44,19 @@ def test_dir_has_public_names_only():
     assert rastercov.__version__
 
 
+ARM = Path(__file__).parents[1] / "examples" / "arm.urdf"
 CAMERA = rastercov.Camera(width=24, height=18, fx=20, fy=20)
 POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
+
+EXPOSURE = rastercov.Exposure(
+    exposure_time=0.01, f_number=4, pixel_size=3e-6, quantum_efficiency=0.6, full_well=1e4
+)
 
 
 def values():
     """A value of every public class but errors."""
     mesh = rastercov.mesh.shapes.box()
-    regions = rastercov.regions(mesh, CAMERA, POSES)
+    regions, arm = rastercov.regions(mesh, CAMERA, POSES), rastercov.Robot.load(ARM)
     covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
     found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
     rig = rastercov.Rig([CAMERA] * 20)
@@ -65,6 +74,20 @@ def values():
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
             rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
             *(rastercov.RegionUnion(mesh), rastercov.Engine(), rastercov.Workers(2)),
+            *(rastercov.All(), rastercov.Any(), rastercov.AtLeast(2)),
+            rastercov.RayAngle(np.eye(3)[:2], 20),
+            rastercov.Illuminance(np.eye(3), 1.0),
+            rastercov.Highlight((0, 0, 1), np.eye(3), 10),
+            rastercov.Uncertainty(np.eye(3), 1e-4, 1e-4),
+            rastercov.BeamDensity((0, 0, 0), (0, 0, 1), 0.2, 100),
+            rastercov.Motion(mesh, {"mesh": np.eye(4)}),
+            EXPOSURE,
+            *(rastercov.Lamp.point(5), rastercov.Lamps([rastercov.Lamp.point(5)])),
+            *(arm, rastercov.Collisions(arm)),
+            rastercov.evaluate_over_time(
+                rastercov.Motion(mesh, {"mesh": np.eye(4)}), CAMERA, POSES, threads=1
+            ),
+            rastercov.LaserLine(regions, 3, 1.0, 1.0),
             *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
         ]
 
@@ -110,7 +133,7 @@ def test_values_are_frozen(name):
     assert kind.__dataclass_params__.frozen
     thing = object.__new__(kind)
     with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(thing, dataclasses.fields(kind)[0].name, None)
+        setattr(thing, [*(each.name for each in dataclasses.fields(kind)), "new"][0], None)
 
 
 RESULTS = [

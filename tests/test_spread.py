@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov.coverage.network import ViewSpread, least_cosine
-from rastercov.kernels.placement_selection import next_camera
 from rastercov.mesh import shapes
+from rastercov.native.placement_selection import next_camera
 from rastercov.placement import Objective, build_matrix, problem_of
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.reference.views import covered_faces

@@ -1,11 +1,14 @@
 """Words on a task."""
 
 from dataclasses import asdict, fields, replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.coverage.advice import task_in_words
+from rastercov.coverage.advice import advice, general_advice, task_in_words
+from rastercov.coverage.reasons import REASONS
 
 OTHER = {
     "min_visibility": 0.25, "max_blur": 2.0, "max_incidence_deg": 70.0, "views": 3,
@@ -37,3 +40,27 @@ def test_views_of_groups_and_names_of_the_standard_are_in_words():
         "Covered is what 2 cameras see, 3 of doors, 15° apart, with 250 px/m or more on what "
         "faces the camera (identify)."
     )
+
+
+@pytest.mark.parametrize("hider", ["", "jig"])
+@pytest.mark.parametrize("name", REASONS)
+def test_no_advice_has_the_name_of_a_figure_in_place_of_it(name, hider):
+    said = general_advice(name, hider)
+    assert not set("{}") & set(said)
+    assert (hider in said) or name != "occluded"
+    if name.upper() in rc.Reason.__members__:
+        figures = {"distance": 1.0, "incidence": 1.0, "pixel_density": 1.0}
+        task, camera = rc.Task(min_pixel_density=5), rc.Camera(width=8, height=8, fx=8, fy=8)
+        said = advice(rc.Reason[name.upper()], figures, np.ones(1), task, camera, hider)
+        assert not set("{}") & set(said)
+
+
+def test_advice_is_read_where_its_figures_are_filled_in_alone():
+    package = Path(rc.__file__).parent
+    raw = {
+        path.name
+        for path in package.rglob("*.py")
+        if "].advice" in path.read_text(encoding="utf-8")
+    }
+    # Reconstruction has words of its own, too, and fills in all of them.
+    assert raw == {"advice.py", "reconstruction.py"}

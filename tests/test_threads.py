@@ -8,7 +8,6 @@ import tracemalloc
 import weakref
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from rastercov.base.threads import Once, ScratchPool, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.exact import half_planes as analytic
 from rastercov.exact import surface
-from rastercov.kernels import jit as compiled
 from rastercov.mesh import contacts, shapes
 from rastercov.reference.models.scott import coverage as scott_coverage
 
@@ -107,35 +105,6 @@ def test_six_threads_get_the_answers_of_one_bit_for_bit(process):
 
 
 @pytest.mark.slow
-def test_a_fork_waits_for_the_compiler_and_its_child_can_compile():
-    run_python(
-        "-c",
-        """
-import os, signal, threading, time
-from numba.core.compiler_lock import global_compiler_lock
-import rastercov as rc
-from rastercov import shapes
-from rastercov.kernels import jit as compiled
-is_compiling = threading.Event()
-def work():
-    with global_compiler_lock:
-        is_compiling.set()
-        time.sleep(0.3)
-thread = threading.Thread(target=work)
-thread.start()
-is_compiling.wait()
-child = os.fork()
-if not child:
-    signal.alarm(30)  # a deadlock ends by this signal
-    compiled.compiled(lambda number: number + 1)(1)
-    os._exit(0)
-assert os.waitpid(child, 0)[1] == 0
-thread.join()
-""",
-    )
-
-
-@pytest.mark.slow
 def test_a_child_works_out_what_its_parent_was_working_out_when_it_forked():
     run_python(
         "-c",
@@ -200,18 +169,6 @@ def test_a_surface_lives_as_long_as_its_mesh():
     assert kept() is surface.surface_of(mesh)
     del mesh
     assert kept() is None
-
-
-def test_a_compilation_is_announced_once_however_many_threads_wait_for_it(monkeypatch):
-    said = []
-    monkeypatch.setattr(compiled, "_said", {})
-    monkeypatch.setattr(compiled, "LOG", SimpleNamespace(warning=lambda *words: said.append(words)))
-    monkeypatch.setattr(compiled._Kept, "_load", lambda *_: None)
-    monkeypatch.setattr(compiled._Kept, "has_room", lambda kept: True)
-    loop = compiled.compiled(lambda number: number + 1)
-    assert in_threads(6, lambda _: loop(1)) == [2] * 6
-    assert len(said) == 1
-    assert "compiling" in said[0][1]
 
 
 def test_what_a_mesh_computes_at_first_use_cannot_be_changed():

@@ -12,8 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.mark.slow
 def test_a_run_ends_with_its_skips(tmp_path):
-    for name in ("conftest.py", "support/notices.py"):
-        (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
+    (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text())
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"
         "@pytest.mark.parametrize('n', range(4))\n"
@@ -35,5 +34,5 @@ def test_what_the_tests_import_is_installed_with_them():
     def names(lines):
         return {line.partition(">")[0] for line in lines}
 
-    for extra in ("place", "models", "markers"):
+    for extra in ("place", "tables", "compare", "models", "markers"):
         assert names(extras[extra]) <= names(extras["dev"]), extra

@@ -12,8 +12,9 @@ from surface_cases import hostile_scene, room
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork, in_words, unit_of_result
+from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.union import polygon_areas, with_rest
+from rastercov.coverage.area.union import with_rest
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.mesh import Group
@@ -142,6 +143,6 @@ def test_occluders_have_no_rest():
 
 def test_words_have_the_digits_that_are_known():
     figures = {"percent": 12.3456789, "bound_percent": 3e-4, "views": 1, "by_views": []}
-    assert in_words(figures) == "12.346 % of the area, within 0.0003 % of it"
+    assert in_words(figures) == "12.346 ± 0.001 % of the area"
     figures |= {"bound_percent": 0.0, "views": 2, "by_views": [{"percent": 50.0, "views": 1}, {}]}
     assert "by 2 cameras or more; 50.0 % by 1" in in_words(figures)

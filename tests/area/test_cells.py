@@ -10,6 +10,8 @@ from surface_cases import building, in_regions, room
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
 
+pytestmark = pytest.mark.native
+
 TASK = rc.Task(max_incidence_deg=70, min_pixels_per_m2=2000)
 
 

@@ -11,6 +11,8 @@ import rastercov as rc
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.reference.regions import covers_points
 
+pytestmark = pytest.mark.native
+
 TASKS = [
     rc.Task(),
     rc.Task(max_incidence_deg=60),

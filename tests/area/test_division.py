@@ -6,8 +6,11 @@ import pytest
 import rastercov as rc
 from rastercov.coverage.area import division
 from rastercov.coverage.area.division import Cells, Pieces
-from rastercov.coverage.area.regions import Regions
-from rastercov.coverage.area.union import RegionUnion, polygon_areas
+from rastercov.coverage.area.polygons import polygon_areas
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.area.union import RegionUnion
+
+pytestmark = pytest.mark.native
 
 MESH = rc.Mesh(vertices=[(0, 0, 0), (7, 0, 0), (2, 4, 0)], faces=[(0, 1, 2)])
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
@@ -62,6 +65,7 @@ def regions_of(parts):
         face=np.zeros(n, np.int32), pose=pose,
         pair_pose=rows, pair_face=np.zeros(len(parts), np.int32),
         area=np.bincount(pose, areas), bound=np.zeros(len(parts)),
+        eyes=np.zeros((len(parts), 3)),
     )  # fmt: skip
 
 

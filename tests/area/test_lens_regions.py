@@ -15,6 +15,8 @@ from rastercov.coverage.area import regions as area_regions
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.reference.regions import covers_points
 
+pytestmark = pytest.mark.native
+
 MESH, PINHOLE, POSES = room()
 TASKS = {
     "visible": rc.Task(),

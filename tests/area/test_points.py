@@ -13,6 +13,8 @@ from rastercov.report.camera_pictures import covered_pixels
 from rastercov.report.overview import nearest_covering
 from rastercov.report.panorama import points_of_pixels, seen
 
+pytestmark = pytest.mark.native
+
 TASK = rc.Task(max_incidence_deg=75)
 
 

@@ -27,6 +27,8 @@ from rastercov.coverage.area.frames import frames_of, to_plane, to_world
 from rastercov.coverage.area.regions import OF_A_FACE, RegionPass
 from rastercov.reference.regions import points_on
 
+pytestmark = pytest.mark.native
+
 AHEAD = np.eye(4)[None]
 CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
 TASKS = {

@@ -15,6 +15,8 @@ from rastercov.coverage.area.frames import frames_of, to_plane
 from rastercov.coverage.area.union import RegionUnion
 from rastercov.reference.regions import points_on
 
+pytestmark = pytest.mark.native
+
 TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000)
 CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
 

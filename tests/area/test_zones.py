@@ -1,17 +1,20 @@
 """Dead zones: connected parts that too few cameras cover, their areas, places and reasons."""
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import square
+from scenes import joined, square
 from surface_cases import building, cut_at_random, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.union import RegionUnion, polygon_areas
+from rastercov.coverage.area.polygons import polygon_areas
+from rastercov.coverage.area.union import RegionUnion
 from rastercov.coverage.area.zones import dead_zones, summary_of, zone_lines
 from rastercov.coverage.reasons import REASONS
 from rastercov.reference.regions import covers_points, points_on
@@ -210,6 +213,43 @@ def test_a_hidden_zone_names_the_group_in_front():
     assert zone_lines({}) == []
 
 
+def test_faces_of_a_part_of_cad_are_named_by_the_part():
+    """Both sheets are faces of one part, and so is the zone behind them of its own."""
+    mesh = hidden_scene()
+    names = ("arm/floor/face 1", "arm/sheet/face 2", "arm/sheet/face 13")
+    groups = [replace(group, name=name) for group, name in zip(mesh.groups, names, strict=True)]
+    mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
+    found = named(mesh, CAMERA, AHEAD, rc.Task())
+    (zone,) = found["dead_zones"]
+    assert (zone["groups"], zone["hidden_by"]) == (["arm/floor/face 1"], "arm/sheet/face 13")
+    assert zone_lines(found) == [
+        "dead zone 4 m² at (-1.0, -1.0, 4.0) in group arm/floor: occluded by arm/sheet"
+    ]
+    assert "so that arm/sheet is not between" in zone["advice"]
+
+
+def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
+    mesh = hidden_scene()
+    advice = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"][0]["advice"]
+    said = r"move the camera so that near is not between: by ([\d.]+) m, to \((.*), (.*), (.*)\) m"
+    moved, *place = map(float, re.fullmatch(said, advice).groups())
+    assert moved == pytest.approx(np.linalg.norm(place), rel=0.01)
+    middle = np.array([-1.0, -1.0, 4.0])
+    there = rc.look_at(place, middle)
+    ((reason, _),) = first_failures(mesh, CAMERA, rc.Task(), there, middle[None], np.array([0]))
+    assert reason[0] == rc.Reason.COVERED
+
+
+def test_what_no_place_shows_is_said_to_be_so():
+    box = np.array([(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]) * (3, 3, 3)
+    vertices = np.concatenate([box, box - (0, 0, 1e-3), 1e3 * (box - (0, 0, 3)) + (0, 0, 3.1)])
+    faces = [(k, k + 2, k + 1) for k in (0, 4, 8)] + [(k, k + 3, k + 2) for k in (0, 4, 8)]
+    groups = [rc.Group("floor"), *(rc.Group(name, is_occluder=True) for name in ("lid", "rest"))]
+    mesh = rc.Mesh(vertices, faces, groups, [0, 1, 2, 0, 1, 2])
+    advice = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"][0]["advice"]
+    assert re.fullmatch(r"lid is between, and none of 192 places within [\d.]+ m covers it", advice)
+
+
 @pytest.mark.parametrize("scene", [room, building])
 def test_points_fail_as_the_pointwise_reference_says(scene):
     mesh, camera, poses = scene()
@@ -271,3 +311,40 @@ def test_groups_of_a_zone_are_named_by_falling_area():
     (place,) = dead_zones(rc.unite(away)).places(1)
     assert place["groups"] == ["large", "small"]
     assert place["area_m2"] == pytest.approx(4)
+
+
+def test_a_zone_is_advised_a_camera_of_its_own_room():
+    """Two rooms beside each other; the floor below a table in one is nearer to the other's camera.
+
+    A-----+B----+
+    |  ___|     |      A and B: cameras under the ceiling
+    |  | ||     |
+    +-----+-----+
+    """
+    walls = [rc.shapes.box((2, 2, 2), 4, (x, 0, 1)) for x in (-1, 1.1)]
+    rooms = [rc.Mesh(each.vertices, each.faces[:, ::-1]) for each in walls]
+    table = rc.shapes.box((0.8, 1.0, 0.05), 1, (-0.5, 0, 0.5))
+    camera = rc.Camera.from_fov(800, 600, hfov_deg=110)
+    eyes, target = [(0.15, 0, 1.9), (-1.8, 0, 1.9)], (-0.5, 0, 0)
+    found = rc.evaluate(
+        joined(*rooms, table), camera, rc.look_at(eyes, target), by="area", fields=()
+    )
+    below = [
+        zone for zone in found.summary()["dead_zones"]
+        if zone["reason"] == "occluded" and zone["area_m2"] > 0.1
+    ]  # fmt: skip
+    assert below
+    assert {zone["nearest"]["pose"] for zone in below} == {1}
+
+
+def test_a_coincident_surface_in_front_is_said_to_hide():
+    """Two walls at the same place, back to back: neither is seen, and advice has its figures."""
+    walls = [rc.shapes.box((2, 2, 2), 4, (x, 0, 1)) for x in (-1, 1)]
+    rooms = joined(*(rc.Mesh(each.vertices, each.faces[:, ::-1]) for each in walls))
+    f = 180 / np.pi
+    camera = rc.Camera(width=360, height=180, fx=f, fy=f, model="equirectangular")
+    poses = rc.look_at([(-1.8, 0, 1.9), (0.15, 0, 1.9)], (-0.5, 0, 0))
+    found = rc.evaluate(rooms, camera, poses, by="area", fields=()).summary()
+    for zone in found["dead_zones"]:
+        assert "{" not in zone["advice"]
+        assert zone["reason"] != "too_oblique"  # no such limit is set

@@ -12,7 +12,7 @@ from commands import answer, call, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
-from rastercov.placement.plan.baseline import compare
+from rastercov.placement.plan.baseline import compare, words
 from rastercov.placement.plan.check import check, record
 from rastercov.placement.plan.file import plan_of
 
@@ -87,3 +87,10 @@ def test_what_is_no_baseline_is_one_line(files, capsys):
     assert "views = 1, and this one has 2" in refusal(
         capsys, f"{CHECK} --views 2 --baseline base/check.json"
     )
+
+
+def test_a_difference_has_the_digits_of_its_bound():
+    share = {"group": None, "share": 0.9085431, "before": 0.9147649}
+    texts = [words(share | {"bound": bound}) for bound in (5.4e-6, 0.03, 0.0)]
+    figures = ["0.62218 ± 0.00054", "0.6 ± 3", "0.622180 ± 0"]
+    assert [text.split(": ")[2] for text in texts] == [f"{each} points less" for each in figures]

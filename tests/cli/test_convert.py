@@ -114,7 +114,7 @@ def test_bare_poses_have_the_convention_that_is_named(here, capsys):
     [
         ("-p model", "the poses have no unit, and the mesh is in metres; give --pose-unit"),
         ("-p model --pose-unit m", "there are 2 cameras, .*choose one by --camera-name"),
-        ("-p sphere:3", "sphere:N needs a camera; give --camera"),
+        ("-p sphere:3", "sphere:3 needs a camera; give --camera"),
         ("-c model -p sphere:3", "there are 2 cameras"),
         ("-p ours.npy", "ours.npy has poses and no camera; give --camera"),
         ("-c ours.npy -p ours.npy", "ours.npy has poses and no camera"),
@@ -159,8 +159,13 @@ def test_convert_says_which_poses_it_leaves_out(here, capsys):
     assert "cameras and names of images are left out" in call(capsys, "convert out.json o.npy")[2]
 
 
+OPTICS = "pixel_size = 5e-6, f_number = 4, focus_distance = 2.5"
+
+
 @pytest.mark.slow
 def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
+    matrix = f"K1: {MATRIX.format(50)}\nimage_width: 64\nimage_height: 48\n"
+    (here / "k.yaml").write_text(matrix)
     entries = ['preset = "khepra"', "near = 0.5", "hfov_deg = 40"]
     (here / "c.toml").write_text("\n".join(entries))
     line = f"-c '{', '.join(entries)}' -p sphere:3"
@@ -168,8 +173,16 @@ def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
     for entry, words in (
         ("widht = 3", "--camera widht = 3: unknown entry 'widht'"),
         ("near = ", "a file, a preset, or entries such as"),
+        ("left=none.yaml", "none.yaml: cannot be read"),
+        ('file = "none.yaml"', "none.yaml: cannot be read"),
+        ('file = "k.yaml", fx = 3', "file stands beside near"),
     ):
         assert words in refusal(capsys, f"{RENDER} -c '{entry}' -p sphere:3")
+    (here / "f.toml").write_text(f'file = "k.yaml"\n{OPTICS.replace(", ", chr(10))}')
+    for given in (f'file = "k.yaml", {OPTICS}', f'left={{file = "k.yaml", {OPTICS}}}'):
+        assert rendered(capsys, f"-c '{given}' -p sphere:3") == rendered(
+            capsys, "-c f.toml -p sphere:3"
+        )
 
 
 PLAN = """

@@ -22,7 +22,7 @@ from rastercov.raster.gl import WAYS, GLRasterizer, devices, diagnose, libraries
 from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(
-    r"By default rastercov counts on the CPU, numba [\d.]+, \d+ threads?, because .*\.$"
+    r"By default rastercov counts on the CPU, rastercov [\d.]+, \d+ threads?, because .*\.$"
 )
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)
 
@@ -126,7 +126,7 @@ def test_the_default_is_what_auto_opens(report):
 
 
 def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_context):
-    renderer, cores = f"numba {report['versions']['numba']}", len(os.sched_getaffinity(0))
+    renderer, cores = f"rastercov {report['versions']['rastercov']}", len(os.sched_getaffinity(0))
     assert report["cpu"] == {"renderer": renderer, "threads": cores, "self_test": "passed"}
     assert set(report["kinds"]) == {"egl-device", "egl-surfaceless", "osmesa"}
     assert report["kinds"]["egl-surfaceless"] == "available"
@@ -136,7 +136,7 @@ def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_cont
     assert row["context"]["limits"] == json.loads(json.dumps(gl_context.info.limits))
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert report["shaders"] == shaders.digest()
-    names = ["rastercov", "Python", "moderngl", "numba", "numpy", "trimesh", "OS"]
+    names = ["rastercov", "Python", "moderngl", "numpy", "trimesh", "OS"]
     assert list(report["versions"]) == names
 
 
@@ -144,7 +144,7 @@ def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_cont
 def test_printed_report_has_every_device_and_ends_with_the_default(report, width):
     report["environment"] = {"LIBGL_ALWAYS_SOFTWARE": "1", "CUDA_VISIBLE_DEVICES": "[2]"}
     text = printed(report, width)
-    rows = [r"cpu +numba [\d.]+ +- +software +passed *$"]
+    rows = [r"cpu +rastercov [\d.]+ +- +software +passed *$"]
     rows += [rf"{row['device']['label']} .*passed" for row in report["reports"]]
     places = [re.search(f"^ ?{row}", text, re.MULTILINE).start() for row in rows]
     assert places[0] == min(places)
@@ -224,8 +224,8 @@ def test_one_wrong_count_on_the_cpu_fails_its_self_test(monkeypatch, what):
 
 @pytest.mark.parametrize(
     ("error", "line"),
-    [(DeviceError("numba 0 counted a known scene wrongly"), "numba 0 counted a known scene"),
-     (ImportError("no\nllvmlite"), "ImportError: no llvmlite"), (MemoryError(), "MemoryError:")],
+    [(DeviceError("rastercov 0 counted a scene wrongly"), "rastercov 0 counted a scene"),
+     (ImportError("no\nloops"), "ImportError: no loops"), (MemoryError(), "MemoryError:")],
 )  # fmt: skip
 def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error, line):
     monkeypatch.setattr(CPURasterizer, "__init__", Mock(side_effect=error))

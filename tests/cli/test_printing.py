@@ -1,13 +1,14 @@
 """Pages in a browser: no request, no fault, headings in order, few screens; and on paper."""
 
-import re
 import shutil
 import sys
 from itertools import pairwise
 from pathlib import Path
+from unicodedata import normalize
 
 import pytest
 from commands import call
+from pypdf import PdfReader
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 RIG = "width = 320\nheight = 240\nfx = 300\nfy = 300\n"
@@ -20,11 +21,16 @@ selection = {{ goal = "best_coverage", cameras = 3 }}
 {RIG}
 """
 LINES = {
-    "report": "evaluate torus -c camera.toml -p plan/poses.json -o out --pdf",
+    "report": "evaluate torus -c camera.toml -p sphere:14 -o out --pdf",
     "check": "check plan.toml -p plan/poses.json --min-coverage 0.9 -o out --pdf",
     "page": "place plan.toml -o out --pdf",
     "audit": "audit report/rig.json torus -o out --pdf",
 }
+
+
+def packed(text):
+    """A text without its spaces and ligatures, which a file of paper does not keep."""
+    return "".join(normalize("NFKC", text).split())
 
 
 @pytest.mark.slow
@@ -52,13 +58,22 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             assert all(b <= a + 1 for a, b in pairwise(levels))
             assert page.locator("img:not([alt])").count() == 0
             assert page.evaluate("document.documentElement.scrollHeight") <= 3200  # four screens
+            shown = page.locator("tr:visible").count()
+            assert page.locator(".more").count() == (
+                is_long := name in ("report", "audit")
+            )  # 14 poses
+            page.eval_on_selector_all(".more", "all => all.map(e => e.open = true)")
+            assert page.locator("tr:visible").count() == shown + 2 * is_long
             if name != "audit":
                 page.locator(".scene summary").click()
                 page.frame_locator(".scene iframe").locator("canvas.scene").wait_for()
-            page.set_viewport_size({"width": 390, "height": 800})
+            page.reload()
+            page.set_viewport_size({"width": 390, "height": 844})
             assert page.evaluate("document.documentElement.scrollWidth") <= 390
-            page.set_viewport_size({"width": 1280, "height": 800})
+            assert page.evaluate("document.documentElement.scrollHeight") <= 4 * 844
+            page.set_viewport_size({"width": 703, "height": 1000})  # of A4 between its margins
             page.emulate_media(media="print", color_scheme="dark")
+            assert page.eval_on_selector_all(".wide", "all => all.every(e => e.scrollWidth <= 703)")
             whole = "all => all.every(e => getComputedStyle(e).breakInside === 'avoid')"
             assert page.eval_on_selector_all("figure, .card, .wide, tr", whole)
             heads = "all => all.every(e => getComputedStyle(e).display === 'table-header-group')"
@@ -66,9 +81,15 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             paper = "body => getComputedStyle(body).backgroundColor"
             assert page.eval_on_selector("body", paper) == "rgb(255, 255, 255)"
             page.emulate_media(media="screen", color_scheme="light")
-            pdf = path.with_suffix(".pdf").read_bytes()
-            assert pdf.startswith(b"%PDF")
-            assert re.findall(rb"/MediaBox \[0 0 (\d+)\.?\d* (\d+)", pdf)[0] == (b"594", b"841")
+            pdf = PdfReader(path.with_suffix(".pdf"))
+            sheets = [packed(each.extract_text()) for each in pdf.pages]
+            assert {tuple(map(int, each.mediabox[2:])) for each in pdf.pages} == {(594, 841)}
+            for number, text in enumerate(sheets, 1):
+                assert f"{number}/{len(sheets)}" in text
+            said = "h1, h2, h3, .verdict strong, .verdict li, p:not(.screen), tbody tr"
+            for words in page.locator(said).all_text_contents():
+                assert any(packed(words) in text for text in sheets), words
+            page.set_viewport_size({"width": 1280, "height": 800})
         browser.close()
     assert [text for text in faults if "GL Driver Message" not in text] == []  # slow OpenGL
     assert {url.split(":")[0] for url in asked} <= {"file", "data"}

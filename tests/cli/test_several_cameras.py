@@ -91,7 +91,7 @@ def test_a_terminal_has_a_line_for_each_camera(capsys):
         ("-c rig.json -p bare.json", "the poses do not say which camera each is of"),
         ("-c wide.json -c long.json -p named.json", "each wants a name and a file or preset"),
         ("-c a=wide.json -c a=long.json -p named.json", "there is a camera 'a' already"),
-        ("-c wide=wide.json -c long=gone.toml -p named.json", "each wants a name and a file"),
+        ("-c wide=wide.json -c long=gone.toml -p named.json", "gone.toml: cannot be read"),
         ("-p rig.json --camera-name tall", "there is no camera 'tall'"),
         ("-p named.json", "has poses and no camera; give --camera"),
         ("-c bad=bare.json -p named.json", "has poses and no camera; give a camera file"),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from commands import call, done, refusal
 
-pytestmark = [pytest.mark.slow, pytest.mark.compile]
+pytestmark = pytest.mark.slow
 PLAN = """
 meshes = [{ built_in = "teapot-5" }]
 camera = { preset = "icube-ns4133bu-8mm" }

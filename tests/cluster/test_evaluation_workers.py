@@ -19,7 +19,7 @@ from rastercov.placement.audit import audit
 from rastercov.report import coverage
 from rastercov.report.coverage import Options, run
 
-pytestmark = [pytest.mark.slow, pytest.mark.compile]
+pytestmark = pytest.mark.slow
 MESH = shapes.teapot(4)
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 POSES = rc.sphere_of_poses(MESH.bounds.mean(axis=0), 5.0 * np.ptp(MESH.bounds), 42)

@@ -17,7 +17,7 @@ from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
 
-pytestmark = [pytest.mark.slow, pytest.mark.compile]
+pytestmark = pytest.mark.slow
 MESH = shapes.teapot(4)
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 POSES = rc.sphere_of_poses(MESH.bounds.mean(axis=0), 5.0 * np.ptp(MESH.bounds), 42)
@@ -90,7 +90,7 @@ def test_a_pose_that_kills_its_worker_has_no_pairs(tmp_path):
     again = VisibilityMatrix.load(tmp_path / "m")
     assert again.quarantined == left.quarantined
     # A shard that is made again by this process has all its poses, and the note goes.
-    (tmp_path / "m" / "pairs" / "pairs-00001.parquet").unlink()
+    (tmp_path / "m" / "pairs" / "pairs-00001.npz").unlink()
     whole = build_matrix((MESH, CAMERA), FEW, None, tmp_path / "m", poses_a_shard=SMALL)
     assert not whole.quarantined
     np.testing.assert_array_equal(whole.face, plain.face)

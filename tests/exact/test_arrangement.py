@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov.kernels.exact_records import CROSSED
+from rastercov.exact.records import CROSSED
 from rastercov.mesh import Mesh, contacts, shapes
 
 

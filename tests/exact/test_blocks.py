@@ -14,8 +14,7 @@ from scenes import joined
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.surface import surface_of
-from rastercov.kernels.exact_records import (
+from rastercov.exact.records import (
     BLOCK,
     LIVE,
     MIXED,
@@ -26,8 +25,9 @@ from rastercov.kernels.exact_records import (
     V_MAX,
     V_MIN,
 )
-from rastercov.kernels.exact_setup import lay_boxes
+from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
+from rastercov.native.exact_setup import lay_boxes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
 

@@ -1,8 +1,8 @@
 """The analytic path: scratch memory that grows, odd cameras, extremes, and what culling may do."""
 
+import memory_scenes
 import numpy as np
 import pytest
-from bounds_checked import run_checked
 from exact_cases import AHEAD, hostile, triangles, window
 from exact_views import (
     SEEDS,
@@ -31,10 +31,10 @@ CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 
 
 @pytest.mark.slow
-@pytest.mark.compile
+@pytest.mark.native
 @pytest.mark.parametrize("scenes", ["find_contacts", "look_at_scenes", "cover_scenes"])
 def test_no_scene_reaches_past_the_arrays_of_exact_and_contact_loops(scenes):
-    run_checked(f"import bounds_checks; bounds_checks.{scenes}()", level=1)
+    getattr(memory_scenes, scenes)()
 
 
 @on_both_paths

@@ -5,21 +5,17 @@ import pytest
 from lens_cameras import CAMERAS
 
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.kernels import exact_lens
-from rastercov.kernels.exact_lens import (
-    edge_bulges,
-    edge_lists,
-    vertex_images,
-    whole_groups,
-)
-from rastercov.kernels.lens_edges import MOST, bulge, node_value
+from rastercov.native.exact_lens import EDGE_ROUNDING, edge_bulges, vertex_images
+from rastercov.native.lens_edges import MOST, bulge, node_values
+
+pytestmark = pytest.mark.native
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
     """Random places: neighbours in a list need other rules, have no image or are too long."""
-    rng, lists = np.random.default_rng(2), edge_lists()
+    rng, values = np.random.default_rng(2), np.empty((MOST + 1, 2))
     rules, n_taken = set(), 0
     for _, record in planes_of(CAMERAS[camera]):
         if not len(record.window) or len(record.hole) or record.is_graded:
@@ -35,21 +31,19 @@ def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
         uvw = np.ones((len(both), 3))
         uvw[:, :2] = both * (record.fx, record.fy) + (record.cx, record.cy)
         places, inside = np.empty((len(both), 4)), np.empty(len(both), np.bool_)
-        vertex_images(uvw, record, places, inside, lists)
-        ends = whole_groups(np.arange(len(both), dtype=np.int32).reshape(2, -1).T.copy())
+        vertex_images(uvw, record, places, inside)
+        ends = np.arange(len(both), dtype=np.int32).reshape(2, -1).T[:-3].copy()
         found, longer = np.empty(len(ends)), np.empty(len(ends), np.int32)
-        n_longer = edge_bulges(record, ends, places, lists, found, longer)
+        n_longer = edge_bulges(record, ends, places, found, longer)
         length = np.linalg.norm(places[ends[:, 0], :2] - places[ends[:, 1], :2], axis=1)
         known = inside[ends].all(axis=1)
         assert set(longer[:n_longer]) == set(np.flatnonzero(known & (length / 2 > limits[-1])))
         assert (np.isnan(found) == (~known | (length / 2 > limits[-1]))).all()
-        rounding = exact_lens.EDGE_ROUNDING * (record.width + record.height)
+        rounding = EDGE_ROUNDING * (record.width + record.height)
         for e in np.flatnonzero(~np.isnan(found)):
-            (ax, ay), (bx, by) = places[ends[e, 0], :2], places[ends[e, 1], :2]
-            edge = ax, ay, bx, by
-            values = np.transpose([node_value(record, edge, MOST, k) for k in range(MOST + 1)])
-            size = np.abs(np.diff(values)).sum() + 1
-            error = abs(found[e] - bulge.py_func(MOST, *values))
+            node_values(record, places[ends[e], :2].ravel(), values)
+            size = np.abs(np.diff(values, axis=0)).sum() + 1
+            error = abs(found[e] - bulge(*values.T.copy()))
             assert error <= 2 * record.tolerance + rounding * size
             rules.add(int(np.searchsorted(record.longest, length[e] / 2)))
             n_taken += 1

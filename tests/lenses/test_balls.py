@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cases import is_outside_hole, of_all_kinds, pixels_of_plane, points_of, rays_of_plane
 
-from rastercov.camera.lenses import balls
+from rastercov.camera.lenses import balls, formulas
 from rastercov.camera.lenses.balls import Ball
-from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
 
@@ -32,7 +31,7 @@ def complex_angle_over_r(r2, z):
     return complex_atan2(r, z + 0 * r) / r
 
 
-COMPLEX = lens_formulas.bound_to(
+COMPLEX = formulas.bound_to(
     {
         "sqrt": np.sqrt,
         "atan2": complex_atan2,

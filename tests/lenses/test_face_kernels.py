@@ -7,26 +7,40 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
 
+from rastercov import Task
 from rastercov.camera.projection import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.records import lens_of, scene_of, workspace
-from rastercov.kernels.cameras import INSIDE
-from rastercov.kernels.criteria import densities as worst_densities
-from rastercov.kernels.criteria import image_of_face, project
-from rastercov.kernels.jit import allocation_free
-from rastercov.kernels.lens_faces import curved_areas
+from rastercov.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
 from rastercov.mesh import Mesh, shapes
+from rastercov.native.coverage_figures import judge_poses
+from rastercov.native.coverage_lens_faces import polygon_areas
+from rastercov.raster.observation import BoundKind
 
+pytestmark = pytest.mark.native
 NEAR = 0.05
+AHEAD = np.eye(4)
 
 
-@allocation_free
-def fields_of_view(scene, pose, lens, work, known, out):
-    project(scene.vertices, pose, NEAR, lens, work.points)
-    for f in range(scene.faces.shape[0]):
-        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-        state, part, area = image_of_face(work.points, i, j, k, NEAR, lens, work, known[f])
-        out[f, 0], out[f, 1], out[f, 2] = state, part, area
+def figures(mesh, camera, pose, points, names, drawn=None):
+    """Figures of the faces in one pose, (F,) each, with an area in the image where it is known."""
+    shape = 1, mesh.n_faces
+    kind = (
+        np.empty((0, 0), np.uint8) if drawn is None else np.full(shape, BoundKind.EXACT, np.uint8)
+    )
+    areas = np.zeros(shape) if drawn is None else drawn[None]
+    seen = Seen(
+        pose[None], np.array([NEAR]), np.zeros(shape), areas, 1.0, kind, np.empty((0, 0)), 1.0
+    )
+    out = {name: np.empty(shape, np.bool_ if name == "in_view" else np.float64) for name in names}
+    rules = Task().rules(camera)
+    judge_poses(0, 1, scene_of(mesh), lens_of(camera), seen, points, rules, figures_of(out))
+    return [out[name][0] for name in names]
+
+
+def fields_of_view(mesh, camera, points, known=None):
+    """Whether faces are in view, their part in view, and their area, px^2: (F, 3)."""
+    names = "in_view", "in_view_fraction", "projected_area"
+    return np.stack(figures(mesh, camera, AHEAD, points, names, known), axis=1)
 
 
 def faces_along_the_border(camera, rng, n=300):
@@ -58,27 +72,16 @@ def test_a_known_area_changes_no_field_of_view(lens, seed):
     """With it faces are decided by their corners, where no edge can leave the image."""
     camera, rng = CAMERAS[lens], np.random.default_rng(seed)
     mesh, sizes = faces_along_the_border(camera, rng)
-    n = mesh.n_faces
-    numbers = lens_of(camera)
-    scene, work = scene_of(mesh), workspace(mesh.n_vertices, numbers)
-    measured, decided = np.empty((2, n, 3))
-    fields_of_view(scene, np.eye(4), numbers, work, np.full(n, -1.0), measured)
+    points = workspace(mesh.n_vertices, lens_of(camera))
+    measured = fields_of_view(mesh, camera, points)
     known = 2 * measured[:, 2]  # unlike any that is measured
-    fields_of_view(scene, np.eye(4), numbers, work, known, decided)
+    decided = fields_of_view(mesh, camera, points, known)
     np.testing.assert_array_equal(decided[:, :2], measured[:, :2])
     is_short = (decided[:, 2] == known) & (known > 0)
-    assert (decided[is_short, 0] == INSIDE).all()
+    assert decided[is_short, 0].all()
     np.testing.assert_array_equal(decided[~is_short], measured[~is_short])
-    small = (measured[:, 0] == INSIDE) & (sizes.ravel() < 0.01)
+    small = (measured[:, 0] == 1) & (sizes.ravel() < 0.01)
     assert is_short[small].any() or small.sum() < 20
-
-
-@allocation_free
-def areas_by_polygons(scene, pose, lens, work, out):
-    project(scene.vertices, pose, NEAR, lens, work.points)
-    for f in range(scene.faces.shape[0]):
-        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-        out[f], _ = curved_areas(work.points, i, j, k, NEAR, lens, work)
 
 
 @pytest.mark.slow
@@ -87,35 +90,38 @@ def areas_by_polygons(scene, pose, lens, work, out):
 @given(seed=st.integers(0, 2**32 - 1))
 def test_an_area_by_edges_is_that_of_the_polygon(lens, seed):
     """A face that stays inside the image is its triangle and the bulges of three edges."""
-    mesh, sizes = faces_along_the_border(CAMERAS[lens], np.random.default_rng(seed))
-    numbers = lens_of(CAMERAS[lens])
-    scene, work = scene_of(mesh), workspace(mesh.n_vertices, numbers)
-    found, polygons = np.empty((mesh.n_faces, 3)), np.empty(mesh.n_faces)
-    fields_of_view(scene, np.eye(4), numbers, work, np.full(mesh.n_faces, -1.0), found)
-    areas_by_polygons(scene, np.eye(4), numbers, work, polygons)
-    is_inside = (found[:, 0] == INSIDE) & (polygons > 0)
+    camera = CAMERAS[lens]
+    mesh, sizes = faces_along_the_border(camera, np.random.default_rng(seed))
+    numbers, scene = lens_of(camera), scene_of(mesh)
+    points, polygons = workspace(mesh.n_vertices, numbers), np.empty(mesh.n_faces)
+    found = fields_of_view(mesh, camera, points)
+    polygon_areas(scene.vertices, scene.faces, AHEAD, NEAR, numbers, points, polygons)
+    is_inside = (found[:, 0] == 1) & (polygons > 0)
     error = np.abs(found[:, 2] - polygons)[is_inside]
     assert (error <= 6 * numbers.tolerance + 1e-11 * (1 + polygons[is_inside])).all()
     assert (polygons[is_inside & (sizes.ravel() < 0.1)] > 0).any()
 
 
-@allocation_free
-def densities(scene, pose, lens, work, out):
-    project(scene.vertices, pose, NEAR, lens, work.points)
-    for f in range(scene.faces.shape[0]):
-        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-        asked = False, True, False
-        out[f] = worst_densities(work.points, i, j, k, (0.0, 0.0, 1.0), lens, *asked)[1]
-
-
 def test_no_derivative_is_left_from_another_pose():
     """It is found once for each vertex, and kept until the next pose."""
-    mesh, numbers = shapes.box(), lens_of(next(iter(CAMERAS.values())))
-    scene, kept = scene_of(mesh), workspace(mesh.n_vertices, numbers)
+    mesh, camera = shapes.box(), next(iter(CAMERAS.values()))
+    kept = workspace(mesh.n_vertices, lens_of(camera))
     poses = sphere_of_poses((0, 0, 0), 5.0, 4)
     found, fresh = np.empty((2, len(poses), mesh.n_faces))
     for pose, one, other in zip(poses, found, fresh, strict=True):
-        densities(scene, pose, numbers, kept, one)
-        densities(scene, pose, numbers, workspace(mesh.n_vertices, numbers), other)
+        (one[:],) = figures(mesh, camera, pose, kept, ["facing_density"])
+        new = workspace(mesh.n_vertices, lens_of(camera))
+        (other[:],) = figures(mesh, camera, pose, new, ["facing_density"])
     np.testing.assert_array_equal(found, fresh)
     assert len(np.unique(fresh[fresh > 0])) > 4
+
+
+@pytest.mark.parametrize("rule", [-1, 0, 1, 12])
+def test_a_rule_of_edges_that_is_none_is_refused(rule):
+    mesh, lens = shapes.box(), lens_of(next(iter(CAMERAS.values())))
+    wrong = lens._replace(parts_of=np.full_like(lens.parts_of, rule))
+    scene, points = scene_of(mesh), workspace(mesh.n_vertices, lens)
+    with pytest.raises(ValueError, match="parts_of must be a rule"):
+        polygon_areas(
+            scene.vertices, scene.faces, AHEAD, NEAR, wrong, points, np.empty(mesh.n_faces)
+        )

@@ -7,8 +7,9 @@ from lens_cases import heights, rays_of_plane
 
 from rastercov import Camera
 from rastercov.camera.lenses.of_camera import field_of, fields_of, lens_of, planes_of
-from rastercov.kernels import lens_field as kernels
+from rastercov.native import lens_field as kernels
 
+pytestmark = pytest.mark.native
 TOLERANCE = 1e-4
 
 

@@ -8,7 +8,7 @@ import pytest
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, pixels
 
 from rastercov.base.errors import CameraError
-from rastercov.kernels import lens_formulas
+from rastercov.camera.lenses import formulas
 
 LENSES = of_all_kinds()
 
@@ -62,7 +62,7 @@ def test_jacobian_on_the_axis(lens):
 
 def test_arrays_and_compiled_scalars_agree(lens):
     found = lens.unproject(pixels(1000))
-    u, v = lens_formulas.project(lens.code, lens.params, *found.T)
+    u, v = formulas.project(lens.code, lens.params, *found.T)
     assert np.abs(np.column_stack((u, v)) - lens.project(found)).max() < 1e-9
 
 

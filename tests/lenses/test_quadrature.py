@@ -9,22 +9,40 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cases import is_outside_hole, of_all_kinds, pixels_of_plane, points_of, rays_of_plane
 from nightly import amount
-from numpy.polynomial import chebyshev
+from numpy.polynomial import chebyshev, legendre
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.lenses.quadrature import (
     DEGREES,
+    NODES,
     PAIR_ERRORS,
+    RULE,
     EdgeBounds,
     coefficient_bounds,
     edge_table,
 )
-from rastercov.kernels import lens_edges as kernels
-from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE, lobatto
+from rastercov.native import lens_edges as kernels
+from rastercov.native.lens_edges import FEWEST, MOST
 
+pytestmark = pytest.mark.native
 LENSES = of_all_kinds()
 FINE = 40
+
+
+def lobatto(n):
+    """Nodes in [0, 1], the matrix S, and Bernstein coefficients from values at the nodes."""
+    unit = np.eye(n + 1)[n]
+    inner = np.sort(legendre.legroots(legendre.legder(unit)).real)
+    x = np.concatenate(([-1.0], inner, [1.0]))
+    x = (x - x[::-1]) / 2
+    values = legendre.legvander(x, n)
+    slopes = np.column_stack([legendre.legval(x, legendre.legder(row)) for row in np.eye(n + 1)])
+    weights = 2 / (n * (n + 1) * legendre.legval(x, unit) ** 2)
+    product = weights[:, None] * (slopes @ np.linalg.inv(values))
+    t = (x + 1) / 2
+    basis = [math.comb(n, k) * t**k * t[::-1] ** (n - k) for k in range(n + 1)]
+    return t, (product - product.T) / 2, np.linalg.inv(np.column_stack(basis))
 
 
 @cache
@@ -44,12 +62,24 @@ every_rule = pytest.mark.parametrize("n", range(FEWEST, MOST + 1))
 
 @every_rule
 def test_nodes_are_symmetric_and_weights_are_not(n):
-    _, rule, _ = lobatto(n)
+    rule = RULE[n, : n + 1, : n + 1]
     assert np.abs(NODES[n, : n + 1] + NODES[n, n::-1] - 1).max() <= 2.3e-16
     assert (NODES[n, 0], NODES[n, n]) == (0, 1)
     # So the bound of errors holds for all degrees: the integral is at most a + b.
     assert np.abs(rule).sum() <= 8 * n
     assert np.abs(rule + rule.T).max() == 0
+
+
+@every_rule
+def test_rules_are_derived_from_legendre_polynomials(n):
+    own = slice(n + 1)
+    nodes, rule, bernstein = lobatto(n)
+    np.testing.assert_allclose(NODES[n, own], nodes, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(RULE[n, own, own], rule, rtol=0, atol=1e-14)
+    found = np.empty((n + 1, n + 1))
+    for values, coefficients in zip(np.eye(n + 1), found, strict=True):
+        kernels.bernstein_of(values, 0.0, coefficients)
+    np.testing.assert_allclose(found.T, bernstein, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.slow
@@ -165,21 +195,17 @@ def test_tables_allow_longer_edges_with_more_nodes():
     assert 10 * table.longest[MOST] / parts <= table.longest[n]
 
 
-class Room:
-    """Memory for the search for roots."""
+@pytest.mark.parametrize("longest", [-1e-30, -0.0, 0.0, math.nan, -math.inf])
+def test_a_table_that_is_none_gives_a_number_of_parts(longest):
+    n, parts = kernels.nodes_for(1.0, np.full(MOST + 1, longest), FEWEST)
+    assert (n, parts) == (FEWEST, 1 << 18)
 
-    def __init__(self):
-        self.stack = np.empty((kernels.DEEPEST + 2, MOST + 1))
-        self.low = np.empty((kernels.DEEPEST + 2, 2))
-        self.spare = np.empty(MOST + 1)
-        self.cuts, self.kinds = np.empty(kernels.MOST_CUTS), np.empty(kernels.MOST_CUTS, np.int64)
 
-    def roots(self, n, values, level):
-        kernels.bernstein_of(n, values, level, self.stack[0])
-        count = kernels.roots(
-            *(n, self.stack, self.low, self.spare, self.cuts, self.kinds, kernels.LEVEL_U, 0)
-        )
-        return np.sort(self.cuts[:count])
+def roots(values, level):
+    """Places where the polynomial through values at its nodes takes a level."""
+    coefficients, places = np.empty(len(values)), np.empty(kernels.MOST_CUTS)
+    kernels.bernstein_of(values, level, coefficients)
+    return np.sort(places[: kernels.roots(coefficients, places)])
 
 
 @settings(max_examples=25)
@@ -195,9 +221,7 @@ class Room:
 def test_roots_are_found(n, places, scale, level):
     places = np.sort(places[:n])
     t = NODES[n, : n + 1]
-    values = np.full(MOST + 1, level)
-    values[: n + 1] += scale * np.prod([t - place for place in places], axis=0)
-    found = Room().roots(n, values, level)
+    found = roots(level + scale * np.prod([t - place for place in places], axis=0), level)
     fine = np.linspace(0, 1, 2001)
     at = scale * np.prod([fine - place for place in places], axis=0)
     # Between the roots that were found the polynomial keeps its sign, to rounding.
@@ -214,10 +238,8 @@ def test_roots_are_found(n, places, scale, level):
 
 
 def test_a_flat_edge_has_no_root():
-    room, values = Room(), np.zeros(MOST + 1)
-    assert len(room.roots(5, values, 0.0)) == 0
-    values[:6] = 1e-12 * np.array([1, -1, 1, -1, 1, -1])
-    assert len(room.roots(5, values, 0.0)) == 0
+    assert len(roots(np.zeros(6), 0.0)) == 0
+    assert len(roots(1e-12 * np.array([1.0, -1, 1, -1, 1, -1]), 0.0)) == 0
 
 
 @pytest.mark.parametrize("half", [0.0, 1e-300, 1e-9, 0.1, 1e300])

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import BASES, Lens
+from rastercov.camera.lenses import BASES, Lens, formulas
 from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.camera.lenses.planes import base_limit, border_pixels, certified_radius
-from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
 SIDE = {"width": WIDTH, "height": HEIGHT}
@@ -80,7 +79,7 @@ def test_no_ray_outside_the_region_is_answered(folding):
     # The equations alone would put some of those into the image.
     if math.isfinite(fold):
         with np.errstate(all="ignore"):
-            u, v = lens_formulas.project(lens.code, lens.params, *given[given[:, 2] > 0.02].T)
+            u, v = formulas.project(lens.code, lens.params, *given[given[:, 2] > 0.02].T)
         folded = angle[given[:, 2] > 0.02] > limit
         inside = (u >= 0) & (v >= 0) & (u <= WIDTH) & (v <= HEIGHT)
         assert (folded & inside).mean() > 0.02
@@ -120,9 +119,7 @@ def test_base_rises_up_to_its_limit(base, alpha, xi, beta):
     limit = base_limit(lens.code, lens.params)
     angle = np.linspace(0, limit, 20_001)
     with np.errstate(all="ignore"):
-        radius, _ = lens_formulas.based(
-            lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle)
-        )
+        radius, _ = formulas.based(lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle))
     radius = radius[:-2]  # the last may be rounded
     assert (np.diff(radius) > 0).all()
 

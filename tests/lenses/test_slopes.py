@@ -7,8 +7,9 @@ from lens_cases import heights, pixels_of_plane, rays_of_plane
 
 from rastercov import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of, slopes_of
-from rastercov.kernels.lens_field import CELLS, bounds_within, sizes_within
+from rastercov.native.lens_field import CELLS, bounds_within, sizes_within
 
+pytestmark = pytest.mark.native
 STEP = 2e-3
 
 

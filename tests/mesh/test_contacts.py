@@ -1,5 +1,7 @@
 """Which faces touch: what exact arithmetic says of every pair, and what may not change it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -8,11 +10,11 @@ from hypothesis.extra import numpy as hnp
 from scenes import joined
 from solids import tessellated_plane
 
-from rastercov.kernels import mesh_contacts
 from rastercov.mesh import Mesh, contacts, shapes
 from rastercov.mesh.contacts import touching_faces
 from rastercov.reference.rational import cross, difference, dot, mpq
 
+pytestmark = pytest.mark.native
 HAIR = 1e-9
 
 
@@ -322,14 +324,14 @@ def test_a_part_that_does_not_cross_itself_has_no_contacts(name):
 def calls(monkeypatch, mesh, steps):
     """Calls of the loop, each of about so many steps along the tree."""
     count = []
-    loop = mesh_contacts.mark_contacts
+    loop = contacts.kernels.mark_contacts
 
     def counted(*args):
         count.append(1)
         return loop(*args)
 
     monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
-    monkeypatch.setattr(mesh_contacts, "mark_contacts", counted)
+    monkeypatch.setattr(contacts, "kernels", SimpleNamespace(mark_contacts=counted))
     of_mesh(mesh, threads=1)
     monkeypatch.undo()
     return len(count)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nightly import examples
+from plans import write_obj
 from scenes import joined
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +23,7 @@ from rastercov.placement.select.problem import (
     grouped,
     problem_of_matrix,
 )
+from rastercov.report.plan import lines
 
 ENDS = st.tuples(st.integers(0, 3), st.integers(1, 3)).map(lambda at: (at[0], sum(at)))
 
@@ -129,6 +132,47 @@ def test_a_part_is_the_sum_of_its_groups_in_any_order(ends, order):
     for name in NAMES:
         for key in ("area_m2", "unseeable_m2", "covered_of_seeable_percent"):
             assert one[name][key] == pytest.approx(other[name][key], abs=1e-6)
+
+
+CANDIDATES = {"generator": "on_sphere", "count": 15, "distances": [9.0]}
+GOALS = st.dictionaries(st.sampled_from([*NAMES, "arm"]), st.floats(0.7, 0.98), max_size=3)
+
+
+@pytest.mark.slow
+@given(
+    st.lists(st.tuples(ENDS, ENDS, ENDS), min_size=4, max_size=4), GOALS, st.floats(0.3, 0.98),
+    st.sampled_from(["face", "area"]), st.integers(1, 2), st.booleans(),
+)  # fmt: skip
+@settings(examples(12, at_night=100), suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_place_and_check_agree_on_each_goal(tmp_path, ends, groups, share, by, views, refine):
+    """Goals are shares of what all candidates cover, which a check of these says."""
+    ends = np.array(ends) + 0.013 * np.arange(4)[:, None, None]
+    write_obj(
+        tmp_path / "boxes.obj", boxes(*ends), {name: 12 * row for row, name in enumerate(NAMES)}
+    )
+    task = {"by": by, "views": views} | ({"resolution_of_result": 0.6} if by == "area" else {})
+    plan = {"meshes": [{"path": str(tmp_path / "boxes.obj")}], "task": task}
+    plan |= {"camera": {"width": 200, "height": 150, "hfov_deg": 60.0}, "candidates": [CANDIDATES]}
+    every = rc.place(plan | {"selection": {"goal": "best_coverage", "cameras": 99}})
+    most = rc.check(plan, every.prepared.measured, min_coverage=0, groups=dict.fromkeys(groups, 0))
+    wanted = {
+        each.group: float(np.floor(1e4 * (groups.get(each.group, share)) * each.low) / 1e4)
+        for each in most.requirements
+    }
+    goal = {"goal": "fewest_cameras", "coverage": wanted.pop(None), "groups": wanted}
+    plan["selection"] = goal | {"refine": refine, "refine_budget": 200}
+    placed = rc.place(plan)
+    checked = rc.check(plan, placed.cameras.placed)
+    assert placed.is_met == checked.is_met >= (by == "face")
+    for one, other in zip(placed.requirements, checked.requirements, strict=True):
+        assert (one.group, one.status, one.uncovered) == (
+            other.group,
+            other.status,
+            other.uncovered,
+        )
+        np.testing.assert_allclose([one.low, one.share], [other.low, other.share], atol=1e-9)
+        assert one.short_by < 0.03
+    assert ("further selections" in " ".join(lines(placed))) == (not placed.is_met)
 
 
 def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():

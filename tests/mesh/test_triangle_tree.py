@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from rastercov.mesh.contacts import LEAF, TriangleTree
 
+pytestmark = pytest.mark.native
+
 
 def soup(seed, n):
     rng = np.random.default_rng(seed)

@@ -9,6 +9,8 @@ from nightly import examples
 from rastercov.placement import bits
 from rastercov.placement.bits import CoveredBits, packed, spread_out, unpacked
 
+pytestmark = pytest.mark.native
+
 
 @st.composite
 def dense_and_bits(draw):

@@ -150,7 +150,7 @@ def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path, of_rigs):
     _, placed, build = of_rigs
     whole = build(folder=None)
     build()
-    (tmp_path / "pairs" / "pairs-00001.parquet").unlink()
+    (tmp_path / "pairs" / "pairs-00001.npz").unlink()
     for again in (build(), VisibilityMatrix.load(tmp_path)):
         for name in ("indptr", "face", "coverage", "on_rig"):
             np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))

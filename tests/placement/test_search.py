@@ -13,12 +13,12 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
+from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
     NearestSurface,
     Place,
-    in_solid,
 )
 from rastercov.placement.improve import objective as objective_module
 from rastercov.placement.improve.objective import Objective

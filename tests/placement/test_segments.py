@@ -13,6 +13,7 @@ from solids import tessellated_plane
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 
+pytestmark = pytest.mark.native
 angles = st.floats(0.5, 85)
 merges = pytest.mark.parametrize("merge", ["leader", "closest"])
 

@@ -6,8 +6,9 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.mesh import shapes
+from rastercov.mesh.solids import in_solid
 from rastercov.placement import build_matrix, filter_candidates, on_box
-from rastercov.placement.candidates.clearance import in_solid, nearest_obstacle
+from rastercov.placement.candidates.clearance import nearest_obstacle
 from rastercov.placement.candidates.mounting import at_point
 from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.reference.models.line_of_sight import LineOfSight

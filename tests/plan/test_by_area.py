@@ -80,7 +80,7 @@ def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
     folders = []
     for size in (0.5, 0.5, 0.4):
         placed(task=SIZED | {"resolution_of_result": size})
-        (shard,) = Path("out/matrix").rglob("*.parquet")
+        (shard,) = Path("out/matrix").rglob("pairs-*.npz")
         folders.append((shard, shard.stat().st_mtime_ns))
     assert folders[0] == folders[1]
     assert folders[2][0] != folders[0][0]
@@ -113,6 +113,18 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
     assert len(nothing.cameras.poses) == nothing.cameras.share == 0
     assert nothing.prepared.notes[0].startswith("no cell is covered")
     assert told()["covered_area"]["m2"] == 0
+
+
+@pytest.mark.parametrize("selection", [FOUR, FEWEST | {"coverage": 0.4}])
+def test_cameras_that_differ_by_an_angle_are_chosen_and_judged_by_area(selection):
+    task = CELLS | {"by": "area", "min_angle_deg": 40}
+    found = placed(selection=selection, task=task)
+    angled = rc.Task(**SIZED, min_angle_deg=40)
+    exact = rc.evaluate(MESH, CAMERA, found.cameras.poses, angled, by="area", fields=())
+    percent = exact.summary()["covered_area"]["percent"]
+    assert told()["covered_area"]["percent"] == pytest.approx(percent, abs=1e-6)
+    assert percent > 25
+    assert found.is_met
 
 
 OF_REACHABLE = FEWEST | {"coverage": 0.9, "of_reachable": True}

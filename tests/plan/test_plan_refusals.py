@@ -63,7 +63,10 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (BOX + EYE + "price = 3", "cameras.eye.price: there is no such entry"),
         (BOX + EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
         (BOX + EYE + PAIR.replace("pair", "eye"), "rigs.eye: there is a camera of that name"),
-        (BOX + EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
+        (
+            BOX + EYE + "[rigs.none]\ncost = 1",
+            "rigs.none: wanted one of cameras, file, preset, got none",
+        ),
         (BOX + EYE + PAIR + "cost = -1", "rigs.pair.cost: wanted a number of 0"),
         (BOX + '[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
         (BOX + '[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),

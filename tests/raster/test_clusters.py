@@ -8,11 +8,20 @@ from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.kernels.raster_clusters import VERTEX_STEP
-from rastercov.kernels.raster_memory import ALTITUDE, FACES, LANES, LINE_BITS, RADIUS, VERTICES
 from rastercov.mesh import Mesh, shapes
+from rastercov.native.raster_clusters import (
+    ALTITUDE,
+    FACES,
+    LANES,
+    LINE_BITS,
+    RADIUS,
+    VERTEX_STEP,
+    VERTICES,
+)
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.cpu.clusters import group_faces
+
+pytestmark = pytest.mark.native
 
 
 def soup(rng, n, scale=1.0, offset=0.0):
@@ -259,6 +268,7 @@ def counts_agree(mesh, camera, poses, **options):
         found = rasterizer.count(poses, drawn=False)
         drawn = rasterizer.count(poses)
         bounds = rasterizer._scene.clusters.bounds
+        bounds.flags.writeable = True
         bounds[ALTITUDE] = 0  # nothing is turned away
         culled = rasterizer.count(poses, drawn=False)
         bounds[RADIUS] = 1e200  # nothing is outside

@@ -1,29 +1,30 @@
-"""What only the CPU rasteriser has: threads, scratch memory that grows, compiled loops on disk."""
+"""What only the CPU rasteriser has: threads, memory of bands, loops for each processor level."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
-from bounds_checked import run_checked
 from exact_cases import triangles
-from hostile_scenes import scene
+from hostile_scenes import check_scenes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from image_laws import assert_same_counts
 from nightly import amount
-from processes import TESTS, run_python
+from processes import run_python
 from scenes import soup
 from solids import tessellated_plane
 
+from rastercov import native
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.kernels import raster_loops as kernels
-from rastercov.kernels.raster_memory import GUARD_BAND, HALF_SAMPLE, STEPS, aligned_zeros
 from rastercov.mesh import Mesh, shapes
+from rastercov.native.raster_loops import GUARD_BAND, STEPS
 from rastercov.raster import cpu, open_rasterizer, self_test
-from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
+from rastercov.raster.cpu import MAX_SIDE, CPURasterizer, clusters
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
@@ -117,7 +118,7 @@ def test_more_samples_than_32_bits_hold():
 
 # --- which face a sample belongs to ---------------------------------------------------------------
 
-QUARTER = STEPS // 4
+QUARTER, HALF_SAMPLE = STEPS // 4, STEPS // 2
 IMAGES = [(1, 1), (3, 17), (21, 15), (64, 4), (90, 70), (333, 2), (301, 222)]
 CORNERS = st.tuples(st.integers(-8, 8), st.integers(-8, 8), st.sampled_from((0, 0.25, 0.5)))
 TRIANGLES = st.tuples(
@@ -184,60 +185,24 @@ def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
 # --- memory, processors, faults -------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_no_scene_writes_past_its_scratch_memory():
-    # What is reached by pointers has no bounds to check, so what stands beside it is looked at.
-    rng = np.random.default_rng(11)
-    fences = []
-
-    def fenced(array, beside=64):
-        whole = aligned_zeros(array.size + 2 * beside, array.dtype)
-        whole[:] = 77
-        whole[beside:-beside] = array.ravel()
-        fences.extend((whole[:beside], whole[-beside:]))
-        return whole[beside:-beside].reshape(array.shape)
-
-    def all_fenced(record):
-        is_array = {name: isinstance(array, np.ndarray) for name, array in record._asdict().items()}
-        return record._replace(
-            **{name: fenced(getattr(record, name)) for name in record._fields if is_array[name]}
-        )
-
-    for _ in range(100):
-        mesh, camera, poses, scale = scene(rng)
-        fences.clear()
-        roll = rng.choice((0, rng.uniform(-2, 2)))
-        with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
-            (worker,) = rasterizer._scratch.take(1)
-            worker.buffers = all_fenced(worker.buffers)
-            worker.memory.scratch = all_fenced(worker.memory.scratch)
-            rasterizer._scratch.give_back([worker])
-            rasterizer.count(poses)
-            rasterizer.count(poses, drawn=False)
-            assert rasterizer._scratch.take(1) == [worker]
-        assert all((fence == 77).all() for fence in fences)
-
-
-@pytest.mark.compile
+@pytest.mark.native
 @pytest.mark.parametrize("is_rolled", [False, True])
 def test_no_scene_reaches_past_the_scratch_memory(is_rolled):
-    n = amount(100, at_night=250)
-    run_checked(f"import hostile_scenes; hostile_scenes.check_scenes({n}, {is_rolled})")
+    check_scenes(amount(100, at_night=250), is_rolled)
 
 
-@pytest.mark.compile
-def test_every_processor_counts_alike(tmp_path):
-    # As one whose vectors are the shortest that there are.
-    code = """
-import sys
-import numpy as np
-from test_cpu import all_counts
-np.savez(sys.argv[1], *all_counts())
-"""
-    run_checked(code, tmp_path / "counts.npz", paths=[TESTS / "raster"])
-    with np.load(tmp_path / "counts.npz") as file:
-        for found, expected in zip(file.values(), all_counts(), strict=True):
-            assert np.array_equal(found, expected)
+@pytest.mark.native
+def test_every_processor_counts_alike(monkeypatch):
+    expected = all_counts()
+    for level in native.built():
+        if level not in native.runnable():
+            continue
+        module = native.load(f"_{level}")
+        monkeypatch.setattr(cpu, "raster_loops", module.raster_loops)
+        monkeypatch.setattr(clusters, "kernels", module.raster_clusters)
+        monkeypatch.setattr(cpu, "_CLUSTERS", WeakKeyDictionary())
+        for one, other in zip(all_counts(), expected, strict=True):
+            assert np.array_equal(one, other)
 
 
 def all_counts():
@@ -253,17 +218,17 @@ def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
 
 def test_an_interrupt_ends_the_count_within_a_turn(monkeypatch):
     turns_taken = []
-    count_poses = kernels.count_poses
+    work = cpu._Worker.count
 
     def interrupted(*args):
         turns_taken.append(1)
         if len(turns_taken) == 3:
             raise KeyboardInterrupt
-        return count_poses(*args)
+        return work(*args)
 
     poses = sphere_of_poses((0, 0, 0), 4, 4000)
     with CPURasterizer(shapes.box(), CAMERA, threads=2) as rasterizer:
-        monkeypatch.setattr(kernels, "count_poses", interrupted)
+        monkeypatch.setattr(cpu._Worker, "count", interrupted)
         with pytest.raises(KeyboardInterrupt):
             rasterizer.count(poses)
         assert len(turns_taken) < 100  # of 250
@@ -290,27 +255,106 @@ def test_auto_is_the_cpu_without_hardware_and_opengl_when_its_options_are_given(
         assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", "pipeline")
 
 
-@pytest.mark.slow
-def test_it_runs_without_a_graphics_library_or_a_place_to_keep_compiled_loops():
-    # A locator that finds nowhere to write is what a read-only installation gives; a small loop
-    # shows it, for all others are compiled by the same decorator.
+def test_it_runs_without_a_graphics_library():
     code = """
 import sys
 sys.modules["moderngl"] = None
 import rastercov as rc
-from numba.core import caching
 from rastercov import shapes
-from rastercov.kernels import jit
 with rc.open_rasterizer(shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8), "cpu") as r:
     print(int(r.count(rc.look_at((0, 0, 3), (0, 0, 0))).visible.sum()))
-caching.CacheImpl._locator_classes = []
-loop = jit.compiled(lambda number: number + 1)
-assert not jit.is_compiled(loop)
-assert loop(1) == 2
 """
-    done = run_python("-c", code)
-    assert int(done.stdout) > 0
-    assert "compiling, in every process" in done.stderr
+    assert int(run_python("-c", code).stdout) > 0
+
+
+@pytest.mark.native
+def test_threads_that_share_the_memory_of_one_take_turns():
+    mesh, poses = SCENES["torus"]
+    with CPURasterizer(mesh, CAMERA, threads=1) as rasterizer:
+        expected = rasterizer.count(poses, drawn=False)
+        (worker,) = rasterizer._scratch.take(1)
+        near, cull, _ = limits(mesh, CAMERA, poses)
+        visible = np.empty((8, len(poses), mesh.n_faces), np.int32)
+        filled = np.empty((8, len(poses)), np.int64)
+
+        def work(k):
+            worker.count((poses, near, cull), worker.all_bands, visible[k], None, filled[k])
+
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(work, range(8)))
+    assert (visible == expected.visible).all()
+
+
+# --- what the loops are given ---------------------------------------------------------------------
+
+
+def spoilt_clusters():
+    """Parts of clusters that are not of one mesh, and words of what is refused."""
+    good = cpu._Scene(shapes.torus(30, 10)).clusters
+
+    def changed(name, at, value):
+        array = getattr(good, name).copy()
+        array[at] = value
+        return good._replace(**{name: array})
+
+    return {
+        "corners": (changed("corners", 3, 255), "corners must hold vertices"),
+        "faces": (changed("faces", -1, 10**6), "faces must hold faces"),
+        "negative": (changed("faces", 0, -1), "faces must hold faces"),
+        "lines": (changed("lines", 0, 10**6), "lines must hold lines"),
+        "vertices": (changed("vertex_starts", 1, 65), "vertex_starts must rise"),
+        "order": (changed("vertex_starts", 2, 0), "vertex_starts must rise"),
+        "slots": (changed("face_starts", 1, 8), "face_starts must"),
+        "length": (good._replace(points=good.points[:-1]), "vertex_starts must rise"),
+        "short": (good._replace(corners=good.corners[:-1]), "face_starts must rise"),
+        "stride": (good._replace(stride=good.stride + 16), "stride must be"),
+        "n": (good._replace(n=good.n + 1), "starts must rise|stride"),
+    }
+
+
+@pytest.mark.native
+@pytest.mark.parametrize("name", spoilt_clusters())
+def test_clusters_that_are_none_are_refused(name):
+    spoilt, words = spoilt_clusters()[name]
+    with pytest.raises(ValueError, match=words):
+        native.raster_loops.Scene(spoilt, 600)
+
+
+@pytest.mark.native
+def test_counts_that_do_not_fit_the_memory_are_refused():
+    mesh, poses = SCENES["torus"]
+    scene = cpu._Scene(mesh)
+    worker = cpu._Worker(scene, cpu.SampleGrid(CAMERA))
+    near, cull, _ = limits(mesh, CAMERA, poses)
+    looks, rows = (poses, near, cull), worker.all_bands
+    visible = np.empty((len(poses), mesh.n_faces), np.int32)
+    filled, none = np.empty(len(poses), np.int64), (cpu.NO_COUNTS, cpu.NO_WEIGHTS, cpu.NO_BOUNDS)
+    small = native.raster_loops.Worker(scene.checked, 1, 1)
+
+    def count_with(memory=worker.memory, canvas=worker.canvas, bands=rows, weights=none[1]):
+        output = visible, none[0], filled, weights, none[2]
+        memory.count(looks, canvas, bands, output)
+
+    count_with()
+    for changed in (
+        {"memory": small},
+        {"bands": rows + 1},
+        {"bands": rows[:, ::-1].copy()},
+        {"bands": rows * 4},
+        {"canvas": worker.canvas._replace(width=0)},
+        {"canvas": worker.canvas._replace(width=1 << 40)},
+        {"canvas": worker.canvas._replace(height=worker.canvas.height - 1)},
+        {"weights": np.zeros(16, np.uint8)},
+    ):
+        with pytest.raises(ValueError, match="must"):
+            count_with(**changed)
+    with pytest.raises(ValueError, match="one column for each face"):
+        worker.memory.count(
+            looks, worker.canvas, rows, (visible[:, 1:].copy(), none[0], filled, *none[1:])
+        )
+    for size in (-1, 1 << 60):
+        with pytest.raises(ValueError, match="sizes"):
+            native.raster_loops.Worker(scene.checked, size, 0)
 
 
 @pytest.mark.parametrize("far", [(-1e7, 60), (1e7, 60), (80, -1e7), (80, 1e7)])

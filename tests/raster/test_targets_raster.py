@@ -16,8 +16,8 @@ from target_scenes import beside, only, some_as_targets
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.camera.viewpoints import look_at
-from rastercov.kernels.raster_targets import TIE_REL, count_triangle
 from rastercov.mesh import Mesh, shapes
+from rastercov.native.raster_targets import TIE_REL, count_triangle
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl.strategy import Strategy
 from rastercov.reference import raster_stages as twin

@@ -11,11 +11,25 @@ import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.reasons import REASONS, Reason
 from rastercov.mesh import Group, Mesh, shapes
+from rastercov.reference.regions import covers_points
 from rastercov.report import theme
-from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
+from rastercov.report.camera_pictures import (
+    by_faces,
+    by_points,
+    camera_keys,
+    camera_pixels,
+    camera_scene,
+)
 from rastercov.report.panorama import FEW_REL, points_of_pixels
 
 MESH, CAMERA, POSES = room()
+
+
+def camera_image(mesh, camera, pose, task, side=720):
+    """Image of a camera by whole faces, at most that wide and high."""
+    small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
+    reasons = rc.evaluate(mesh, camera, pose[None], task, fields=("reason",)).reason[0]
+    return by_faces(camera_scene(mesh, small, pose), reasons)
 
 
 def scene():
@@ -36,7 +50,7 @@ def test_an_occluder_is_marked_where_it_hides_the_task_and_a_target_where_it_is(
     is_plate = np.append(~mesh.task_mask, False)[image.scene.face]
     targets = image.scene.targets
     assert (image.hidden == is_plate & (targets < 0)).mean() > 0.995
-    assert (image.reasons[targets[targets >= 0]] == Reason.COVERED).all()
+    assert (image.targets[targets >= 0] == Reason.COVERED).all()
     names = {key.name for key in camera_keys(image)}
     assert {"covered", "occluder", "occluder that hides the task"} <= names
     pixels = camera_pixels(image)
@@ -74,7 +88,7 @@ def test_a_pixel_of_a_camera_picture_has_the_colour_of_the_face_that_its_ray_mee
     pixels = camera_pixels(image)[rows, columns].astype(int)
     is_covered = found[face[rows, columns]] == Reason.COVERED
     assert ((np.ptp(pixels, axis=1) <= 12) == is_covered).all()
-    assert image.faces == (found == Reason.COVERED).sum() > 0
+    assert (image.surface[rows, columns] == found[face[rows, columns]]).all()
     words = {key.name for key in camera_keys(image)}
     pixels_of = np.bincount(found[face[rows, columns]], minlength=Reason.COVERED)
     states = np.flatnonzero(pixels_of[: Reason.COVERED] > FEW_REL * face.size)
@@ -85,3 +99,24 @@ def test_a_pixel_of_a_camera_picture_has_the_colour_of_the_face_that_its_ray_mee
     beyond = np.maximum(-points, points - np.array((8, 5, 3))).max(axis=1)
     assert (beyond < 1e-9).mean() > 0.995  # pixels at an edge may show either side
     assert beyond.max() < 0.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", [CAMERA, CAMERAS["brown"]])
+def test_by_area_a_pixel_of_a_camera_picture_is_judged_by_its_own_point(camera):
+    """Not by its face: the whole floor of a room is never in one image."""
+    pose, task = POSES[4], rc.Task(max_incidence_deg=55, min_pixel_density=130)
+    small = camera.resized(160 / camera.width)
+    seen = camera_scene(MESH, small, pose)
+    image = by_points(seen, camera, task, rc.regions(MESH, camera, pose[None], task))
+    rows, columns = np.nonzero(seen.face >= 0)
+    face = seen.face[rows, columns]
+    points = points_of_pixels(MESH, small, pose, face, rows, columns)
+    is_covered = image.surface[rows, columns] == Reason.COVERED
+    covers = covers_points(MESH, camera, pose[None], task, points, face.astype(np.int64))[0]
+    assert (is_covered == covers).mean() > 0.99  # the rest is on the border of a zone
+    assert 0.05 < is_covered.mean() < 0.95
+    why = set(np.unique(image.surface[rows, columns]).tolist())
+    assert why <= {Reason.COVERED, Reason.TOO_COARSE, Reason.TOO_OBLIQUE, Reason.BACK_FACING}
+    words = {REASONS[Reason(row).name.lower()].label for row in why}
+    assert {key.name for key in camera_keys(image)} <= words | {"nothing"}

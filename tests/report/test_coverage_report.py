@@ -32,8 +32,8 @@ from rastercov.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage
 from rastercov.report.coverage import EVALUATION, Options, run
-from rastercov.report.coverage_files import CoverageTable
 from rastercov.report.folder import ReportFolder
+from rastercov.report.parquet import CoverageTable
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)
@@ -191,7 +191,7 @@ lost = Mock(side_effect=DeviceError("gone"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", ["coverage_pixels", "contact_sheet", "NetworkPage",
+@pytest.mark.parametrize("step", ["camera_pixels", "contact_sheet", "NetworkPage",
                                   "write_coloured_mesh", "progress", "first batch"])  # fmt: skip
 def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches, monkeypatch, step):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
@@ -218,10 +218,10 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at, done
     assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
 
 
-@pytest.mark.parametrize("step", ["coverage_pixels", "NetworkPage"])  # the sheet has what was drawn
+@pytest.mark.parametrize("step", ["camera_pixels", "_draw_network"])  # the sheet has what was drawn
 def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch, step):
     run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
-    function, calls = getattr(coverage, step), count(1 if step == "coverage_pixels" else 3)
+    function, calls = getattr(coverage, step), count(1 if step == "camera_pixels" else 3)
 
     def stop(*arguments, **options):
         if next(calls) == 3:

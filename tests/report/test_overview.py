@@ -1,5 +1,6 @@
 """Pictures of networks: what their colours claim, the view into an interior, dead zones."""
 
+import io
 from functools import partial, reduce
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
+from PIL import Image
 from scenes import joined, square
 from surface_cases import room
 from target_scenes import beside, sheet_at, some_as_targets
@@ -23,14 +25,16 @@ from rastercov.mesh import Group, Mesh, shapes, unseeable
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import overview, panorama, theme
-from rastercov.report.images import place_labels
+from rastercov.report.images import place_labels, png, png_in_the_dark
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import (
     Overview,
     best_covering,
     middle_of,
+    zone_close_up,
     zones_picture,
 )
+from rastercov.report.pages import described_mesh
 from rastercov.report.panorama import (
     DIRECTIONS,
     best_directions,
@@ -43,7 +47,9 @@ from rastercov.report.panorama import (
     paint,
     points_of_pixels,
     scene_keys,
+    sides,
     turned_away,
+    upright,
 )
 
 TASK = rc.Task(max_incidence_deg=75)
@@ -327,6 +333,80 @@ def test_one_looks_from_where_the_faces_in_question_are_seen(axis, sign):
     assert faces[seen].any()
 
 
+@pytest.mark.slow
+@examples(12)
+@given(st.integers(0, 2**32 - 1))
+def test_the_first_view_of_a_front_is_from_before_it_however_it_is_turned(seed):
+    rng = np.random.default_rng(seed)
+    wall = shapes.box((3, 2, 0.3), 3)
+    rows = np.flatnonzero(wall.normals[:, 2] > -0.9)  # a scan has no back
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn[:, 0] *= np.linalg.det(turn)
+    mesh = Mesh(wall.vertices @ turn.T + rng.normal(0, 10, 3), wall.faces[rows])
+    front = (mesh.normals * mesh.areas[:, None]).sum(axis=0)
+    for eyes in (
+        (),
+        rc.look_at(mesh.bounds.mean(axis=0) + 9 * turn[:, 2], mesh.bounds.mean(axis=0)),
+    ):
+        for towards in sides(mesh, eyes):
+            assert upright(eyes) @ front @ towards > 0.3 * np.linalg.norm(front)
+        scene = look(mesh, sides(mesh, eyes)[0], scale=0.3, eyes=eyes)
+        assert (mesh.normals[scene.face[scene.face >= 0]] @ front > 0.9).mean() > 0.5
+        towards = np.array(described_mesh(mesh, eyes)["towards"])
+        np.testing.assert_allclose(towards, sides(mesh, eyes)[0] @ upright(eyes))
+
+
+def test_the_first_view_of_a_closed_body_is_from_the_side_of_its_cameras():
+    ball = shapes.sphere(2)
+    for side in rc.look_at(np.array([(5, 0, 1), (-5, 1, 0), (0, -5, 1)]), (0, 0, 0)):
+        for towards in sides(ball, side[None]):
+            assert towards @ side[:3, 3] > 0
+    assert (sides(ball, -DIRECTIONS) == sides(ball)).all()
+
+
+# Close-ups
+
+
+def touching(gap):
+    """Two boxes with a slit between them, narrower than any view into it."""
+    return joined(
+        shapes.box((1, 0.5, 1), 2, (0, -0.25 - gap, 0)),
+        shapes.box((1, 0.5, 1), 2, (0, 0.25 + gap, 0)),
+    )
+
+
+def hollow(_):
+    """A box with a hole inside."""
+    inner = shapes.box((0.4, 0.4, 0.4), 2)
+    return joined(shapes.box((1, 1, 1), 2), Mesh(inner.vertices, inner.faces[:, ::-1]))
+
+
+def on_a_table(gap):
+    """A box above a table, which only hides."""
+    whole = joined(
+        shapes.box((1, 1, 1), 2, (0, 0, 0.5 + gap)), shapes.box((9, 9, 0.2), 1, (0, 0, -0.1))
+    )
+    groups = Group("box"), Group("table", is_occluder=True)
+    return Mesh(whole.vertices, whole.faces, groups, np.repeat([0, 1], [whole.n_faces - 12, 12]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("made", [touching, hollow, on_a_table])
+@pytest.mark.parametrize("gap", [1e-6, 2e-3])
+def test_a_card_shows_its_zone_even_where_no_side_does(made, gap):
+    mesh = made(gap)
+    poses = rc.look_at([(5, 0, 1.5), (-4, 4, 1.5), (-4, -4, 1.5)], (0, 0, 0))
+    found = AreaNetwork(mesh, TASK)
+    found.add(rc.regions(mesh, CAMERA, poses, TASK))
+    zones = found.zones()
+    said = found.dead_zones(CAMERA, rc.Poses.of(poses))
+    reasons = np.zeros(mesh.n_faces, np.uint8)
+    for row in range(min(3, len(zones))):
+        picture = zone_close_up(zones, said, row, poses, reasons=reasons)
+        colour = REASONS[said["dead_zones"][row]["reason"]].colour
+        assert share_of_hue(picture, colour) > 0.005, row  # hatched
+
+
 # Modes
 
 
@@ -366,7 +446,8 @@ def test_colours_of_reasons_and_of_cameras_are_told_apart(colours, least):
     colours = np.array(colours).astype(int)
     apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
     assert apart.min() > least
-    hatches = [each.hatch for each in REASONS.values()]
+    # There are 16; without cameras there is no other reason.
+    hatches = [each.hatch for name, each in REASONS.items() if name != "no_cameras"]
     assert len(set(hatches)) == len(hatches)
     assert REASONS["covered"].hatch == 0
 
@@ -426,7 +507,7 @@ def test_short_lines_are_noise():
 def test_a_number_is_in_the_middle_of_its_zone():
     mask = np.zeros((40, 60), bool)
     mask[5:35, 10:15] = mask[20:35, 10:40] = True  # a thin bar with a wide end
-    x, y = middle_of(mask)
+    x, y = middle_of(np.argwhere(mask)[:, ::-1] + 0.5)
     assert mask[int(y), int(x)]
     assert (15 < x < 35, 22 < y < 33) == (True, True)
 
@@ -447,3 +528,22 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     zones_picture(zones, summary, poses, reasons=np.zeros(24, np.uint8))
     (core,) = np.unique(zones.zone[zones.face < 12])
     assert titles[0].endswith(f"; hidden from both sides: {core + 1}")
+
+
+# --- in the dark ----------------------------------------------------------------------------------
+
+
+def test_a_picture_in_the_dark_has_its_greys_reversed_and_its_colours_kept():
+    vivid = [REASONS[name].colour for name in ("occluded", "too_oblique", "too_coarse")]
+    greys = [theme.PAPER, theme.COVERED, theme.UNCOVERED, theme.INK]
+    colours = np.array([*vivid, *greys], np.uint8)
+    picture = Image.fromarray(np.repeat(colours[None], 4, axis=0))
+    light = png(picture, Image.Quantize.FASTOCTREE)
+    with Image.open(io.BytesIO(png_in_the_dark(light))) as file:
+        dark = np.asarray(file.convert("RGB"))[0].astype(int)
+    assert np.abs(dark[: len(vivid)] - vivid).max() <= 4  # as the palette has them
+    lightness = dark[len(vivid) :].mean(axis=1)
+    assert (np.diff(lightness) > 0).all()
+    assert lightness[0] < 32
+    assert lightness[-1] > 200
+    assert len(light) == len(png_in_the_dark(light))

@@ -78,7 +78,7 @@ def page_of(placement, **changes):
 
 def test_every_figure_that_counts_is_told(placement, pages):
     page = read_alone(pages["page.html"])
-    assert len(page.loads) == 5  # the cameras, what is left, and the worst of it
+    assert len(page.loads) == 2 * 5  # the cameras, what is left, the worst of it; in the dark, too
     words, told = " ".join(page.words), summary(placement)
     network, kept_out = told["network"], told["candidates"]["dropped"]["kept_out"]
     for figure in (
@@ -218,6 +218,15 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
     words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
     assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m; 400 px needs [\d.]+ m or", words)
+
+
+def test_a_page_lists_the_largest_hiders_by_part():
+    faces = [{"name": f"arm/face {k}", "hidden_by": {f"jig {k % 20}/face 1": 1 + k % 20}}
+             for k in range(100)]  # fmt: skip
+    found = page_module._hiders({"groups": faces})
+    assert len(found) == 12
+    assert found[0] == (("arm", "jig 19"), 100)
+    assert page_module._hiders(None) == []
 
 
 def test_a_percentage_is_within_the_bound_beside_it():

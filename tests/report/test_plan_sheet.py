@@ -8,7 +8,7 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
-from commands import call
+from commands import call, enter, write_part
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,11 +18,13 @@ from rastercov.coverage.densities import LEVELS
 from rastercov.mesh import shapes
 from rastercov.mesh.sections import section, solid
 from rastercov.report.plan_geometry import field_of_view, noded, visible_from
+from rastercov.report.plan_sheet import Frame, _hatching, lens_text
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
 LENS = rc.Camera(width=1280, height=720, fx=640, fy=640, model="opencv", distortion=(0, 0, 0, 0))
 EYES = ((-2.9, -2.4, 2.5), (2.9, 2.4, 2.5), (2.9, -2.4, 2.5))
 BOX = np.array(((-3.0, -3.0), (3.0, 3.0)))
+AROUND = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 4.0, 3))
 POINT = st.tuples(*[st.integers(-29, 29).map(lambda tenth: tenth / 10)] * 2)
 
 
@@ -56,6 +58,21 @@ def test_a_band_ends_where_the_facing_density_falls_to_its_level(camera, level):
     assert (np.maximum(abs(x), abs(y) * 16 / 9) <= z * (1 + 1e-6)).all()
 
 
+@given(POINT, st.floats(1e-7, 0.3), st.floats(1e-3, 1))
+def test_a_hatching_lies_in_its_zone_however_small(corner, size, step):
+    zone = shapely.box(*corner, *np.add(corner, size))
+    hatching = _hatching(zone, step)
+    assert hatching.is_empty or zone.buffer(1e-9).contains(hatching)
+    assert shapely.length(hatching) == pytest.approx(2**0.5 * size**2 / step, abs=9 * size)
+
+
+def test_a_zone_too_small_for_a_hatching_adds_nothing_to_the_path():
+    zone, frame = shapely.box(1, 1, 2, 2), Frame("A3", 1e3, np.zeros(2), 0.0, 1.2)
+    parts = [zone, shapely.LineString(), shapely.Polygon()]
+    assert frame.path(parts) == frame.path(zone)
+    assert frame.path([shapely.LineString()]) == ""
+
+
 def test_a_section_of_solids_is_filled_and_that_of_a_room_is_not():
     room = shapes.by_name("room")
     crates = solid(section(room.vertices, room.welded_faces, 0.5))
@@ -80,7 +97,7 @@ def test_the_files_of_the_command_are_to_scale(capsys, tmp_path, monkeypatch):
     numbers = re.findall(r"([-\d.]+),([-\d.]+)", paths["WALLS"][1].get("d"))
     walls = np.array(numbers, np.float64)
     np.testing.assert_allclose(np.ptp(walls, axis=0), (6e3 / 25, 5e3 / 25), atol=0.01)
-    assert {"Store", "2020-02-20", "pose 0"} <= {text.text for text in svg.iter() if text.text}
+    assert {"Store", "2020-02-20", "camera 0"} <= {text.text for text in svg.iter() if text.text}
     assert re.search(rb"/MediaBox \[0 0 1190\.55 841\.89\]", Path("plan.pdf").read_bytes())
     drawing = ezdxf.readfile("plan.dxf")
     assert not drawing.audit().has_errors
@@ -91,6 +108,38 @@ def test_the_files_of_the_command_are_to_scale(capsys, tmp_path, monkeypatch):
     np.testing.assert_allclose(abs(inside).max(axis=0), (3, 2.5), atol=1e-5)
     layers = {entity.dxf.layer for entity in drawing.modelspace()}
     assert {"WALLS", "CAMERAS", "FOV", "FOV_IDENTIFY", "FOV_DETECT", "DEAD", "TEXT"} <= layers
+
+
+ANYWHERE = """
+meshes = [{ path = "part.obj", role = "occluder", unit = "mm", transform = { scale = 1e3 } }]
+targets = [{ box = [[-2, -2, 1], [2, 2, 1.1]], count = [3, 3, 1] }]
+camera = { preset = "khepra" }
+candidates = [{ generator = "on_sphere", count = 6, distances = [6] }]
+selection = { goal = "best_coverage", cameras = 2 }
+"""
+
+
+@pytest.mark.slow
+def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    Path("mine").mkdir()
+    write_part("mine/part.obj")
+    Path("mine/plan.toml").write_text(ANYWHERE)
+    parts = "mine/part.obj -c khepra -p sphere:3 --unit mm"
+    rc.write_views(
+        "rig.json", rc.Views(rc.Rig([rc.Camera.preset("khepra")], ["a"]), AROUND, tuple("abc"))
+    )
+    for line in (f"evaluate {parts} -o out/evaluate", "place mine/plan.toml -o out/place",
+                 "audit rig.json mine/part.obj -o out/audit"):  # fmt: skip
+        assert call(capsys, line)[0] == 0
+    rc.place("mine/plan.toml", out="out/function")
+    for at in ("mine", ".", "/"):
+        monkeypatch.chdir(tmp_path / at)
+        for result in ("evaluate", "audit", "place", "function"):
+            text = tmp_path / f"{result}.svg"
+            line = f"sheet {tmp_path}/out/{result} --date x --out {text} --cut 0"
+            code, _, err = call(capsys, line)
+            assert code == 0, err
 
 
 @pytest.mark.parametrize(
@@ -104,3 +153,32 @@ def test_what_cannot_be_drawn_is_one_line_and_no_file(capsys, tmp_path, monkeypa
     assert (code, out) == (2, "")
     assert told in err.splitlines()[-1]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_pdf_on_which_no_band_is_reached_is_drawn(capsys, tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    words = ["sheet", "box", "-p", "sphere:3", "--cut", "0", "--out", "plan.pdf", "-c"]
+    code, _, err = call(capsys, [*words, "width = 9, height = 9, hfov_deg = 90"])
+    assert code == 0, err
+
+
+def test_a_result_of_place_needs_no_file_but_its_meshes(capsys, tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    rc.write_views("rig.json", rc.Views(rc.Rig([CAMERA], ["a"]), AROUND, tuple("abc")))
+    files = (
+        'camera = { file = "rig.json" }\ncandidates = [{ generator = "poses", file = "rig.json" }]'
+    )
+    lines = ANYWHERE.splitlines()
+    lines[1] = 'meshes = [{ built_in = "box", role = "occluder" }]'
+    lines[3:5] = files.splitlines()
+    Path("plan.toml").write_text("\n".join(lines))
+    assert call(capsys, "place plan.toml -o out")[0] == 0
+    Path("rig.json").unlink()
+    code, _, err = call(capsys, "sheet out --out plan.svg --cut 0")
+    assert code == 0, err
+
+
+def test_lenses_without_metres_are_named_by_their_field_of_view():
+    assert lens_text(rc.Camera.preset("hikvision-2143g2-28mm")) == "103 x 55°"
+    assert lens_text(rc.Camera.preset("tls-360")) == "360 x 150°"
+    assert lens_text(rc.Camera.preset("khepra")) == "1.93 mm"

@@ -25,10 +25,10 @@ from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
-from rastercov.report import coverage_files as coverage_table
+from rastercov.reference.models.report import coverage_picture, coverage_pixels
 from rastercov.report import images as pictures
+from rastercov.report import parquet as coverage_table
 from rastercov.report import tables, theme
-from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import write_coloured_mesh
 from rastercov.report.panorama import seen
 
@@ -347,7 +347,7 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
         summary["groups"][-2] | {"name": f"a group with a very long name {i}"} for i in range(48)
     ]
     many = printed(tables.summary_table(summary | {"groups": summary["groups"] + long}))
-    assert "and 38 more, see plan.json" in many
+    assert "and 38 more, see --json" in many
     text = printed(tables.summary_table(summary))
     assert max(map(len, (many + text).splitlines())) <= 80
     assert re.search(r"left\W+\d+ m²\W+50\.0\W+50\.0\W+occluded", text)

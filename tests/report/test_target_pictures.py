@@ -1,7 +1,5 @@
 """Targets in pictures: hatched, so that what is behind them shows."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 import trimesh
@@ -12,9 +10,8 @@ from target_scenes import beside
 from rastercov.camera.camera import Camera
 from rastercov.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
-from rastercov.reference.models.report import difference_picture, look_at_part
-from rastercov.report import camera_pictures, theme
-from rastercov.report.camera_pictures import coverage_pixels
+from rastercov.reference.models.report import coverage_pixels, difference_picture, look_at_part
+from rastercov.report import theme
 from rastercov.report.coverage_files import write_coloured_mesh
 from rastercov.report.images import hatch_over, targets_in_view
 from rastercov.report.panorama import seen
@@ -82,18 +79,6 @@ def test_the_difference_of_models_shows_targets_and_what_is_behind_them():
     top = (pixels != expected[: len(pixels)]).any(axis=2)[: inside.shape[0]]
     assert top[inside].mean() > 0.9
     assert top[~inside].mean() < 0.05
-
-
-def test_by_area_pixels_are_coloured_point_by_point(monkeypatch):
-    levels = np.zeros((80, 80), bool)
-    levels[:40] = True
-    monkeypatch.setattr(camera_pictures, "covered_pixels", lambda *rest: levels)
-    scene = scene_of(SCENE)
-    pixels = coverage_pixels(scene, np.ones(6), Mock()).astype(int)
-    is_target = scene.targets >= 0
-    for shown in (is_target, ~is_target & (scene.face >= 0)):
-        upper, lower = (pixels[rows][shown[rows]] for rows in (slice(0, 40), slice(40, 80)))
-        assert upper[:, 1].mean() > lower[:, 1].mean() + 30
 
 
 def test_hatching_leaves_every_other_stripe_as_it_is():

@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-from notices import without_notices
-
 from rastercov import cli
 from rastercov.mesh import shapes
 
@@ -80,7 +78,7 @@ def process(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **environment)
         timeout=300,
         check=False,
     )
-    result.stderr = without_notices(result.stderr or b"")
+    result.stderr = result.stderr or b""
     return result
 
 

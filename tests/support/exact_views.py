@@ -13,8 +13,8 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.viewpoints import look_at
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.records import BLOCK, LIVE, MIXED
 from rastercov.exact.surface import surface_of
-from rastercov.kernels.exact_records import BLOCK, LIVE, MIXED
 from rastercov.reference import rational
 
 PATHS = (HalfPlaneSolver, CertificateSolver)

@@ -41,7 +41,7 @@ def build(folder, poses):
 
 def whole_shards(folder):
     """Names and times of the shards that are there."""
-    return {path.name: path.stat().st_mtime_ns for path in (folder / "pairs").glob("*.parquet")}
+    return {path.name: path.stat().st_mtime_ns for path in (folder / "pairs").glob("*.npz")}
 
 
 def main():

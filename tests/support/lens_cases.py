@@ -6,9 +6,8 @@ import numpy as np
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.colmap import camera_of
-from rastercov.camera.lenses import BASES, Lens
+from rastercov.camera.lenses import BASES, Lens, formulas
 from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.kernels import lens_formulas
 
 WIDTH, HEIGHT = 1280, 1024
 FOCAL, CENTRE = (900.0, 880.0), (655.25, 500.5)
@@ -66,18 +65,18 @@ def make_lens(
     base, width=WIDTH, height=HEIGHT, *, fx, fy, cx=None, cy=None, radial=(), denominator=(),
     tangential=(0.0, 0.0), prism=(), tilt=(0.0, 0.0), of_base=(), is_late=False, max_angle_deg=None,
 ):  # fmt: skip
-    """Lens of the terms of its equations, docs/cameras.md; `of_base` as the equations take it."""
-    p, (x, y) = np.zeros(lens_formulas.LATE + 1), tilt
+    """Lens of the terms of its equations (appendix/lenses.md); `of_base` as they take it."""
+    p, (x, y) = np.zeros(formulas.LATE + 1), tilt
     p[:4] = fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy
     for first, values in (
-        (lens_formulas.K1, radial),
-        (lens_formulas.D1, denominator),
-        (lens_formulas.P1, tangential),
-        (lens_formulas.S1, prism),
-        (lens_formulas.T00, (np.cos(x), -np.sin(x) * np.sin(y), np.cos(y))),
-        (lens_formulas.T20, (np.sin(y), -np.cos(y) * np.sin(x), np.cos(y) * np.cos(x))),
-        (lens_formulas.B0, of_base),
-        (lens_formulas.LATE, (is_late,)),
+        (formulas.K1, radial),
+        (formulas.D1, denominator),
+        (formulas.P1, tangential),
+        (formulas.S1, prism),
+        (formulas.T00, (np.cos(x), -np.sin(x) * np.sin(y), np.cos(y))),
+        (formulas.T20, (np.sin(y), -np.cos(y) * np.sin(x), np.cos(y) * np.cos(x))),
+        (formulas.B0, of_base),
+        (formulas.LATE, (is_late,)),
     ):
         p[first : first + len(values)] = values
     return Lens(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)
@@ -128,7 +127,7 @@ def rays_of_plane(plane, points):
 def pixels_of_plane(plane, points):
     """Pixels (..., 2) of points (..., 2) of a plane, by the equations of the lens alone."""
     x, y, z = np.moveaxis(rays_of_plane(plane, points), -1, 0)
-    return np.stack(lens_formulas.project(plane.code, plane.params, x, y, z), axis=-1)
+    return np.stack(formulas.project(plane.code, plane.params, x, y, z), axis=-1)
 
 
 def points_of(plane, n, rng):

@@ -133,7 +133,7 @@ def stale_poses(folder, other, rng):
 def one_too_many(folder, other, rng):
     """A shard beyond the last."""
     shards = _shards(folder)
-    shutil.copy(shards[0], folder / "pairs" / f"pairs-{len(shards):05d}.parquet")
+    shutil.copy(shards[0], folder / "pairs" / f"pairs-{len(shards):05d}.npz")
     return "a shard too many"
 
 

@@ -28,9 +28,23 @@ LENS = SIZE | {"fx": 30.0, "fy": 30.0}
 SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
 SHEETS = {"spacing": 0.4, "inset": 0.1}
+LINE = rc.Rig(
+    [CAMERA] * 2, ["laser", "a"], rule=rc.All(), tasks={"laser": {"max_incidence_deg": 80}}
+)
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
 SQUARE = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
 ROOM = placement.Room.of_polygon(SQUARE, (-2, 2))
+URDF = """<robot name="arm"><link name="base"/><link name="hand"><collision><geometry>
+<box size="1 1 1"/></geometry></collision></link><joint name="q" type="continuous">
+<parent link="base"/><child link="hand"/><axis xyz="0 0 1"/></joint></robot>"""
+(FOLDER / "arm.urdf").write_text(URDF)
+(FOLDER / "path.csv").write_text("q\n0.1\n")
+(FOLDER / "frames.csv").write_text("time,mesh.x,mesh.y,mesh.z\n0,0,0,0\n1,0.1,0,0\n")
+MOTION = rc.Motion(MESH, {"mesh": rc.conveyor(2, direction=(1, 0, 0), distance=0.1)})
+LAMPS = rc.Lamps([rc.Lamp.point(intensity=5), rc.Lamp.ring(0.1, points=3, intensity=5)], POSES)
+OF_SENSOR = {"exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3e-6, "full_well": 1e4} | {
+    "quantum_efficiency": 0.6
+}
 OWN: dict[str, dict[str, Any]] = {
     "Camera": LENS
     | {"cx": 1.0, "cy": 1.0, "near": 0.1, "focal_length": 0.01, "pixel_size": (1e-5, 1e-5)}
@@ -54,10 +68,13 @@ OWN: dict[str, dict[str, Any]] = {
     "Camera.resized": {"scale": 0.5},
     "Task.thesis": {"min_pixels": 1, "max_incidence_deg": 80, "min_coverage": 0.5, "views": 1},
     "Mesh, in groups": {"groups": [rc.Group("a"), rc.Group("b")], "face_group": np.arange(12) % 2},
+    "Mesh.joined": {"parts": [MESH, MESH], "names": ["a", "b"]},
     "Mesh.load": {"path": FOLDER / "triangle.off", "max_bytes": 1000, "memory_budget": 1 << 20},
     "Mesh.load, built in": {"path": "box", "two_sided": ()},
     "audit": {"names": ["a", "b"], "by": "face"},
-    "check": {"min_coverage": 0.5, "groups": {"mesh": 0.2}},
+    "check": {"min_coverage": 0.5, "groups": {"mesh": 0.2}, "baseline": FOLDER / "check.json"},
+    "show": {"path": FOLDER / "page.html"},
+    "table": {"name": "faces"},
     "look_at": {"eyes": (0, 0, 3), "targets": (0, 0, 0)},
     "sphere_of_poses": {"distance": 1},
     "read_poses": {"path": FOLDER / "poses.npy"},
@@ -67,6 +84,7 @@ OWN: dict[str, dict[str, Any]] = {
     "write_views": {"views": VIEWS, "path": FOLDER / "written_views.json", "overwrite": True},
     "evaluate": EXACT,
     "evaluate, by area": EXACT | {"by": "area", "fields": []},
+    "evaluate, lit": EXACT | {"by": "area", "fields": [], "lamps": LAMPS},
     "evaluate, sampled": SAMPLED,
     "open_observer": EXACT,
     "open_observer, sampled": SAMPLED,
@@ -85,6 +103,61 @@ OWN: dict[str, dict[str, Any]] = {
     "Poses.check_cameras": {"n_cameras": 1},
     "Views.through": {"cameras": VIEWS},
     "Rasterizer.render": {"pose": POSES[0]},
+    "Regions.at_least": {"k": 1, "of": [0, 0]},
+    "Rig.preset": {"name": "stereo:0.12"},
+    "laser_line": {
+        "rig": LINE,
+        "world_from_rig": rc.conveyor(2, direction=(1, 0, 0), distance=0.1),
+    },
+    "RayAngle": {"eyes": [(0, 0, 1), (1, 0, 1)], "degrees": 20.0},
+    "Illuminance": {"positions": [(0, 0, 1)], "limit": 1.0, "axes": (0, 0, -1)},
+    "Highlight": {"eyes": (0, 0, 1), "positions": [(1, 0, 1)], "degrees": 10.0},
+    "BeamDensity": {"centres": (0, 0, 1), "axes": (0, 0, 1), "step_deg": 0.5, "limit": 100.0},
+    "Uncertainty": {"eyes": [(0, 0, 1), (1, 0, 1)], "limit": 1e-4, "noise": 1e-4}
+    | {"along": "normal"},
+    "Regions.by_devices": {"of": [0, 0], "needs": [0]},
+    "Regions.where": {"criterion": rc.RayAngle([(0, 0, 1), (1, 0, 1)], 20.0)},
+    "Rig.of_several": {"rigs": [VIEWS.rig], "names": ["a"]},
+    "Motion": {"bodies": {"mesh": np.stack([np.eye(4)] * 2)}, "present": {"mesh": [True, False]}},
+    "Motion.poses_of": {"body": "mesh"},
+    "Motion.frame": {"row": 1},
+    "load_motion": {"path": FOLDER / "frames.csv"},
+    "Exposure": OF_SENSOR | {"gain": 0.1, "min_snr": 20.0},
+    "Exposure.band": {"unit": "W/m2"},
+    "Exposure.in_words": {"unit": "lx"},
+    "Task.exposed": {"exposure": rc.Exposure(**OF_SENSOR), "unit": "lx"},
+    "Task.check_light": {"lamps": LAMPS},
+    "Lamp.from_ies": {"path": FOLDER / "lamp.ies"},
+    "Lamps.carried_by": {"cameras": ["a", "b"]},
+    "Lamp": {"intensity": 5.0, "size": (0.0, 0.0), "points": 1},
+    "Lamp, of size": {
+        "kind": "area",
+        "intensity": None,
+        "power_w_sr": 5.0,
+        "size": (1.0, 2.0),
+        "points": 4,
+    }
+    | {"half_angle_deg": 90.0, "exponent": 1.0},
+    "Lamp.point": {"intensity": 5.0},
+    "Lamp.spot": {"half_angle_deg": 30.0, "power_w_sr": 5.0},
+    "Lamp.bar": {"length": 0.5, "intensity": 5.0, "points": 4},
+    "Lamp.ring": {"diameter": 0.5, "intensity": 5.0, "points": 4},
+    "Lamp.dome": {"diameter": 0.5, "intensity": 5.0, "points": 4},
+    "Lamp.area": {"width": 0.5, "height": 0.2, "intensity": 5.0, "points": 4},
+    "Lamps": {"lamps": LAMPS.lamps, "places": POSES, "names": ["a", "b"], "rides": [True, False]},
+    "load_lamps": {"path": FOLDER / "lamps.toml"},
+    "Robot.load": {"path": FOLDER / "arm.urdf", "rest": (0.1,), "name": "own"},
+    "Collisions": {"robot": rc.Robot.load(FOLDER / "arm.urdf"), "scene": [MESH]}
+    | {"allowed": [("hand", "base")]},
+    "Collisions.clearance": {"joints": [[0.1]], "most": 1.0},
+    "Robot.frames": {"joints": [[0.1]]},
+    "Robot.poses": {"joints": [0.1]},
+    "Robot.is_moving": {"link": "hand"},
+    "Robot.read_path": {"path": FOLDER / "path.csv"},
+    "Robot.solve": {"link": "hand", "starts": 2, "most": 2},
+    "turntable": {"steps": 3},
+    "conveyor": {"steps": 3, "distance": 0.1},
+    "over_time": {"regions": rc.regions_over_time(MOTION, CAMERA, POSES, threads=1)},
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
     "DeadZones.places": {"n": 2},
@@ -94,6 +167,8 @@ OWN: dict[str, dict[str, Any]] = {
     "count_for": {"spacing": 0.5},
     "with_target": {"name": "sheet", "two_sided": True},
     "Framing": {"stand_off": (0.1, 9.0), "fit": "vertices", "margin": 1.1},
+    "Arm": {"robot": rc.Robot.load(FOLDER / "arm.urdf"), "link": "hand"},
+    "on_arm": {"arm": placement.Arm(rc.Robot.load(FOLDER / "arm.urdf"), "hand", MESH)},
     "on_box": {"spacing": 0.7, "bounds": [(-2, -2, -2), (2, 2, 2)]},
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
@@ -119,9 +194,11 @@ OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(place
 signatures are tried, and the values of those in `OWN`."""
 UNTRIED = {
     "Evaluation": "is made by evaluate; its arrays are those of Coverage",
-    "RegionUnion.unite": "takes pieces that `add` has made",
+    "Robot": "is made by Robot.load",
+    "RegionUnion.fill": "takes a mask of faces that `with_rest` has made",
     "audit out": "writes a report for each text",
     "place out": "the same",
+    "check out": "the same",
     "measure_matrix": "writes a folder; the checks are those of build_matrix",
     **{
         f"build_matrix {each}": "options of folders and workers have tests of their own"
@@ -248,7 +325,10 @@ def calls():
     """Every public call with arguments that are right, by name; what a folder must have is made."""
     (FOLDER / "triangle.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     CAMERA.save(FOLDER / "camera.json")
+    (FOLDER / "lamp.ies").write_text("IES\nTILT=NONE\n1 9 1 2 1 1 2 0 0 0 1 1 9\n0 90\n0\n9 0\n")
+    (FOLDER / "lamps.toml").write_text("[lamps.a]\nintensity_cd = 5\nrig = true\n")
     rc.write_poses(FOLDER / "poses.npy", POSES)
+    rc.check(PLAN, POSES, min_coverage=0.5, out=FOLDER)
     public = public_callables() | {"select_thesis": thesis()}
     objects, usual = right_objects()
     rc.write_views(FOLDER / "views.json", VIEWS, overwrite=True)
@@ -286,8 +366,11 @@ def right_objects():
     made = [
         CAMERA, MESH, TASK, VIEWS, observer, counts, counts.info, poses, regions, covered, cells,
         rc.dead_zones(covered, 2), rc.RegionUnion(MESH, 2), rc.Network(MESH, TASK),
-        rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), cells.share(regions), observer.observe(POSES),
-        rasterizer.render(POSES[0]), rc.Workers(1), next(rc.evaluate_batches(observer, POSES)),
+        rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), LAMPS, MOTION, cells.share(regions),
+        rc.Robot.load(FOLDER / "arm.urdf"), rc.Collisions(rc.Robot.load(FOLDER / "arm.urdf")),
+        rc.Exposure(**OF_SENSOR), LAMPS.lamps[0],
+        observer.observe(POSES), rasterizer.render(POSES[0]), rc.Workers(1),
+        next(rc.evaluate_batches(observer, POSES)),
     ]  # fmt: skip
     objects = {type(each).__name__.lstrip("_"): each for each in made}
     objects |= {"Observer": observer, "Rasterizer": rasterizer}
@@ -295,8 +378,9 @@ def right_objects():
     goal = placement.BestCoverage(cameras=1)
     usual = {
         "mesh": MESH, "camera": CAMERA, "poses": POSES, "task": TASK, "threads": 1, "plan": PLAN,
-        "name": "a",
-        "observer": observer, "regions": regions, "covered": covered, "coverage": made[-1],
+        "name": "a", "value": rc.evaluate(MESH, CAMERA, POSES, fields=()),
+        "lamps": None, "motion": MOTION, "observer": observer, "regions": regions,
+        "covered": covered, "coverage": made[-1],
         "counts": counts, "views": 1, "size": 0.5, "world_from_rig": POSES, "rig": objects["Rig"],
         "chosen": np.ones(2, np.bool_), "tri": MESH.to_trimesh(), "max_blur": 1.0, "count": 3,
         "centre": (0, 0, 0), "low": (0, 0, 0), "high": (1, 1, 1), "target": MESH, "faces": [0, 1],
@@ -324,6 +408,8 @@ SLOW = {
 
 def is_wish_for_much_work(name, argument, value):
     is_number = isinstance(value, int | float | np.integer | np.floating)
+    if argument == "open_browser":
+        return True
     if argument in ("progress", "aim") and callable(value):
         return True  # a function of the caller's own, which fails as it likes
     is_asked = argument in SLOW.get(name, ()) and is_number and not isinstance(value, bool)

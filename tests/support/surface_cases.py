@@ -1,5 +1,7 @@
 """Scenes for exact regions, the same surface cut into other triangles, and points in regions."""
 
+from dataclasses import replace
+
 import clipper2
 import numpy as np
 from exact_cases import box, hostile
@@ -103,6 +105,24 @@ def _cut_edge(faces, origin, a, b, new):
             faces[f] = first
             faces.append(second)
             origin.append(origin[f])
+
+
+PANORAMA = rc.Camera(
+    width=2048, height=1024, fx=1024 / np.pi, fy=1024 / np.pi, model="equirectangular"
+)
+
+
+def whole(mesh, n_rows=1):
+    """Regions that have every face, in each row."""
+    frames = frames_of(mesh)
+    face = np.tile(np.flatnonzero(frames.areas > 0), n_rows)
+    rows = np.repeat(np.arange(n_rows), len(face) // n_rows)
+    one = rc.regions(mesh, PANORAMA, np.repeat(np.eye(4)[None], n_rows, axis=0))
+    return replace(
+        one, xy=frames.corners[face].reshape(-1, 2), starts=3 * np.arange(len(face) + 1),
+        face=face.astype(np.int32), pose=rows.astype(np.int32), pair_pose=rows.astype(np.int32),
+        pair_face=face.astype(np.int32), area=frames.areas[face], bound=np.zeros(len(face)),
+    )  # fmt: skip
 
 
 def in_regions(regions, row, points, face):

@@ -237,6 +237,16 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     assert tab.state()["task"]["max_incidence_deg"] == 45
 
 
+def test_a_level_of_the_standard_is_a_threshold_and_a_colour(tab):
+    tab.open("Network")
+    for is_on in (True, False):
+        tab.button("Recognise")
+        assert tab.state()["task"]["min_facing_density"] == (125 if is_on else 0)
+    tab.js("rastercov.session.setMode('level')")
+    tab.idle()
+    assert tab.page.locator(".legend li").filter(has_text="observe, ≥ 62.5 px/m").count() == 1
+
+
 def test_sections_and_groups_hide_what_they_cut_away(tab):
     pinhole_picture(tab, rc.look_at((2.6, -2.0, 2.2), (1.6, -1.4, 0.9))[0])  # at the tallest crate
     canvas = "rastercov.view.canvas"
@@ -448,6 +458,13 @@ def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, 
         assert (np.ptp(found, axis=0) > 0.5 * size).any()
 
 
+DROPPED = """() => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File(["solid"], "d.stl"));
+  document.body.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true }));
+}"""
+
+
 def chosen_drawing(tab, path):
     tab.page.get_by_label("Drawing", exact=True).set_input_files(path)
 
@@ -477,6 +494,7 @@ def test_a_drawing_lies_under_the_floor_plan_to_scale_by_two_points(tab, tmp_pat
         [box["width"], box["height"]], scale * pixel * np.array((800, 600)), 1e-5
     )
     np.testing.assert_allclose(on_drawing(0.1, 0.2), origin, atol=0.01)
+    tab.js("localStorage.clear()")  # as in the browser of a colleague
     tab.page.reload()
     tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
     tab.button("Floor plan")
@@ -494,6 +512,8 @@ def test_a_hostile_drawing_is_inert_or_refused(tab, tmp_path):
         chosen_drawing(tab, tmp_path / name)
     tab.page.get_by_text("b.png has 50000 × 50000 pixels").wait_for()
     tab.page.get_by_text("c.pdf is no PNG, JPEG or SVG").wait_for()
+    tab.js(DROPPED)
+    tab.page.get_by_text("d.stl is no PNG, JPEG or SVG").wait_for()
     assert tab.page.locator("img.drawing:visible").get_attribute("src").startswith("data:image/svg")
     assert tab.js("window.ran") is None
     assert [each for each in tab.requests if "example.org" in each] == []

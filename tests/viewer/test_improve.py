@@ -110,8 +110,10 @@ WATCH_ROOM = Path(rc.__file__).parents[1] / "examples" / "plans" / "watch_room.t
 
 
 @pytest.mark.slow
-def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says():
-    session = Session(open_plan(WATCH_ROOM))
+def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says(tmp_path):
+    file = tmp_path / "plan.toml"  # few poses are tried
+    file.write_text(WATCH_ROOM.read_text() + "refine_budget = 200\n")
+    session = Session(open_plan(file))
     assert session.scene.placement["cameras"] == 6
     work = Work(session)
     work.start({"kind": "place", "cameras": 3})
@@ -191,7 +193,7 @@ def test_work_can_be_cancelled(work):
 )  # fmt: skip
 def test_work_that_does_not_exist_or_on_what_is_gone_is_said(work, asked, words):
     if words is None:
-        with pytest.raises(rc.ConfigError, match="work must be"):
+        with pytest.raises(rc.ConfigError, match="work"):
             work.start(asked)
         return
     work.start(asked)

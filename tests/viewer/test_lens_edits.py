@@ -71,3 +71,10 @@ def test_a_camera_is_made_again_of_its_description(camera):
     text = json.dumps(described(camera), allow_nan=False)
     assert Camera.from_dict(json.loads(text)["plain"]) == camera
     assert len(json.loads(text)["border"]) >= 4
+
+
+def test_a_camera_in_focus_as_far_as_infinity_is_json_and_comes_back():
+    camera = Camera.preset("rpi-cm1")
+    said = json.loads(json.dumps(described(camera), allow_nan=False))
+    assert said["focus_far"] is None
+    assert Camera.from_dict(said["plain"]) == camera

@@ -23,7 +23,7 @@ import rastercov as rc
 from rastercov import cli
 from rastercov.camera.formats import read_views
 from rastercov.mesh import shapes
-from rastercov.viewer.saving import Saving, exported
+from rastercov.viewer.saving import Saving, exported, with_drawing
 from rastercov.viewer.scene import open_plan, open_result
 from rastercov.viewer.session import Session, unframed
 
@@ -44,6 +44,30 @@ def test_a_saved_rig_is_the_rig(tmp_path):
     assert found.rig.cameras == tuple(state.cameras.values())
     assert session.history.is_saved
     session.close()
+
+
+def test_a_drawing_is_saved_with_the_rig_and_comes_back_with_its_scene(tmp_path):
+    drawing = {"name": "a.png", "place": [[0.1, 0.2], [3.0, -4.0]], "opacity": 0.5, "image": "iVBO"}
+    with closing(session_of(count=0)) as first, closing(session_of(count=0)) as second:
+        first.draw(drawing)
+        first.draw({"opacity": 0.25})
+        assert not first.described_state()["is_saved"]
+        Saving(first, tmp_path).save({"what": "rig"})  # without a camera, too
+        assert first.described_state()["is_saved"]
+        with_drawing(second, [tmp_path / "none", tmp_path])
+        assert second.drawing.model_dump() == drawing | {"opacity": 0.25}
+        for wrong in ({"place": [[1, 2]]}, {"opacity": 2.0}, {"image": "<svg>"}, {"path": "/"}):
+            with pytest.raises(rc.ConfigError, match=next(iter(wrong))):
+                second.draw(wrong)
+        other = Session(replace(second.scene, title="another"))
+        assert with_drawing(other, [tmp_path]).drawing is None
+        second.draw({})
+        acted(second, do="add", camera="eye", pose=np.ravel(around(part())[0]).tolist())
+        Saving(second, tmp_path).save({"what": "rig"})
+        assert with_drawing(Session(second.scene), [tmp_path]).drawing is None
+        (tmp_path / "viewer_drawing.json").write_text('{"scene": "part", "name": 1')
+        with pytest.raises(rc.ConfigError, match=r"drawing\.json is no drawing .*; remove it"):
+            with_drawing(second, [tmp_path])
 
 
 def test_a_camera_of_the_catalogue_of_a_plan_is_used_and_saved(tmp_path):

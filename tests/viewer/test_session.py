@@ -15,9 +15,10 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import regions
+from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NO_CAMERAS, Reason
 from rastercov.placement.candidates.segments import segment
-from rastercov.report.modes import OCCLUDER_OF_REASONS
+from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene, task_fields
@@ -102,6 +103,7 @@ def test_levels_of_each_mode_are_those_of_its_figure(session):
         ("camera", np.where(views > 0, 2 + found.coverage.argmax(axis=0), 0)),
         ("coverage", steps_of(best)),
         ("single", steps_of(found.coverage[2])),
+        ("level", np.where(views > 0, 6, 0)),  # all of them nearer than 1.2 m
     ):
         _, levels = acted(session, mode, shown=2)
         np.testing.assert_array_equal(levels, values, err_msg=mode)
@@ -113,6 +115,17 @@ def test_levels_of_each_mode_are_those_of_its_figure(session):
     beyond = MESH.areas[is_seen][shown != density[is_seen]].sum()
     assert beyond <= 0.041 * MESH.areas[is_seen].sum()
     assert np.abs(np.log(value / shown)).max() <= 0.51 / 253 * math.log(high / low) + 1e-6
+
+
+def test_levels_of_densities_are_those_of_the_standard():
+    density = np.exp(np.random.default_rng(3).uniform(0, 7, MESH.n_faces))
+    density[:4] = list(DORI.values())
+    painted = MODES["level"].paint(MESH, density)
+    words = {each["level"]: each["label"] for each in painted.legend}
+    for value, level in zip(density, painted.levels, strict=True):
+        reached = [name for name, least in DORI.items() if value >= least]
+        assert words[level].startswith(reached[-1] if reached else "coarser than detect")
+    assert [each["level"] for each in painted.legend] == [6, 5, 4, 3, 2]
 
 
 def steps_of(values):
@@ -348,12 +361,15 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
     face = int(np.flatnonzero(acted(session)[1] == acted(session)[0]["legend"][0]["level"])[0])
     helps = [entry["help"] for entry in session.why(face)["cameras"]]
     assert any(words in text for text in helps), helps
+    advice = r"best (\S+) (\S+) at (\S+) (mm|m); (\S+) (\S+) needs (\S+) (mm|m)"
     for text in helps:  # lengths grow with nearness, areas with its square
-        if found := re.search(r"best (\S+) (\S+) at (\S+) m; (\S+) (\S+) needs (\S+) m", text):
-            scale = {"px": 1.0, "px/m": 1.0, "px/mm": 1e3}
-            missing = float(found[4]) * scale[found[5]] / (float(found[1]) * scale[found[2]])
-            wanted = math.sqrt(missing) if found[2] == "px" else missing
-            assert float(found[3]) / float(found[6]) == pytest.approx(wanted, rel=0.06)
+        if found := re.search(advice, text):
+            best, unit, place, length, needs, needs_unit, near, near_length = found.groups()
+            scale = {"px": 1.0, "px/m": 1.0, "px/mm": 1e3, "m": 1.0, "mm": 1e-3}
+            missing = float(needs) * scale[needs_unit] / (float(best) * scale[unit])
+            wanted = math.sqrt(missing) if unit == "px" else missing
+            nearness = float(place) * scale[length] / (float(near) * scale[near_length])
+            assert nearness == pytest.approx(wanted, rel=0.06)
 
 
 def test_the_state_is_told_while_something_is_measured(session):

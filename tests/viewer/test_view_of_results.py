@@ -3,14 +3,18 @@
 import json
 import re
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from commands import answer, done, enter, refusal
-from rigs_to_view import CAMERA, around, part
+from rigs_to_view import CAMERA, acted, around, part
 
 import rastercov as rc
 from rastercov.mesh import shapes
+from rastercov.viewer.saving import Saving
+from rastercov.viewer.scene import open_result
+from rastercov.viewer.session import Session
 
 SCENES = {
     "plain": "part.stl",
@@ -118,6 +122,23 @@ def test_a_result_without_its_arguments_is_opened_by_the_names_of_its_meshes(
             del summary["run"]["options"]
         path.write_text(json.dumps(summary))
         assert seen(capsys, "report") == summary["covered"]
+
+
+def test_an_audit_without_a_scale_is_in_units(room, capsys):
+    rig = json.loads((room / "rig.json").read_text())
+    (room / "rig.json").write_text(json.dumps(rig | {"has_unit": False}))
+    done(capsys, "audit rig.json part.stl -o audit")
+    scene = open_result(Path("audit"), lambda names: rc.Mesh.load(names, unit="m"))
+    with closing(Session(scene)) as session:
+        acted(session, do="task", changes={"min_pixel_density": 1e5})
+        said = [session.why(face) for face in range(0, scene.mesh.n_faces, 7)]
+        head, _ = acted(session, "density")
+        saved = Saving(session, room).content("rig")[1]
+    assert "units²" in said[0]["words"]
+    texts = json.dumps([scene.described(is_kept=False)["modes"], head["scale"], said])
+    assert re.findall(r"[0-9] ?(m|mm|cm)²?\b|px/m", texts) == []
+    assert "px/unit" in texts
+    assert json.loads(saved)["has_unit"] is False
 
 
 def test_an_audit_is_opened_without_its_options(room, capsys):

@@ -1,4 +1,4 @@
-"""Hostile scenes for the loops of exact/, area/ and mesh/, for numba's bounds checks."""
+"""Hostile scenes for the loops of exact/, area/ and mesh/: `make sanitize` checks each index."""
 
 import numpy as np
 from exact_cases import hostile

@@ -1,0 +1,247 @@
+"""Figures over time: durations, presence, tables of poses, and what hides the parts missed."""
+
+import json
+
+import numpy as np
+import pytest
+import swept_arm as arm
+from test_bodies import AROUND, CAMERA, shifted, two_bodies
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.motion import over_time, regions_over_time
+from rastercov.coverage.area.table import joined
+from rastercov.coverage.reasons import NAMES
+
+TASK = rc.Task()
+
+
+def passing(durations=None, present=None):
+    """A plate that passes before a part, seen from above."""
+    part = rc.shapes.by_name("icosahedron")
+    plate = rc.Mesh(
+        [(-1, -1, 1.5), (1, -1, 1.5), (1, 1, 1.5), (-1, 1, 1.5)], [(0, 1, 2), (0, 2, 3)]
+    )
+    mesh = two_bodies(part, plate)
+    moves = {"b": rc.conveyor(4, direction=(1, 0, 0), distance=6)}
+    return rc.Motion(mesh, moves, present, durations)
+
+
+ABOVE = rc.look_at(eyes=[(0.1, 0.1, 6)], targets=(0, 0, 0), up=(0, 1, 0))
+
+
+def test_durations_are_weights_of_frames():
+    motion, doubled = passing([1, 0.5, 0.5, 2]), passing()
+    assert motion.units.tolist() == [2, 1, 1, 4]
+    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
+    for share in (0.25, 0.5, 0.6, 0.75, 1.0):
+        frames = [found.of_poses(np.arange(4) == row) for row in range(4)]
+        rows = np.repeat(np.arange(4), motion.units)
+        every = joined([frames[row] for row in rows])
+        expected = every.at_least(int(np.ceil(8 * share)), one_side=False).areas().sum()
+        assert over_time(found, motion, share).areas().sum() == pytest.approx(expected, abs=1e-9)
+    assert doubled.units.tolist() == [1, 1, 1, 1]
+
+
+def test_the_curve_falls_and_adds_up_to_the_frames():
+    result = rc.evaluate_over_time(passing([1, 2, 1, 1]), CAMERA, ABOVE, TASK, 0.9)
+    curve, frames = result.curve(), result.table()
+    areas = [each["m2"] for each in curve]
+    assert areas == sorted(areas, reverse=True)
+    assert len(curve) == 5
+    weighted = sum(each["covered_m2"] * each["duration"] for each in frames)
+    assert sum(areas) == pytest.approx(weighted, rel=1e-9)
+    said = result.summary()
+    assert said["ever_percent"] == pytest.approx(curve[0]["percent"])
+    assert said["always_percent"] == pytest.approx(curve[-1]["percent"], abs=1e-9)
+    assert said["always_percent"] <= said["covered"]["percent"] <= said["ever_percent"]
+    shares = result.share_of_time()
+    scored = result.motion.mesh.task_mask
+    of_time = (shares * result.motion.mesh.areas)[scored].sum() * 5
+    assert of_time == pytest.approx(weighted, rel=1e-9)
+
+
+def test_views_at_any_time_need_not_be_at_one_time():
+    # The part is seen by one camera or by the other, when the plate is before this one.
+    motion = passing()
+    eyes = rc.look_at(eyes=[(0.1, 0.1, 6), (3.5, 0.1, 4)], targets=(0, 0, 0), up=(0, 1, 0))
+    two = rc.Task(views=2)
+    found = rc.regions_over_time(motion, CAMERA, eyes, two)
+    one, any_time = (
+        rc.over_time(found, motion, 0.75, views=2, views_at=at).area.sum()
+        for at in ("one time", "any time")
+    )
+    assert any_time >= one - 1e-12
+    by_hand = [
+        rc.over_time(rc.regions_over_time(motion, CAMERA, eye[None], TASK), motion, 0.75)
+        for eye in eyes
+    ]
+    assert any_time == pytest.approx(joined(by_hand).at_least(2, one_side=False).area.sum())
+
+
+def test_the_body_that_hides_a_dead_zone_is_named():
+    # From four sides: the rest is where the plate is in between.
+    eyes = [(0.1, 0.1, 6), (0.1, 0.1, -6), (0.1, 6, 0.1), (0.1, -6, 0.1)]
+    eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0.3, 1, 0.2))
+    result = rc.evaluate_over_time(passing(), CAMERA, eyes, TASK, "all")
+    zones = result.dead_zones()["dead_zones"]
+    hidden = [zone for zone in zones if zone["hidden_by"] == "b"]
+    assert hidden
+    for zone in hidden:
+        assert zone["reason"] == "occluded"
+        assert zone["advice"] == "move the camera so that b is not between"
+    assert result.table()[0]["hidden_by"] == "b"
+    assert "of the area in all frames, of 4 frames; ever" in result.lines()[0]
+
+
+def test_only_what_is_occluded_is_hidden_by_a_body():
+    # The part turns: below, and behind it, it is seen from behind at most times.
+    mesh = two_bodies(rc.shapes.by_name("teapot"), rc.shapes.by_name("icosahedron"))
+    motion = rc.Motion(mesh, {"a": rc.turntable(6)})
+    pose = rc.look_at(eyes=[(3, 0.1, 2)], targets=(0, 0, 0), up=(0, 0, 1))
+    for over in ("some", 0.5, "all"):
+        result = rc.evaluate_over_time(motion, CAMERA, pose, TASK, over)
+        zones = result.dead_zones()["dead_zones"]
+        assert zones
+        for zone in zones:
+            assert (zone["hidden_by"] is None) or zone["reason"] == "occluded"
+            assert not set("{}") & set(zone["advice"])
+    reasons = {zone["reason"] for zone in zones}
+    assert "back_facing" in reasons
+
+
+def test_what_hides_itself_is_another_part_of_it():
+    # The inner side of a torus, from outside on all sides.
+    torus = rc.shapes.by_name("torus")
+    motion = rc.Motion(torus, {torus.groups[0].name: rc.turntable(8)})
+    eyes = [(10, 0, 1), (10, 0, -1), (-10, 0, 1), (-10, 0, -1)]
+    eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0, 0, 1))
+    zones = rc.evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
+    assert zones[0]["hidden_by"] == torus.groups[0].name
+    assert zones[0]["advice"] == "move the camera so that another part of it is not between"
+
+
+def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():
+    motion = passing([1, 2, 1, 4])
+    eyes = rc.look_at(eyes=[(0.1, 0.1, 6), (3.5, 0.1, 4)], targets=(0, 0, 0), up=(0, 1, 0))
+    result = rc.evaluate_over_time(motion, CAMERA, eyes, TASK)
+    areas = result.regions.areas().reshape(4, 2, -1)
+    worth = (areas * motion.durations[:, None, None]).sum(axis=0)
+    row = result.longest()
+    assert (row[worth.sum(axis=0) == 0] == -1).all()
+    covered = np.flatnonzero(row >= 0)
+    assert len(covered)
+    assert np.allclose(worth[row[covered], covered], worth.max(axis=0)[covered])
+
+
+def test_reasons_over_time_are_those_of_dead_zones():
+    result = rc.evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all")
+    mesh = result.motion.mesh
+    summary = rc.evaluate(mesh, CAMERA, ABOVE, TASK)._with_areas(result.areas).summary()
+    assert summary["not_covered_because"] == {}
+    wanted = dict.fromkeys([zone["reason"] for zone in summary["dead_zones"]], 0.0)
+    for zone in summary["dead_zones"]:
+        wanted[zone["reason"]] += zone["area_m2"]
+    found = summary["seeable_not_covered_because"]
+    assert {name: each["m2"] for name, each in found.items()} == pytest.approx(wanted)
+    part, plate = summary["groups"]
+    assert part["seeable_not_covered_because"].keys() == found.keys()
+    assert "seeable_not_covered_because" not in plate
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"covered", "too_few_views", "no_cameras"}))
+def test_every_reason_that_a_point_may_have_is_that_of_a_zone(name, monkeypatch):
+    def judged(mesh, camera, task, poses, points, face):
+        reason = np.full(len(points), NAMES.index(name), np.uint8)
+        return [(row, reason, np.full(len(points), -1)) for row in range(len(poses))]
+
+    monkeypatch.setattr("rastercov.coverage.area.over_time.failures_of_rows", judged)
+    zones = rc.evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all").dead_zones()["dead_zones"]
+    assert {zone["reason"] for zone in zones} == {name}
+    assert not set("{}") & set(zones[0]["advice"])
+
+
+def test_absent_frames_do_not_count_for_what_is_absent():
+    motion = passing(present={"b": [False, False, True, True]})
+    assert motion._needed("all")[:20].tolist() == [4] * 20
+    assert motion._needed("all")[20:].tolist() == [2, 2]
+    assert motion._needed(0.5)[20:].tolist() == [1, 1]
+
+
+def quaternion_rows():
+    half = np.sqrt(0.5)
+    return f"time,b.x,b.qw,b.qz,b.present\n0,0,1,0,1\n0.1,1,{half},{half},1\n0.3,2,2,0,0\n"
+
+
+def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
+    mesh = passing().mesh
+    turn = rc.turntable(4)[1]
+    turn[0, 3] = 1
+    last = shifted((2, 0, 0))
+    content = {
+        "times": [0, 0.1, 0.3],
+        "bodies": {
+            "b": {
+                "poses": [np.eye(4).tolist(), turn.tolist(), last.tolist()],
+                "present": [True, True, False],
+            }
+        },
+    }
+    (tmp_path / "m.json").write_text(json.dumps(content))
+    (tmp_path / "m.csv").write_text(quaternion_rows())
+    one, other = (rc.load_motion(mesh, tmp_path / name) for name in ("m.json", "m.csv"))
+    assert np.allclose(one.world_from_body, other.world_from_body, atol=1e-12)
+    assert np.array_equal(one.present, other.present)
+    assert one.durations.tolist() == other.durations.tolist() == [0.1, 0.2, 0.2]
+    assert one.units.tolist() == [1, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("m.json", "{", "not valid JSON"),
+        ("m.json", "{}", "bodies"),
+        ("m.json", '{"bodies": {"b": {}}, "times": [0.7, 0.5]}', "times must rise"),
+        ("m.json", '{"bodies": {"b": {}}, "times": [0], "durations": [1]}', "exclude"),
+        ("m.json", '{"bodies": {"b": {}}, "durations": [-1]}', "above 0"),
+        ("m.json", '{"bodies": {"b": {}}, "durations": [1, 2]}', "durations must"),
+        ("m.json", '{"bodies": {"b": {"poses": [[1]]}}}', "rigid"),
+        ("m.json", '{"bodies": {"b": {"pose": 1}}}', "holds poses"),
+        ("m.json", '{"bodies": {"lid": {}}}', "lid"),
+        ("m.json", '{"bodies": {"b": {}}, "x": 1}', "no entry"),
+        ("m.csv", "b.x\n", "1 to"),
+        ("m.csv", "b.x,b.x\n1,2\n", "one name"),
+        ("m.csv", "b.x\n1,2\n", "wanted 1 numbers"),
+        ("m.csv", "b.x\nfar\n", "wanted a number"),
+        ("m.csv", "b.w\n1\n", "no column"),
+        ("m.csv", "time\n1\n", "no body"),
+        ("m.csv", "time,b.x\n1,0\n1,0\n", "times must rise, got 1 after 1 in frame 1"),
+        ("m.csv", "b.qw\n0\n", "quaternion"),
+        ("m.txt", "b.x\n0\n", "JSON or CSV"),
+    ],
+)
+def test_files_that_are_no_motion_are_refused_in_one_line(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises((ConfigError, rc.MeshError), match=words) as error:
+        rc.load_motion(passing().mesh, tmp_path / name)
+    assert "\n" not in str(error.value)
+
+
+def test_durations_without_a_common_unit_are_refused():
+    with pytest.raises(ConfigError, match="whole multiples of one unit"):
+        passing([0.033331, 0.05, 0.1, 0.1])
+
+
+def test_views_at_other_times_are_refused():
+    motion = passing()
+    found = rc.regions_over_time(motion, CAMERA, ABOVE, TASK)
+    with pytest.raises(ConfigError, match="views_at"):
+        rc.over_time(found, motion, views_at="soon")
+
+
+def test_a_robot_over_a_part_is_evaluated_over_time():
+    motion = rc.Motion(arm.cell(), arm.frames(arm.sweep(12)))
+    result = rc.evaluate_over_time(motion, CAMERA, arm.CAMERAS, TASK, "all")
+    assert 0 < result.summary()["always_percent"] < result.summary()["ever_percent"]
+    assert any(each["hidden_by"] for each in result.table())
+    assert AROUND.shape == (4, 4, 4)

@@ -1,0 +1,313 @@
+"""Smooth criteria: values by their definitions, slopes and doubts, cut regions by points."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exact_views import SEEDS
+from hypothesis import given, settings
+from surface_cases import PANORAMA, assert_pointwise, hostile_scene, in_regions, room, whole
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.coverage.area import cut
+from rastercov.coverage.area.cut import values_of
+from rastercov.coverage.area.frames import frames_of, to_world
+from rastercov.reference.regions import points_on
+
+pytestmark = pytest.mark.native
+
+SPOT = np.array([(-1, 0, 0, 0), (0.5, 0, 0, 0), (0.8, 0.6, 3, 1), (1, 1, 0.5, 0.5)])
+"""Table of a spot: dark outside 60 degrees, with a corner at the cosine 0.8."""
+
+
+def lamp_shares(criterion, points, at):
+    """(N, n) I / I0 of lamps at points, by the definition; `at` are their positions."""
+    away = points[:, None] - at
+    distance = np.linalg.norm(away, axis=2)
+    axes = np.broadcast_to(criterion.axes, at.shape)
+    cosine = np.clip(np.einsum("nki,ki->nk", away, axes) / distance, -1, 1)
+    m = np.broadcast_to(criterion.exponents, len(at))
+    shares = np.where(m == 0, 1.0, np.maximum(cosine, 0) ** np.maximum(m, 1e-9))
+    for j, t in enumerate(np.broadcast_to(criterion.table, len(at))):
+        if t >= 0:
+            shares[:, j] = hermite(np.asarray(criterion.tables[t]), cosine[:, j])
+    return shares
+
+
+def hermite(table, c):
+    k = np.clip(np.searchsorted(table[:, 0], c, side="right") - 1, 0, len(table) - 2)
+    w = table[k + 1, 0] - table[k, 0]
+    t = (c - table[k, 0]) / w
+    ends = (1 - t) ** 2 * ((1 + 2 * t) * table[k, 1] + t * w * table[k, 3])
+    return ends + t**2 * ((3 - 2 * t) * table[k + 1, 1] + (t - 1) * w * table[k + 1, 2])
+
+
+def by_definition(criterion, points, normals, sees=None):
+    """(N,) values g of a criterion of one row, from its definition; `sees` (N, n) of devices."""
+    if isinstance(criterion, rc.RayAngle):
+        rays = np.asarray(criterion.eyes)[:, None] - points
+        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+        angle = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1), -1, 1))
+        off = np.cos(np.radians(criterion.degrees)) - np.cos(angle)
+        return off if criterion.is_least else -off
+    if isinstance(criterion, rc.BeamDensity):
+        away = points - criterion.centres
+        d, axis = np.linalg.norm(away, axis=1), np.asarray(criterion.axes)
+        rho = np.linalg.norm(away - (away @ axis)[:, None] * axis, axis=1)
+        height = np.abs((away * normals).sum(axis=1))
+        return height / (d**2 * rho) / np.radians(criterion.step_deg) ** 2 - criterion.limit
+    at = np.asarray(criterion.positions)
+    away = at - points[:, None]
+    distance = np.linalg.norm(away, axis=2)
+    sees = np.ones(distance.shape, bool) if sees is None else sees
+    if isinstance(criterion, rc.Illuminance):
+        height = np.abs(np.einsum("nki,ni->nk", away, normals))
+        light = lamp_shares(criterion, points, at) * height / distance**3
+        total = np.where(sees, np.broadcast_to(criterion.intensities, len(at)) * light, 0)
+        off = total.sum(axis=1) - criterion.limit
+        return off if criterion.is_least else -off
+    to_eye = criterion.eyes - points
+    side = np.where((to_eye * normals).sum(axis=1) < 0, -1, 1)[:, None] * normals
+    s = away / distance[..., None] + (to_eye / np.linalg.norm(to_eye, axis=1)[:, None])[:, None]
+    off = np.cos(np.radians(criterion.degrees)) * np.linalg.norm(s, axis=2)
+    off -= np.einsum("ni,nki->nk", side, s)
+    return np.where(sees, off if criterion.is_least else -off, 1.0).min(axis=1)
+
+
+def random_criterion(kind, rng, size=1.0, centre=(0, 0, 0)):
+    """A criterion of random devices around a place."""
+    at = centre + size * rng.normal(size=(3, 3)) * 10 ** rng.uniform(-1, 0.5)
+    axes = rng.normal(size=(3, 3))
+    if kind == "angle":
+        return rc.RayAngle(at[:2], rng.uniform(0, 180), is_least=bool(rng.integers(2)))
+    if kind == "beams":
+        return rc.BeamDensity(at[0], axes[0], 0.5, 10 ** rng.uniform(2, 5) / size**2)
+    if kind == "highlight":
+        return rc.Highlight(at[0], at[1:], rng.uniform(0, 60), is_least=bool(rng.integers(2)))
+    exponents = [0, 1, 1.5, 2, 7.3, 20]
+    return rc.Illuminance(
+        at, 10 ** rng.uniform(-2, 1) / size**2, rng.uniform(0, 2, 3), axes,
+        rng.choice(exponents, 3), [SPOT], rng.choice([-1, 0], 3), bool(rng.integers(4)),
+    )  # fmt: skip
+
+
+KINDS = ("angle", "light", "highlight", "beams")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_slopes_and_doubts_hold_on_random_pieces(kind):
+    rng, n_directions, tight = np.random.default_rng(1), 40, []
+    for _ in range(200):
+        mesh = rc.Mesh(rng.normal(size=(150, 3)), np.arange(150).reshape(50, 3))
+        criterion = random_criterion(kind, rng)
+        face = np.arange(50)
+        corners = frames_of(mesh).corners
+        weights = rng.dirichlet((1, 1, 1), 50)
+        xy = np.einsum("fc,fci->fi", weights, corners)
+        r = 10 ** rng.uniform(-5, 0, 50)
+        angle = rng.uniform(0, 2 * np.pi, (n_directions, 50))
+        step = np.stack([np.cos(angle), np.sin(angle)], axis=2)
+        step[1::2] *= np.sqrt(rng.uniform(size=(n_directions // 2, 50, 1)))
+        off = r[:, None] * step
+        for own in criterion._cuts(1):
+            here = values_of(mesh, own, face, xy, radius=r)
+            there = np.array([values_of(mesh, own, face, xy + each)[:, 0] for each in off])
+            sure = here[:, 3] == 0  # the same sign within the radius
+            assert (np.sign(there[:, sure]) == np.sign(here[sure, 0])).all()
+            known = np.isfinite(here[:, 3]) & ~sure
+            linear = here[:, 0] + np.einsum("nki,ki->nk", off, here[:, 1:3])
+            error = np.abs(there - linear)[:, known]
+            rounding = 1e-12 * (1 + np.abs(there[:, known]) + np.abs(linear[:, known]))
+            assert (error <= here[known, 3] + rounding).all()
+            tight.append((error / np.maximum(here[known, 3], 10 * rounding)).max(initial=0.0))
+        if kind != "highlight":
+            points = to_world(mesh, face, xy)
+            truth = by_definition(criterion, points, mesh.normals)
+            scale = 1 + np.abs(truth)
+            assert (np.abs(values_of(mesh, criterion._cuts(1)[0], face, xy)[:, 0] - truth)
+                    <= 1e-9 * scale).all()  # fmt: skip
+    assert max(tight) > 0.2
+
+
+def assert_where(criterion, regions, n, seed=0):
+    """Points of regions of one row are on the right side of a criterion, up to the bound."""
+    mesh = regions.mesh
+    found = regions.where(criterion)
+    points, face = points_on(mesh, n, seed)
+    before = in_regions(regions, 0, points, face)
+    holds = by_definition(criterion, points, mesh.normals[face]) >= 0
+    wrong = int((in_regions(found, 0, points, face) != (before & holds)).sum())
+    e = (found.bound.sum() + regions.bound.sum()) / mesh.areas.sum() * n
+    assert wrong <= 2 + e + 6 * np.sqrt(e)
+    assert (found.area <= frames_of(mesh).areas[found.pair_face] * (1 + 1e-9)).all()
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_regions_of_a_room_are_as_by_points(kind, seed):
+    rng = np.random.default_rng(seed)
+    criterion = random_criterion(kind, rng, 3.0, (4, 2.5, 1.5))
+    assert_where(criterion, whole(room()[0]), 8000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=100)
+@given(seed=SEEDS)
+def test_regions_of_hostile_scenes_are_as_by_points(kind, seed):
+    mesh, _, pose = hostile_scene(seed)
+    rng = np.random.default_rng(seed)
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    centre = mesh.bounds.mean(axis=0) if seed % 2 else pose[:3, 3]
+    if frames_of(mesh).areas.sum() > 0:
+        assert_where(random_criterion(kind, rng, size, centre), whole(mesh), 500)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bounds_fall_with_the_width_of_what_is_undecided(kind, monkeypatch):
+    mesh = room()[0]
+    place, lamp = (1.0, 1.2, 2.5), [(5.5, 3.5, 2.2)]
+    criterion = {
+        "angle": rc.RayAngle([place, *lamp], 60),
+        "light": rc.Illuminance([place, *lamp], 4, 30, [(1, 1, -2), (0, -1, -1)], (20, 3)),
+        "highlight": rc.Highlight(place, lamp, 12),
+        "beams": rc.BeamDensity(place, (0, 0.1, 1), 0.2, 4000),
+    }[kind]
+    found = []
+    for width in (2e-3, 2e-4, 2e-5):
+        monkeypatch.setattr(cut, "STRIP_REL", width)
+        found.append(whole(mesh).where(criterion))
+    bounds = [each.bound.sum() for each in found]
+    assert bounds[0] > 3 * bounds[1] > 9 * bounds[2] > 0
+    for each in found[:2]:
+        assert abs(each.area.sum() - found[2].area.sum()) <= each.bound.sum() + bounds[2]
+
+
+def test_a_lone_lamp_lights_discs():
+    height, power, least = 2.9, 50.0, 2.0
+    radius = np.sqrt((height * power / least) ** (2 / 3) - height**2)
+    floor = rc.Mesh([(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)], [(0, 1, 2), (0, 2, 3)])
+    lamp = [(0.3, 0.2, height)]
+    found = whole(floor).where(rc.Illuminance(lamp, least, power))
+    assert abs(found.area.sum() - np.pi * radius**2) <= found.bound.sum() <= 0.02
+
+
+def test_a_table_of_a_power_is_the_power():
+    mesh, lamp, axis = room()[0], [(2.5, 4.2, 2.9)], (0.2, -0.3, -1.0)
+    c = np.concatenate([[-1.0], np.linspace(0, 1, 60)])
+    f, slope = np.maximum(c, 0) ** 3, 3 * np.maximum(c, 0) ** 2
+    table = np.stack([c, f, slope, slope], axis=1)
+    exact = whole(mesh).where(rc.Illuminance(lamp, 1.5, 50, axis, 3))
+    found = whole(mesh).where(rc.Illuminance(lamp, 1.5, 50, axis, tables=[table], table=0))
+    assert abs(found.area.sum() - exact.area.sum()) <= found.bound.sum() + exact.bound.sum() + 1e-4
+    assert 1 < exact.area.sum() < 0.9 * mesh.areas.sum()
+
+
+def test_beams_of_a_scanner_are_pixels_of_its_panorama():
+    mesh, place = room()[0], np.array((4.0, 2.5, 1.5))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], place
+    px = 1 / np.radians(0.2)
+    scan = rc.Camera(width=1800, height=900, fx=px, fy=px, model="equirectangular")
+    by_lens = rc.regions(mesh, scan, pose[None], rc.Task(min_pixels_per_m2=2000))
+    found = rc.regions(mesh, scan, pose[None]).where(rc.BeamDensity(place, (0, 0, 1), 0.2, 2000))
+    assert abs(found.area.sum() - by_lens.area.sum()) <= found.bound.sum() + by_lens.bound.sum()
+
+
+def test_only_lamps_that_see_a_piece_count():
+    mesh = room()[0]
+    regions = whole(mesh)
+    rng = np.random.default_rng(5)
+    sets = rng.integers(0, 8, len(regions))
+    seen = replace(regions, devices=sets)
+    points, face = points_on(mesh, 8000)
+    sees = (sets[np.searchsorted(regions.face, face)][:, None] >> np.arange(3) & 1).astype(bool)
+    for criterion in (
+        rc.Illuminance([(1, 1, 2), (4, 4, 2), (7, 2, 2.5)], 5, 30),
+        rc.Highlight((4, 2, 2.5), [(1, 1, 2), (4, 4, 2), (7, 2, 2.5)], 15),
+    ):
+        found = seen.where(criterion)
+        assert (found.devices == sets[np.searchsorted(regions.face, found.face)]).all()
+        holds = by_definition(criterion, points, mesh.normals[face], sees) >= 0
+        wrong = int((in_regions(found, 0, points, face) != holds).sum())
+        e = found.bound.sum() / mesh.areas.sum() * 8000
+        assert wrong <= 2 + e + 6 * np.sqrt(e)
+        assert 0 < found.area.sum() < mesh.areas.sum()
+
+
+def test_rows_have_criteria_of_their_own():
+    mesh = room()[0]
+    lamps = np.array([[(1, 1, 2.5)], [(7, 4, 2.0)]])
+    both = whole(mesh, 2).where(rc.Illuminance(lamps, 5, [[30], [60]]))
+    for row in range(2):
+        alone = whole(mesh).where(rc.Illuminance(lamps[row], 5, 30 * (row + 1)))
+        assert np.array_equal(alone.areas()[0], both.areas()[row])
+
+
+def test_joined_regions_keep_their_devices():
+    from rastercov.coverage.area.table import joined
+
+    mesh = room()[0]
+    one = replace(whole(mesh), devices=np.arange(48))
+    assert joined([one, one]).devices.tolist() == [*range(48)] * 2
+    assert joined([one, whole(mesh)]).devices is None
+    assert joined([one, one]).of_poses(np.array([False, True])).devices.tolist() == [*range(48)]
+
+
+LAMP = [(0.0, 0.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: rc.RayAngle([(0, 0, 0)], 20), "coordinates"),
+        (lambda: rc.RayAngle(np.zeros((2, 3)), 181), "0 to 180"),
+        (lambda: rc.RayAngle(np.zeros((2, 3)), float("nan")), "0 to 180"),
+        (lambda: rc.Illuminance(LAMP, 0), "above 0"),
+        (lambda: rc.Illuminance(np.zeros((0, 3)), 1), "1 to 64 lamps"),
+        (lambda: rc.Illuminance(np.zeros((65, 3)), 1), "1 to 64 lamps"),
+        (lambda: rc.Illuminance(LAMP, 1, -1), "0 or more"),
+        (lambda: rc.Illuminance(LAMP, 1, 1, (0, 0, 0)), "length 0"),
+        (lambda: rc.Illuminance(LAMP, 1, exponents=0.5), "0, or 1 to 1000"),
+        (lambda: rc.Illuminance(LAMP, 1, [1, 2, 3]), "fit shape"),
+        (lambda: rc.Illuminance(LAMP, 1, table=0), "row of 0 tables"),
+        (lambda: rc.Illuminance(LAMP, 1, tables=[[(0, 1, 0, 0), (1, 1, 0, 0)]]), "-1 to 1"),
+        (lambda: rc.Illuminance(LAMP, 1, tables=[[(-1, 1, 0, 0), (1, -1, 0, 0)]]), "0 or more"),
+        (lambda: rc.Highlight((0, 0), LAMP, 10), "coordinates"),
+        (lambda: rc.Highlight((0, 0, 0), LAMP, 91), "0 to 90"),
+        (lambda: rc.BeamDensity((0, 0, 0), (0, 0, 0), 1, 1), "length 0"),
+        (lambda: rc.BeamDensity((0, 0, 0), (0, 0, 1), 0, 1), "above 0"),
+        (lambda: rc.BeamDensity((0, 0, 0), (0, 0, 1), 1, float("inf")), "limit"),
+        (lambda: whole(room()[0]).where(3), "criterion"),
+        (lambda: whole(room()[0]).where(rc.RayAngle(np.zeros((2, 2, 3)), 3)), "1 rows"),
+    ],
+)
+def test_criteria_that_cannot_be_are_refused(make, text):
+    with pytest.raises(ConfigError, match=text):
+        make()
+
+
+EQUAL_AREA = rc.Camera(
+    width=4096, height=4096, fx=1000, fy=1000, model="metashape_equisolid", distortion=(0,) * 6
+)
+
+
+@pytest.mark.parametrize(("camera", "least"), [(PANORAMA, 20_000), (EQUAL_AREA, 120_000)])
+def test_pixels_of_panoramas_and_lenses_of_equal_area_are_as_by_points(camera, least):
+    mesh, _, poses = room()
+    task = rc.Task(min_pixels_per_m2=least, max_incidence_deg=75)
+    found, _ = assert_pointwise(mesh, camera, poses[:2], task, 4000)
+    assert found.bound.sum() <= 1e-4 * mesh.areas.sum()
+    assert 0 < found.area.sum() < rc.regions(mesh, camera, poses[:2]).area.sum() * 0.9
+
+
+def test_pixels_of_lenses_are_limited_each_by_its_own_camera():
+    mesh, camera, poses = room()
+    cameras = [camera, PANORAMA, EQUAL_AREA]
+    task, placed = rc.Task(min_pixels_per_m2=50_000), rc.Poses.of(poses[:3], camera=[0, 1, 2])
+    found = rc.regions(mesh, cameras, placed, task)
+    for row, each in enumerate(cameras):
+        alone = rc.regions(mesh, each, poses[row : row + 1], task)
+        assert np.array_equal(found.areas()[row], alone.areas()[0])

@@ -1,0 +1,280 @@
+"""Robots: forward and inverse kinematics, files that are refused in one line, paths of joints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_files import binary_stl
+from scipy.spatial.transform import Rotation
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError, MeshError, ResourceError
+from rastercov.mesh.kinematics import pose_error
+
+ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
+BOX = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+LIMIT = '<limit lower="-1" upper="1"/>'
+
+
+def link(name, shape=BOX):
+    return f'<link name="{name}">{shape}</link>'
+
+
+def joint(name, parent, child, kind="revolute", more=LIMIT):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f"{more}</joint>"
+    )
+
+
+def robot(folder, *parts, **options):
+    path = folder / "own.urdf"
+    path.write_text(f"<robot name='own'>{''.join(parts)}</robot>")
+    return rc.Robot.load(path, **options)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return rc.Robot.load(ARM)
+
+
+def configurations(arm, n, seed=0):
+    low, high = np.clip(arm.limits, -3, 3).T
+    return np.random.default_rng(seed).uniform(low, high, (n, len(low)))
+
+
+def matrix(xyz, rotation):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), xyz
+    return pose
+
+
+def test_the_flange_is_where_the_chain_of_joints_leads(arm):
+    """Products of scipy's rotations, written out for this arm."""
+    way = [(0, 0, 0.1), (0, 0.13, 0.08), (0, -0.11, 0.42), (0, 0.09, 0.38), (0, 0, 0.072)]
+    way.append((0, 0.057, 0.05))
+    axes = "zyyyzy"
+    for joints in configurations(arm, 20):
+        pose = np.eye(4)
+        for step, axis, angle in zip(way, axes, joints, strict=True):
+            pose = pose @ matrix(step, Rotation.from_euler(axis, angle))
+        pose = pose @ matrix((0, 0.016, 0), Rotation.from_euler("x", -90, degrees=True))
+        assert np.abs(arm.frames(joints)["flange"][0] - pose).max() <= 1e-12
+
+
+def test_fixed_angles_are_about_x_then_y_then_z(tmp_path):
+    angles = (0.3, -1.1, 2.2)
+    origin = f'<origin xyz="1 2 3" rpy="{" ".join(map(str, angles))}"/>'
+    found = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b", "fixed", origin))
+    wanted = matrix((1, 2, 3), Rotation.from_euler("xyz", angles))
+    assert np.abs(found.frames(np.zeros((1, 0)))["b"][0] - wanted).max() <= 1e-15
+
+
+def test_a_moved_robot_is_the_robot_loaded_in_that_pose(arm):
+    joints = configurations(arm, 3)
+    motion = rc.Motion(arm.mesh, arm.poses(joints))
+    for row in range(3):
+        mesh, _ = motion.frame(row)
+        other = rc.Robot.load(ARM, rest=joints[row]).mesh
+        assert np.abs(mesh.vertices[mesh.faces] - other.vertices[other.faces]).max() <= 1e-12
+
+
+def test_a_base_moves_all_links(arm):
+    base = matrix((1, 2, 3), Rotation.from_euler("xyz", (0.1, 0.2, 0.3)))
+    joints = configurations(arm, 2)
+    moved = rc.Robot.load(ARM, base=base).frames(joints)
+    assert np.abs(moved["head"] - base @ arm.frames(joints)["head"]).max() <= 1e-14
+
+
+def test_links_hide_and_are_groups(arm):
+    assert [group.name for group in arm.mesh.groups][:2] == ["arm/base", "arm/shoulder"]
+    assert not arm.mesh.task_mask.any()
+    assert "arm/base" not in arm.poses(arm.rest)
+    assert arm.mesh.is_closed_outward
+
+
+def test_mimics_and_prismatic_joints_follow(tmp_path):
+    mimic = '<mimic joint="slide" multiplier="-2" offset="0.1"/>'
+    along = '<axis xyz="0 0 2"/><limit lower="0" upper="0.5"/>'
+    found = robot(
+        tmp_path, link("a"), link("b"), link("c"),
+        joint("slide", "a", "b", "prismatic", along),
+        joint("other", "a", "c", "prismatic", mimic + '<limit lower="-0.5" upper="0.1"/>'),
+    )  # fmt: skip
+    assert found.joint_names == ("slide",)
+    assert found.limits.tolist() == [[0, 0.3]]  # 0.1 - 2 q >= -0.5
+    frames = found.frames([[0.2]])
+    assert frames["b"][0, :3, 3].tolist() == [0, 0, 0.2]
+    assert np.allclose(frames["c"][0, :3, 3], (0.1 - 0.4, 0, 0), atol=1e-15)
+    assert np.allclose(found.solve(frames["c"], "c").joints, 0.2, atol=1e-6)
+
+
+def test_meshes_of_packages_are_read_scaled_and_mirrored(tmp_path):
+    part = rc.shapes.torus(8, 6)
+    folder = tmp_path / "desc"
+    folder.mkdir()
+    (folder / "part.stl").write_bytes(binary_stl(part.vertices, part.faces))
+    shape = (
+        '<visual><origin xyz="0 0 1"/><geometry><mesh scale="0.1 0.1 -0.2" '
+        'filename="package://made/part.stl"/></geometry></visual>'
+    )
+    options = {"packages": {"made": folder}, "geometry": "visual"}
+    found = robot(tmp_path, link("a", shape), **options).mesh
+    wanted = part.vertices[part.faces[:, ::-1]] * (0.1, 0.1, -0.2) + (0, 0, 1)
+    assert np.abs(found.vertices[found.faces] - wanted).max() <= 1e-6
+    assert found.is_closed_outward
+    with pytest.raises(MeshError, match="try geometry"):
+        robot(tmp_path, link("a", shape), packages={"made": folder})
+    with pytest.raises(MeshError, match=r"the folder of a package wanted.*packages="):
+        robot(tmp_path, link("a", shape), geometry="visual")
+    with pytest.raises(MeshError, match="and there is no"):
+        robot(tmp_path, link("a", shape), geometry="visual", packages={"made": tmp_path})
+
+
+def mesh_shape(name):
+    return f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
+
+
+AB = link("a") + link("b")
+BOMB = '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
+REFUSED = {
+    "no link": ("", "links wanted, got none"),
+    "unnamed": ("<link/>", "must have a name"),
+    "twice": (link("a") * 2, "two links have the name 'a'"),
+    "roots": (AB, r"one link without a parent wanted, got \['a', 'b'\]"),
+    "cycle": (AB + joint("j", "a", "b") + joint("k", "b", "a"), "cycle of joints"),
+    "cycle beside a tree": (
+        AB + link("c") + joint("j", "b", "c") + joint("k", "c", "b"), "a cycle of joints about"),
+    "loop": (AB + link("c") + joint("j", "a", "c") + joint("k", "b", "c"), "a loop of links: 'c'"),
+    "no such link": (link("a") + joint("j", "a", "z"), "there is no link 'z'"),
+    "floating": (AB + joint("j", "a", "b", "floating"), "got floating; make it fixed"),
+    "planar": (AB + joint("j", "a", "b", "planar"), "got planar"),
+    "kind": (AB + joint("j", "a", "b", "screw"), "type must be one of .* got 'screw'"),
+    "no limits": (AB + joint("j", "a", "b", more=""), "must have limits, got none"),
+    "limits": (
+        AB + joint("j", "a", "b", more='<limit lower="2" upper="1"/>'), "lower <= upper, got 2"),
+    "nan": (AB + joint("j", "a", "b", more='<limit lower="nan" upper="1"/>'), "finite number, got"),
+    "axis": (AB + joint("j", "a", "b", more=LIMIT + '<axis xyz="0 0 0"/>'), "other than 0 0 0"),
+    "mimics none": (
+        AB + joint("j", "a", "b", more=LIMIT + '<mimic joint="k"/>'), "mimics 'k', which is no"),
+    "mimics itself": (
+        AB + joint("j", "a", "b", more=LIMIT + '<mimic joint="j"/>'), "mimic each other"),
+    "shape": (
+        link("a", "<collision><geometry><capsule/></geometry></collision>"), "got 'capsule'"),
+    "size": (
+        link("a", BOX.replace("1 1 1", "1 0 1")), "a box of sizes above 0"),
+    "numbers": (link("a", BOX.replace("1 1 1", "1 1")), "size must be 3 finite numbers"),
+    "scale": (
+        link("a", mesh_shape('x.stl" scale="0 1 1')), "a scale other than 0"),
+    "missing": (link("a", mesh_shape("x.stl")), "its mesh 'x.stl' wanted, and there is no"),
+    "url": (link("a", mesh_shape("http://x/y.stl")), "a file or package:// wanted"),
+    "outside": (link("a", mesh_shape("package://p/../../x.stl")), "a file in a package wanted"),
+    "slip": (link("a") + link("b") + joint("j", "a", "b").replace("limit", "limti"), "no 'limit'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_robot_of_rigid_links_is_refused_in_one_line(tmp_path, name):
+    text, words = REFUSED[name]
+    with pytest.raises(MeshError, match=words) as caught:
+        robot(tmp_path, text, packages={"p": tmp_path})
+    assert str(caught.value).isprintable()
+    assert "own.urdf: " in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.xacro", "<robot/>", "run xacrodoc a.xacro -o a.urdf"),
+        ("b.urdf", "<model/>", "an element robot wanted, got 'model'"),
+        ("c.urdf", BOMB + "<robot>&b;</robot>", "declares a document type"),
+        ("d.urdf", "<robot>", "is no XML"),
+        ("e.urdf", "<robot>" + "<link>" * 20_000 + "</link>" * 20_000 + "</robot>", "a name"),
+        (
+            "f.urdf",
+            f"<robot>{'<link name=%r/>' * 1001}</robot>" % tuple(map(str, range(1001))),
+            "1000",
+        ),
+    ],
+)
+def test_other_files_are_refused_in_one_line(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises((MeshError, ResourceError), match=words) as caught:
+        rc.Robot.load(tmp_path / name)
+    assert str(caught.value).isprintable()
+    with pytest.raises(MeshError, match="cannot be read"):
+        rc.Robot.load(tmp_path / "none.urdf")
+
+
+def test_a_path_has_a_column_for_each_joint_in_any_order(arm, tmp_path):
+    names = [*reversed(arm.joint_names), "duration"]
+    rows = np.column_stack([configurations(arm, 4)[:, ::-1], (1, 2, 3, 4)])
+    path = tmp_path / "path.csv"
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]
+    path.write_text("\n".join(lines))
+    found = arm.read_path(path)
+    assert np.array_equal(found.joints, configurations(arm, 4))
+    assert found.duration.tolist() == [1, 2, 3, 4]
+    spoiled = {
+        "header": (lines[0].replace("elbow", "knee"), *lines[1:]),
+        "nan": (*lines[:2], lines[2].replace("2.0", "nan")),
+        "short": (*lines[:2], "1,2"),
+        "limits": (*lines[:2], "9,9,9,9,9,9,1"),
+        "time": (*lines[:2], "0,0,0,0,0,0,-1"),
+        "empty": lines[:1],
+        "none": (),
+    }
+    words = (
+        *("columns pan", "frame 1: wanted a number", "frame 1: wanted 7 numbers"),
+        *("row 1: pan must lie", "frame 1: a duration above 0", "1 to 10,000 frames"),
+        "1 to 10,000 frames",
+    )
+    for text, expected in zip(spoiled.values(), words, strict=True):
+        path.write_text("\n".join(text))
+        with pytest.raises(ConfigError, match=expected) as caught:
+            arm.read_path(path)
+        assert str(caught.value).isprintable()
+
+
+def test_every_solution_meets_its_pose_within_the_limits(arm):
+    tip = matrix((0.01, 0, 0.1), Rotation.from_euler("x", 0.2))
+    goals = arm.frames(configurations(arm, 40))["head"] @ tip
+    goals = np.concatenate([goals, goals + np.diag([0, 0, 0, 0])])
+    goals[40:, :3, 3] += (5, 0, 0)  # out of reach
+    found = arm.solve(goals, "head", tip)
+    assert (np.diff(found.pose) >= 0).all()
+    assert set(found.pose) == set(range(40))
+    assert np.bincount(found.pose).max() <= 8
+    back = arm.frames(found.joints)["head"] @ tip
+    assert np.linalg.norm(pose_error(back, goals[found.pose]), axis=1).max() <= 1e-6
+    for pose in range(40):
+        own = found.joints[found.pose == pose]
+        for row, one in enumerate(own):
+            for other in own[:row]:
+                assert arm.kinematics.difference(one, other).max() > 1e-2
+    again = arm.solve(goals, "head", tip)
+    assert again.joints.tobytes() == found.joints.tobytes()
+
+
+@pytest.mark.slow
+def test_sixteen_starts_reach_what_ninety_six_reach(arm):
+    rng = np.random.default_rng(4)
+    eyes = rng.uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.0), (200, 3))
+    poses = rc.look_at(eyes, rng.uniform((0.2, -0.3, -0.2), (0.8, 0.3, 0.4), (200, 3)))
+    few = set(arm.solve(poses, "head").pose.tolist())
+    many = set(arm.solve(poses, "head", starts=96, seed=1).pose.tolist())
+    assert len(many) > 60
+    assert len(few & many) >= 0.99 * len(many)
+
+
+def test_wrong_links_and_numbers_are_refused(arm):
+    with pytest.raises(ConfigError, match="there is no link 'hand'"):
+        arm.solve(np.eye(4), "hand")
+    with pytest.raises(ConfigError, match="row 0: lift must lie in"):
+        arm.poses([0, 3, 0, 0, 0, 0])
+    with pytest.raises(ConfigError, match="values of pan"):
+        arm.poses(np.zeros((2, 5)))
+    with pytest.raises(ConfigError, match="starts must be 1"):
+        arm.solve(np.eye(4), "head", starts=0)
+    with pytest.raises(ConfigError, match="base must be"):
+        rc.Robot.load(ARM, base=np.ones((4, 4)))

@@ -1,0 +1,124 @@
+"""Every level gives the same bits, and those of numpy."""
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from processes import python
+
+from rastercov import native, shapes
+from rastercov.mesh import contacts
+from rastercov.placement.bits import CoveredBits
+from rastercov.placement.candidates import segments
+
+pytestmark = pytest.mark.native
+LEVELS = [level for level in native.built() if level in native.runnable()]
+
+
+@pytest.fixture(params=LEVELS)
+def level(request):
+    return native.load(f"_{request.param}")
+
+
+def test_no_operations_are_fused(level):
+    a = 1.0 + 2.0**-30
+    assert level.base_check.multiply_add(a, a, -(1.0 + 2.0**-29)) == 0.0  # fused: 2^-60
+
+
+@given(seed=st.integers(0, 10**6))
+def test_vectors_are_sixteen_numbers(seed):
+    rng = np.random.default_rng(seed)
+    a, b, c = rng.normal(size=(3, 16)) * 10.0 ** rng.integers(-3, 4, (3, 16))
+    b[rng.random(16) < 0.3] = a[0]
+    index = rng.integers(0, 16, 16).astype(np.int32)
+    wanted = (a * b + c, np.floor(a), np.sqrt(np.abs(a)), np.minimum(a, b), np.maximum(a, b))
+    for name in LEVELS:
+        out, masks = np.empty((6, 16)), np.empty(3, np.int64)
+        native.load(f"_{name}").base_check.combine((a, b, c, index, False), out, masks)
+        assert out.tobytes() == np.stack((*wanted, a[index])).tobytes()
+        less = a.astype(np.float32) < b.astype(np.float32)
+        assert masks.tolist() == [
+            sum(1 << i for i in np.flatnonzero(n)) for n in (a < b, less, less)
+        ]
+
+
+def test_trees_are_equal_on_all_levels(monkeypatch):
+    mesh, rng = shapes.teapot(5), np.random.default_rng(0)
+    points, ways = rng.uniform(-1, 1, (2, 500, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    answers = set()
+    for name in LEVELS:
+        monkeypatch.setattr(contacts, "mesh_tree", native.load(f"_{name}").mesh_tree)
+        tree = contacts.TriangleTree.over(mesh.vertices / 8, mesh.faces)
+        hits = tree.first_hits(points, ways, np.full(500, 0.7), np.full(500, -1))
+        found = (tree.order, tree.nodes, hits, *tree.nearest(points), tree.winding_numbers(points))
+        answers.add(b"".join(part.tobytes() for part in found))
+    assert len(answers) == 1
+
+
+def test_contacts_and_segments_are_equal_on_all_levels(monkeypatch):
+    mesh = shapes.torus(40, 30)
+    other = mesh.vertices[:, [1, 2, 0]] + 0.05
+    vertices = np.concatenate((mesh.vertices, other))
+    faces = np.concatenate((mesh.faces, mesh.faces + mesh.n_vertices))
+    answers = set()
+    for name in LEVELS:
+        monkeypatch.setattr(contacts, "kernels", native.load(f"_{name}").mesh_contacts)
+        monkeypatch.setattr(segments, "kernels", native.load(f"_{name}").placement_segments)
+        touching = contacts.touching_faces(vertices, faces, 1e-9)
+        partners = contacts.contact_partners(vertices, faces, 1e-9, touching)
+        found = (touching, *partners, segments.segment(shapes.teapot(5), 20, None).labels)
+        answers.add(b"".join(part.tobytes() for part in found))
+    assert touching.any()
+    assert len(answers) == 1
+
+
+@given(seed=st.integers(0, 10**6))
+def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
+    rng = np.random.default_rng(seed)
+    covers = rng.random((9, 300)) < rng.choice((0.02, 0.5))
+    bits = CoveredBits.from_dense(covers)
+    words, every = bits.parts[0], np.arange(9)
+    values, amounts = rng.integers(-(2**63), 2**63 - 1, (2, 320)), rng.integers(-9, 9, (9, 2))
+    limits, face = bits.pairs()
+    prices, costs, kind = rng.random(300), rng.random(9), rng.integers(0, 2, 300).astype(np.int32)
+    answers = set()
+    for name in LEVELS:
+        module = native.load(f"_{name}")
+        of_bits, prices_of = module.placement_bits, module.placement_lagrange
+        sums, totals = np.zeros((9, 2), np.int64), np.zeros((2, 320), np.int64)
+        of_bits.sums(words, every, np.stack([words[0], words[1]]), values, sums)
+        of_bits.add(words, every, amounts, totals)
+        earned, part, share = np.empty(9), np.empty(9), np.empty(300)
+        prices_of.earn(limits, face, prices, earned)
+        income = prices_of.most_earned(earned, costs, 4, 1.5, part)
+        prices_of.cheapest(prices, prices + 1, kind, np.array([9.0, 3.0]), 40.0, share)
+        found = (sums, totals, earned, np.float64(income), part, share)
+        answers.add(b"".join(each.tobytes() for each in found))
+    masks = covers[:2, :]
+    wanted = [(covers * mask) @ value[:300] for mask, value in zip(masks, values, strict=True)]
+    np.testing.assert_array_equal(sums, np.transpose(wanted))
+    np.testing.assert_allclose(earned, covers @ prices)
+    assert len(answers) == 1
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_the_environment_chooses_a_level(name):
+    script = "from rastercov import native; print(native.LEVEL)"
+    assert python("-c", script, env=os.environ | {"RASTERCOV_LEVEL": name}).stdout.split() == [name]
+
+
+def test_a_level_that_is_not_here_is_refused():
+    done = python("-c", "import rastercov.native", env=os.environ | {"RASTERCOV_LEVEL": "v9"})
+    *_, line = done.stderr.strip().split("\n")
+    assert line.startswith("ImportError: RASTERCOV_LEVEL must be one of ")
+    assert line.endswith(" got v9")
+
+
+def test_modules_that_are_missing_are_named(tmp_path):
+    done = python(
+        "-c", "import rastercov.native", env=os.environ | {"RASTERCOV_MODULES": str(tmp_path)}
+    )
+    assert "make native" in done.stderr.strip().split("\n")[-1]

@@ -1,0 +1,231 @@
+"""Plans with robots: cameras on an arm, and an arm that moves before cameras."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plans import told
+
+import rastercov as rc
+from rastercov import placement
+from rastercov.mesh.kinematics import pose_error
+from rastercov.placement.plan import arm as plan_arm
+from rastercov.viewer.scene import mesh_of_place
+
+ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
+MOUNT = {"translation": [0, 0, 0.06]}
+AROUND = {"generator": "on_hemisphere", "count": 12, "distances": [0.4]}
+CANDIDATES = {
+    "generator": "on_arm", "body": "arm/head", "mount": MOUNT, "of": AROUND, "clearance": 0.004,
+    "rolls_deg": [0, 90],
+}  # fmt: skip
+PLAN = {
+    "meshes": [
+        {"built_in": "icosahedron", "transform": {"scale": 0.08, "translation": [0.5, 0.1, 0.2]}}
+    ],
+    "camera": {"width": 320, "height": 256, "hfov_deg": 40},
+    "task": {"max_incidence_deg": 70, "resolution_of_result": 0.03},
+    "bodies": [{"name": "arm", "urdf": "arm.urdf"}],
+    "candidates": [CANDIDATES],
+    "selection": {"goal": "best_coverage", "cameras": 2},
+    "outputs": {"page": False},
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ARM, tmp_path / "arm.urdf")
+
+
+def part():
+    return rc.shapes.by_name("icosahedron").moved(scale=0.08, translation=(0.5, 0.1, 0.2))
+
+
+TIP = np.eye(4)
+TIP[:3, 3] = MOUNT["translation"]
+
+
+def poses_of(robot, joints):
+    return robot.frames(joints)["head"] @ TIP
+
+
+def areas_with_arm(robot, poses, joints, camera, task):
+    """Area of the part that each camera covers, in a scene of its own with the arm."""
+    total = []
+    for pose, angles in zip(poses, joints, strict=True):
+        scene = rc.Mesh.joined([part(), rc.Robot.load(ARM, rest=angles, name="arm").mesh])
+        found = rc.regions(scene, camera, pose[None], task)
+        total.append(found.area.sum())
+        own = np.arange(scene.n_faces) < part().n_faces
+        assert not len(found._of_faces(~own).face)
+    return total
+
+
+def test_chosen_poses_have_joint_angles_that_lead_there():
+    selection = PLAN["selection"] | {"refine": True, "refine_budget": 60}
+    placed = rc.place(PLAN | {"selection": selection}, out="out")
+    robot, written = rc.Robot.load(ARM), told("poses.json")
+    joints = np.array(written["joints"])
+    assert written["joint_names"] == list(robot.joint_names)
+    ends = poses_of(robot, joints)
+    assert np.abs(pose_error(ends, rc.read_poses("out/poses.json"))).max() <= 1e-6
+    assert (joints >= robot.limits[:, 0]).all()
+    assert (joints <= robot.limits[:, 1]).all()
+    free = rc.Collisions(robot, [part()]).clearance(joints, 0.1)
+    assert np.abs(free - np.minimum(written["clearance_m"], 0.1)).max() <= 1e-9
+    assert free.min() >= 0.004
+    assert np.array_equal(robot.read_path("out/joints.csv").joints, joints[written["tour"]])
+    assert sorted(written["tour"]) == [0, 1]
+    assert told()["arm"]["tour"] == written["tour"]
+    assert placed.refined.share >= placed.refined.start_share
+    assert all("hemisphere on arm" in each for each in written["origin"])
+
+
+def test_figures_are_those_of_scenes_with_the_arm():
+    """A camera behind the plane of the head's front, beside it: the head is in its picture."""
+    entry = CANDIDATES | {"mount": {"translation": [0, -0.04, 0.02]}}
+    camera = {"width": 320, "height": 256, "hfov_deg": 90}
+    plan = PLAN | {"candidates": [entry], "camera": camera}
+    placed = rc.place(plan | {"selection": {"goal": "best_coverage", "cameras": 1}}, out="out")
+    robot, written = rc.Robot.load(ARM), told("poses.json")
+    pose, joints = rc.read_poses("out/poses.json"), np.array(written["joints"])
+    task, seen = rc.Task(max_incidence_deg=70), rc.Camera.from_fov(320, 256, hfov_deg=90)
+    alone = rc.regions(part(), seen, pose, task).area.sum()
+    with_arm = areas_with_arm(robot, pose, joints, seen, task)[0]
+    whole = part().areas.sum()
+    assert abs(told()["share"] - with_arm / whole) <= 1e-5
+    assert abs(written["hidden_by_arm_percent"][0] - 100 * (alone - with_arm) / whole) <= 1e-3
+    assert placed.cameras.areas.covered.share() == pytest.approx(with_arm / whole, abs=1e-5)
+
+
+def test_an_arm_that_hides_too_much_leads_to_other_candidates(monkeypatch):
+    before = rc.place(PLAN, out="out")
+    monkeypatch.setattr(plan_arm, "MOST_LOST", -1.0)  # whatever is chosen
+    after = rc.place(PLAN, out="out")
+    assert "arm" in after.steps
+    assert after.cameras.share >= before.cameras.share - 1e-12
+    assert after.worth >= before.worth
+
+
+def test_rigs_ride_on_the_arm():
+    camera = {"width": 320, "height": 256, "hfov_deg": 40}
+    rig = {"rule": "all", "cameras": [
+        {"camera": "eye", "name": "left", "translation": [-0.04, 0, 0]},
+        {"camera": "eye", "name": "right", "translation": [0.04, 0, 0]},
+    ]}  # fmt: skip
+    plan = {k: v for k, v in PLAN.items() if k != "camera"}
+    plan |= {"cameras": {"eye": camera}, "rigs": {"head": rig}}
+    rc.place(plan | {"candidates": [CANDIDATES | {"cameras": ["head"]}]}, out="out")
+    written = told("poses.json")
+    mounts = np.array([each["world_from_mount"] for each in written["mounts"]])
+    ends = poses_of(rc.Robot.load(ARM), np.array(written["joints"]))
+    assert np.abs(ends - mounts).max() <= 1e-6
+    assert 0 < told()["share"] < 1
+
+
+def test_an_arm_keeps_what_it_reaches_without_a_collision():
+    robot, mesh = rc.Robot.load(ARM), part()
+    candidates = placement.on_sphere(mesh, rc.Camera.from_fov(320, 256, hfov_deg=40), count=40)
+    arm = placement.Arm(robot, "head", mesh)
+    kept = placement.on_arm(candidates, arm)
+    assert 0 < len(kept) < 40
+    reached = arm.reach(kept.poses)
+    assert set(reached.pose) == set(range(len(kept)))
+    assert (reached.clearance > 0).all()
+    assert np.abs(pose_error(arm.poses(reached.joints), kept.poses[reached.pose])).max() <= 1e-6
+    wall = placement.KeepOutBox(low=(0.2, -9, 0.3), high=(9, 9, 9), name="above")
+    ball = placement.KeepOutSphere(centre=(0.25, 0, 0.4), radius=0.3, name="ball")
+    for volume in (wall, ball):
+        less = placement.on_arm(candidates, placement.Arm(robot, "head", mesh, keep_out=[volume]))
+        assert len(less) < len(kept)
+
+
+REFUSED = {
+    "others": ({"candidates": [CANDIDATES, AROUND]}, "on_arm goes with no other entry"),
+    "no robot": ({"bodies": []}, "needs one body with urdf, of name 'arm'"),
+    "link": ({"candidates": [CANDIDATES | {"body": "arm/hand"}]}, "there is no link 'hand'"),
+    "fixed": ({"candidates": [CANDIDATES | {"body": "arm/base"}]}, "one that a joint moves"),
+    "rolls": (
+        {"candidates": [CANDIDATES | {"of": AROUND | {"rolls_deg": [1]}}]},
+        "rolls_deg is of on_arm"),
+    "cavities": (
+        {"candidates": [CANDIDATES | {"of": {"generator": "per_cavity"}}]}, "got 'per_cavity'"),
+    "search": (
+        {"selection": {"goal": "best_coverage", "cameras": 1, "optimise": {}}}, "optimise"),
+    "faces": ({"task": {"by": "face"}}, "measured by area"),
+    "groups": (
+        {"bodies": [{"name": "arm", "urdf": "arm.urdf", "groups": ["a"]}]}, "leave out groups"),
+    "base": ({"bodies": [{"name": "arm", "base": {"angle_deg": 1}}]}, "base is of a robot"),
+    "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "there is no"),
+    "out of reach": (
+        {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]}, "no candidate is left"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_does_not_go_with_an_arm_is_refused_in_one_line(name):
+    changes, words = REFUSED[name]
+    with pytest.raises(rc.RastercovError, match=words) as caught:
+        rc.place(PLAN | changes)
+    assert str(caught.value).isprintable()
+
+
+def test_a_robot_that_moves_by_a_path_is_in_front_of_cameras():
+    robot = rc.Robot.load(ARM)
+    rows = np.linspace(robot.rest, (0.6, 0.9, 1.0, 0.3, 0, 0), 5)
+    lines = [",".join(robot.joint_names), *(",".join(map(repr, row)) for row in rows.tolist())]
+    Path("path.csv").write_text("\n".join(lines))
+    plan = PLAN | {
+        "motion": {"joints": "path.csv"}, "task": PLAN["task"] | {"over": "all"},
+        "candidates": [{"generator": "on_hemisphere", "count": 8, "distances": [1.5]}],
+    }  # fmt: skip
+    rc.place(plan, out="out")
+    pose = rc.read_poses("out/poses.json")
+    mesh = rc.Mesh.joined([part(), robot.mesh])
+    camera, task = rc.Camera.from_fov(320, 256, hfov_deg=40), rc.Task(max_incidence_deg=70)
+    motion = rc.Motion(mesh, robot.poses(rows))
+    found = rc.regions_over_time(motion, camera, pose, task)
+    assert told()["share"] == pytest.approx(rc.unite(rc.over_time(found, motion, "all")).share())
+    shown = mesh_of_place(Path("out"))
+    assert np.array_equal(shown.vertices, mesh.vertices)
+    with pytest.raises(rc.RastercovError, match="joints are of one body with urdf, got 0"):
+        rc.place(plan | {"bodies": [{"name": "icosahedron"}]})
+    Path("path.csv").write_text("a\n1\n")
+    with pytest.raises(rc.RastercovError, match="columns pan"):
+        rc.place(plan)
+
+
+@pytest.mark.slow
+def test_the_example_reaches_what_it_asks_for(monkeypatch):
+    monkeypatch.syspath_prepend(ARM.parent)
+    from inspect_by_robot import PLAN
+
+    placed = rc.place(PLAN)
+    of = placed.prepared.reachable.summary()["percent"] / 100
+    assert placed.cameras.share >= 0.9 * of > 0.5
+    assert not placed.arm.is_hidden.any()
+    assert placed.is_met
+
+
+def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
+    """Its poses are those at rest; the part is seen by the head that the path moves over it."""
+    robot = rc.Robot.load(ARM)
+    goals = rc.look_at(eyes=[(0.45, 0.1, 0.6), (0.6, 0.2, 0.55)], targets=(0.5, 0.1, 0.2))
+    found = robot.solve(goals, "head", TIP)
+    joints = np.array([found.joints[found.pose == row][0] for row in (0, 1)])
+    lines = [",".join(robot.joint_names), *(",".join(map(repr, row)) for row in joints.tolist())]
+    Path("path.csv").write_text("\n".join(lines))
+    at_rest = poses_of(robot, robot.rest)
+    rc.write_poses("rest.json", at_rest)
+    plan = PLAN | {
+        "motion": {"joints": "path.csv"}, "camera": PLAN["camera"] | {"body": "arm/head"},
+        "candidates": [{"generator": "poses", "file": "rest.json"}],
+        "selection": {"goal": "best_coverage", "cameras": 1},
+    }  # fmt: skip
+    rc.place(plan, out="out")
+    camera, task = rc.Camera.from_fov(320, 256, hfov_deg=40), rc.Task(max_incidence_deg=70)
+    wanted = rc.unite(rc.regions(part(), camera, goals, task)).share()
+    assert told()["share"] == pytest.approx(wanted, abs=1e-4)
+    assert wanted > 0.3

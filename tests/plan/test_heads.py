@@ -1,0 +1,538 @@
+"""Rigs with a rule from camera files and plans to reports: evaluate, place, check."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import call, enter
+from plans import placed, told
+
+import rastercov as rc
+from rastercov.base.errors import CameraError, ConfigError
+from rastercov.base.format import area
+from rastercov.camera.formats.own import content_of
+from rastercov.camera.rig import gates_to_json, with_gates, with_places
+from rastercov.cluster import Staff
+from rastercov.coverage.area.cells import cells
+from rastercov.coverage.area.failures import CentrePass
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import _Finder
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.reasons import NAMES, Reason
+from rastercov.coverage.shards import EvaluationShards, Wanted, make, open_for
+from rastercov.placement import build_matrix
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.report import overview
+from rastercov.report.coverage import html_of, network_of, regions_of
+from rastercov.report.modes import MODES
+from rastercov.viewer.measurements import NetworkFigures
+from rastercov.viewer.scene import open_mesh
+from rastercov.viewer.session import Session, unframed
+
+CAMERA = rc.Camera(width=96, height=72, fx=90, fy=90)
+MESH = rc.shapes.icosahedron()
+TASK = rc.Task(max_incidence_deg=75)
+POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 5)
+PROJECTOR = {"max_incidence_deg": 55.0}
+PLAN = {
+    "meshes": [{"built_in": "icosahedron"}],
+    "cameras": {"cam": {"width": 96, "height": 72, "fx": 90, "fy": 90}},
+    "rigs": {
+        "fringe": {
+            "rule": "all",
+            "cameras": [
+                {"camera": "cam"},
+                {"camera": "cam", "name": "proj", "translation": [0.5, 0, 0], "task": PROJECTOR},
+            ],
+        }
+    },
+    "task": {"max_incidence_deg": 75.0},
+    "candidates": [{"generator": "on_sphere", "count": 12, "distances": [4.0]}],
+    "selection": {"goal": "fewest_cameras", "coverage": 0.5},
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+
+
+def head(rule=None, **more):
+    places = np.repeat(np.eye(4)[None], 2, axis=0)
+    places[1, 0, 3] = 0.5
+    tasks = {"proj": rc.Task(**PROJECTOR)}
+    return rc.Rig([CAMERA] * 2, ["cam", "proj"], places, rule=rule or rc.All(), tasks=tasks, **more)
+
+
+def test_a_rig_is_evaluated_by_what_its_cameras_cover_together():
+    rig = head()
+    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None)
+    parts = rc.regions(MESH, rig, rig.poses(POSES), TASK)
+    union = rc.unite(parts)
+    assert found.by == "area"
+    assert np.allclose(found.covered.area, union.area, atol=1e-12)
+    summary = found.summary()
+    assert summary["poses"] == len(summary["per_pose"]) == 5
+    assert [each["pose"] for each in summary["per_pose"]] == [0, 2, 4, 6, 8]
+    share = parts.areas() / MESH.areas
+    assert summary["per_pose"][0]["covered_faces"] == (share[0] >= 0.5).sum()
+    assert summary["mean_best_coverage"] == pytest.approx(share.max(axis=0).mean(), abs=1e-9)
+
+
+def test_what_is_missed_by_one_camera_alone_is_what_the_other_covers_besides():
+    rig = head()
+    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None).summary()
+    both = found["covered_area"]["m2"]
+    alone = {each["camera"]: each["covered_area"]["m2"] for each in found["by_camera"]}
+    missed = {each["device"]: each["missed"]["m2"] for each in found["by_device"]}
+    assert missed["proj"] == pytest.approx(alone["cam"] - both, abs=1e-9)
+    assert missed["cam"] == pytest.approx(alone["proj"] - both, abs=1e-9)
+    assert missed["proj"] > missed["cam"] >= 0
+    assert {each["device"]: each["sees"]["m2"] for each in found["by_device"]} == alone
+
+
+def test_what_is_missed_by_one_of_three_is_by_the_rule_of_the_others():
+    places = np.repeat(np.eye(4)[None], 3, axis=0)
+    places[:, 0, 3] = (-0.5, 0.0, 0.5)
+    rig = rc.Rig([CAMERA] * 3, list("apb"), places, rule=rc.AtLeast(2, needs=["p"]))
+    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None).summary()
+    alone = {each["camera"]: each["covered_area"]["m2"] for each in found["by_camera"]}
+    missed = {each["device"]: each["missed"]["m2"] for each in found["by_device"]}
+    assert found["covered_area"]["m2"] + missed["a"] == pytest.approx(alone["p"], abs=1e-9)
+    either = rc.Rig([CAMERA] * 2, list("ab"), places[[0, 2]], rule=rc.AtLeast(1))
+    without = rc.unite(rc.regions(MESH, either, either.poses(POSES), TASK)).area.sum()
+    assert found["covered_area"]["m2"] + missed["p"] == pytest.approx(without, abs=1e-9)
+
+
+def test_dead_zones_name_the_camera_that_fails():
+    rig = head()
+    found = rc.evaluate(MESH, rig, rig.poses(POSES[:1]), TASK, by=None).summary()
+    zone = found["dead_zones"][0]
+    assert zone["device"] in ("cam", "proj")
+    sheet = rc.Mesh(
+        [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)],
+        [rc.Group("sheet", is_two_sided=True)],
+    )  # fmt: skip
+    eyes = [(0.5, 0.5, 2), (0.5, 0.5, -2)]
+    apart = rc.look_at(eyes=eyes, targets=(0.5, 0.5, 0), up=(0, 1, 0))
+    lamp = rc.Rig([CAMERA] * 2, ["cam", "lamp"], apart, rule=rc.All())
+    found = rc.evaluate(sheet, lamp, lamp.poses(np.eye(4)), by=None).summary()
+    assert found["covered_area"]["m2"] == 0
+    [zone] = found["dead_zones"]
+    assert (zone["reason"], zone["area_m2"]) == ("back_facing", pytest.approx(1))
+
+
+def test_by_face_and_by_samples_rules_are_refused():
+    rig = head()
+    for given in ({"by": "face"}, {"method": "sampled"}):
+        with pytest.raises(ConfigError):
+            rc.evaluate(MESH, rig, rig.poses(POSES), TASK, **({"by": None} | given))
+    with pytest.raises(ConfigError, match="min_pixels is of a face"):
+        rc.evaluate(MESH, rig, rig.poses(POSES), rc.Task(min_pixels=4), by=None)
+
+
+def test_batches_and_shards_keep_the_poses_of_a_rig_together(monkeypatch):
+    rig, found = head(), []
+    for size in (256, 3, 1):
+        monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", size)
+        found.append(rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None, threads=1).summary())
+    for each in found[1:]:
+        assert each["covered_area"]["m2"] == pytest.approx(found[0]["covered_area"]["m2"])
+        assert each["per_pose"] == found[0]["per_pose"]
+
+
+@pytest.mark.parametrize("rule", [rc.All(), rc.AtLeast(2, needs=["proj"]), rc.Any()])
+def test_rules_and_thresholds_survive_a_file(rule):
+    rig = head(rule)
+    views = rc.Views(rig, rig.poses(POSES), images=[f"{row}" for row in range(10)])
+    rc.write_views("rig.json", views)
+    again = rc.read_views("rig.json").rig
+    assert again.rule == (rc.AtLeast(2, needs=["proj"]) if rule.__class__ is rc.AtLeast else rule)
+    assert again.gates == rig.gates
+    assert again.tasks["proj"]["max_incidence_deg"] == 55
+    found = [rc.regions(MESH, each, rig.poses(POSES), TASK) for each in (rig, again)]
+    assert np.array_equal(found[0].xy, found[1].xy)
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"rule": "both"},
+        {"rule": "at_least"},
+        {"rule": "all", "k": 2},
+        {"rule": "at_least", "k": 9},
+        {"rule": "all", "tasks": {"lamp": {}}},
+        {"rule": 3},
+        {"rule": "at_least", "k": "2"},
+    ],
+)
+def test_rules_of_a_file_that_cannot_be_are_refused_in_one_line(entries):
+    views = rc.Views(head(), head().poses(POSES), images=[f"{row}" for row in range(10)])
+    Path("rig.json").write_text(json.dumps(content_of(views) | {"k": 2, "needs": []} | entries))
+    content = json.loads(Path("rig.json").read_text())
+    for name in ("k", "needs"):
+        if name not in entries:
+            content.pop(name)
+    Path("rig.json").write_text(json.dumps(content))
+    with pytest.raises(CameraError) as error:
+        rc.read_views("rig.json")
+    assert "\n" not in str(error.value)
+
+
+def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
+    hatches = []
+    found = overview.hatched
+
+    def kept(pixels, hatch, width):
+        hatches.append(set(np.unique(hatch).tolist()))
+        return found(pixels, hatch, width)
+
+    monkeypatch.setattr(overview, "hatched", kept)
+    rig = head()
+    result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK, by=None)
+    said = result.summary()
+    devices = overview.device_hatches(said["dead_zones"])
+    assert set(devices) == {zone["device"] for zone in said["dead_zones"] if "device" in zone}
+    assert set(devices) <= {"cam", "proj"}
+    shown = network_of(result, said, "heads", regions_of(result))
+    assert [shown.noun, *shown.names] == ["pose", "camera 0", "camera 2"]
+    drawn = shown.drawn()
+    assert {"overview", "zones"} <= drawn.keys()
+    every = {0, *devices.values()}
+    assert len(hatches) >= 4  # two sides of both
+    assert all(one <= every for one in hatches)
+    assert set().union(*hatches) == every
+    page = html_of(result)
+    for name in ("cam", "proj"):
+        lost = next(each for each in said["by_device"] if each["device"] == name)
+        assert re.search(
+            rf">{name}</t[dh]>\s*<td[^>]*>{re.escape(area(lost['missed']['m2']))}<", page
+        )
+    view = shown.view
+    assert view is not None
+    assert "Missing device" in view
+
+
+@pytest.mark.slow
+def test_the_command_takes_poses_of_the_rig_and_reports_each_camera(capsys):
+    rig = head()
+    rc.write_views("rig.json", rc.Views(rig, rc.Poses.of(np.zeros((0, 4, 4)))))
+    rc.write_poses("poses.json", POSES)
+    code, out, err = call(
+        capsys, "evaluate icosahedron -c rig.json -p poses.json -o out --max-incidence-deg 75"
+    )
+    assert code == 0, err
+    assert "missed by proj alone" in out
+    summary = told("summary.json")
+    assert summary["poses"] == 5
+    assert Path("out", "report.html").exists()
+    code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 -o other")
+    assert code == 0, err
+    code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 --by face -o third")
+    assert code != 0
+    assert "rules of rigs" in err
+
+
+def viewed(rig, mesh=MESH, poses=POSES):
+    """Session of a viewer with a rig."""
+    n = len(poses) * len(rig)
+    views = rc.Views(rig, rig.poses(poses), images=[f"{row}" for row in range(n)])
+    return Session(open_mesh(mesh, views, TASK, "heads"))
+
+
+def test_the_page_colours_faces_by_the_device_that_fails():
+    rig = head()
+    session = viewed(rig)
+    assert any("one by one" in note for note in session.scene.notes)
+    assert "device" in session.scene.modes
+    figures = session.figures()
+    reason, device, names = figures.failing
+    by_face, is_measured = np.ones((len(POSES), MESH.n_faces), np.bool_), reason == Reason.COVERED
+    for row, task in enumerate((TASK, rc.Task(**PROJECTOR))):
+        poses = rig.poses(POSES).world_from_camera[row::2]
+        by_face &= (
+            rc.evaluate(MESH, CAMERA, poses, task, fields=("reason",)).reason == Reason.COVERED
+        )
+    assert is_measured.any()
+    assert np.array_equal(is_measured, by_face.any(axis=0))
+    assert names == rig.names
+    painted = MODES["device"].paint(MESH, figures.values["device"]())
+    assert {entry["label"] for entry in painted.legend} <= {
+        "measured", "cam fails", "proj fails", "angle between rays fails",
+    }  # fmt: skip
+    face = int(np.flatnonzero(~is_measured & (device == 1))[0])
+    said = session.why(face)
+    assert "proj fails" in said["words"]
+    assert [each["name"] for each in said["cameras"]] == [f"{row}" for row in range(10)]
+    told, levels = unframed(session.frame("device", {}))
+    assert len(levels) == MESH.n_faces
+    assert told["legend"] == painted.legend
+    session.close()
+
+
+def test_the_page_goes_by_the_angle_and_by_rigs_that_are_whole():
+    session = viewed(head(rc.All(min_baseline_deg=60)))
+    reason, device, _ = session.figures().failing
+    assert NAMES[reason.max()] == "baseline"
+    assert (device[reason == reason.max()] == -1).all()
+    session.close()
+    session = viewed(head(), poses=POSES[:1])
+    state = session.state
+    rest = state.without(state.stations[1].id)
+    assert NetworkFigures(MESH, rest, session.measurements.rows(rest, rest.on)).failing[2] == ()
+    session.close()
+
+
+def test_the_page_of_cameras_without_a_rule_has_no_devices():
+    session = viewed(head(rc.Any()))
+    assert "device" not in session.scene.modes
+    session.close()
+
+
+def test_a_network_by_face_refuses_a_rule():
+    network = rc.Network(MESH, TASK)
+    with rc.open_observer(MESH, head()) as observer, pytest.raises(ConfigError, match="by area"):
+        list(network.judge(observer, head().poses(POSES)))
+
+
+def test_shards_of_a_long_run_give_the_same(monkeypatch, tmp_path):
+    rig = head()
+    poses = rig.poses(POSES)
+    found = rc.evaluate(MESH, rig, poses, TASK, by=None).summary()
+    monkeypatch.setattr("rastercov.coverage.shards.PAIRS_A_SHARD", 5 * MESH.n_faces)
+    wanted = Wanted(rc.Engine(), by_area=True, apart=True)
+    with open_for(MESH, rig, TASK, wanted) as observer:
+        shards = EvaluationShards(tmp_path, observer, poses, TASK, wanted)
+        assert shards.store.poses_a_shard == 4
+        network, areas = rc.Network(MESH, TASK), AreaNetwork(MESH, TASK)
+        for batch in shards.parts(Staff()):
+            network.add(batch)
+            areas.add(gated(batch.regions, rig, batch.poses))
+        folder = next(path for path in tmp_path.iterdir() if path.is_dir())
+        again = make(folder, 0, np.arange(4))
+    assert areas.summary()["m2"] == pytest.approx(found["covered_area"]["m2"])
+    assert network.covered_faces == [each["covered_faces"] for each in found["per_pose"]]
+    assert again == (folder / shards.store.name(0)).read_bytes()
+
+
+def test_a_mount_with_a_rule_has_one_row_of_what_its_cameras_cover_together():
+    own = cells(MESH, 0.4)
+    rig = head()
+    mounts = Mounts.of({"fringe": rig, "lone": CAMERA})
+    placed = rc.Poses.of(POSES, camera=[0, 1, 0, 0, 1])
+    matrix = build_matrix((MESH, mounts.rig), placed, TASK, cells=own, mounts=mounts)
+    for row in range(5):
+        part = POSES[row : row + 1]
+        regions = rc.regions(MESH, CAMERA, part, TASK)
+        if placed.camera[row] == 0:
+            regions = rc.regions(MESH, rig, rig.poses(part), TASK)
+        shares = own.share(regions)
+        pairs = slice(*matrix.indptr[row : row + 2])
+        assert matrix.face[pairs].tolist() == shares.cell.tolist()
+        assert np.allclose(matrix.coverage[pairs], shares.share)
+    assert not matrix.on_rig.any()
+
+
+def test_centres_are_covered_by_the_rule():
+    own, rig = cells(MESH, 0.4), head()
+    placed = rig.poses(POSES)
+    together = CentrePass(own, rig, TASK).find(placed)
+    tasks = (TASK, rc.Task(**PROJECTOR))
+    each = [
+        CentrePass(own, CAMERA, task).find(placed.world_from_camera[row::2])
+        for row, task in enumerate(tasks)
+    ]
+    for row in range(5):
+        both = np.intersect1d(each[0].row(row), each[1].row(row))
+        assert together.row(row).tolist() == both.tolist()
+
+
+@pytest.mark.slow
+def test_a_plan_places_a_head_and_a_check_finds_the_same():
+    plan = PLAN | {"selection": PLAN["selection"] | {"refine": True, "refine_budget": 60}}
+    found = placed(plan)
+    assert found.is_met
+    content = told()
+    names = [each["camera"] for each in content["cameras"]]
+    assert names == ["fringe/cam", "fringe/proj"] * len(content["cameras"][::2])
+    missed = content["network"]["by_device"]
+    assert [each["device"] for each in missed] == ["fringe/cam", "fringe/proj"]
+    assert all(zone["device"] in names for zone in content["dead_zones"])
+    checked = rc.check(PLAN, "out/poses.json", min_coverage=0.5)
+    assert checked.is_met
+    assert checked.whole.share == pytest.approx(content["share"], abs=1e-12)
+    rig = head()
+    mounted = np.array(json.loads(Path("out/poses.json").read_text())["world_from_camera"])[::2]
+    exact = rc.unite(rc.regions(found.prepared.mesh, rig, rig.poses(mounted), TASK)).share()
+    assert content["share"] == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rig", "words"),
+    [
+        ({"rule": "both"}, "rule"),
+        ({"rule": "at_least"}, "needs k"),
+        ({"rule": "all", "k": 2}, "k and needs"),
+        ({"rule": "at_least", "k": 3}, "1 to 2"),
+        ({"rule": "at_least", "k": 2, "needs": ["lamp"]}, "some of"),
+        ({"cameras": PLAN["rigs"]["fringe"]["cameras"][:1]}, "2 to 64"),
+    ],
+)
+def test_rules_of_a_plan_that_cannot_be_are_refused(rig, words):
+    plan = PLAN | {"rigs": {"fringe": PLAN["rigs"]["fringe"] | rig}}
+    with pytest.raises(ConfigError, match=words):
+        placed(plan)
+
+
+def test_an_audit_of_a_rig_with_a_rule_is_refused():
+    with pytest.raises(ConfigError, match="one by one"):
+        rc.audit(MESH, head(), head().poses(POSES), TASK)
+
+
+def test_a_plan_by_face_with_a_rule_is_refused():
+    for task in ({"by": "face"}, {"min_pixels": 3.0}, {"weight_by": "count"}):
+        with pytest.raises(ConfigError):
+            placed(PLAN, task=task)
+
+
+def test_reasons_of_a_rig_are_those_of_the_camera_that_is_missed_most():
+    gate = head().gates[0]
+    reasons = np.array([[8, 8, 2, 1], [8, 6, 6, 8]], np.uint8)
+    found, device = gate.failing(reasons)
+    assert found.tolist() == [Reason.COVERED, Reason.OCCLUDED, Reason.OUTSIDE, Reason.BACK_FACING]
+    assert device.tolist()[1:] == [1, 0, 0]
+
+
+CELL = rc.look_at([(2.5, 1.5, 3.0)], (0, 0, 0))[0]
+
+
+def cell(**more):
+    """A camera that moves, and a projector of the cell."""
+    tasks = {"proj": rc.Task(**PROJECTOR)}
+    places = np.stack((np.eye(4), CELL))
+    return rc.Rig(
+        [CAMERA] * 2, ["cam", "proj"], places, rule=rc.All(), tasks=tasks, fixed=["proj"], **more
+    )
+
+
+def test_a_fixed_camera_stays_and_is_solved_once(monkeypatch):
+    rig, solved = cell(), []
+    poses = rig.poses(POSES)
+    assert np.array_equal(poses.world_from_camera[1::2], np.repeat(CELL[None], len(POSES), axis=0))
+    moving = head()  # without a word of what is fixed, the same poses are solved one by one
+    assert np.array_equal(poses.world_from_camera[::2], POSES)
+    found = _Finder.find
+
+    def counted(self, *given, **more):
+        solved.append(self.index)
+        return found(self, *given, **more)
+
+    monkeypatch.setattr(_Finder, "find", counted)
+    once = rc.regions(MESH, rig, poses, TASK)
+    assert sorted(solved) == [0] * len(POSES) + [1]
+    each = rc.regions(MESH, moving, poses, TASK)
+    assert len(solved) == 3 * len(POSES) + 1
+    for name in ("xy", "starts", "face", "pose", "area", "bound", "pair_face"):
+        assert np.array_equal(getattr(once, name), getattr(each, name)), name
+    summaries = [
+        rc.evaluate(MESH, own, poses, TASK, by=None, fields=("visibility",))
+        for own in (rig, moving)
+    ]
+    a, b = (one.summary() for one in summaries)
+    for name in ("covered_area", "per_pose", "by_device", "by_camera", "dead_zones"):
+        assert a[name] == b[name], name
+    assert np.array_equal(*(one.visibility for one in summaries))
+
+
+def test_a_fixed_camera_survives_files_and_plans():
+    rig = cell()
+    rc.write_views("rig.json", rc.Views(rig, rc.Poses.of(np.zeros((0, 4, 4)))))
+    again = rc.read_views("rig.json").rig
+    assert again.fixed == ("proj",)
+    assert np.allclose(again.poses(POSES).world_from_camera, rig.poses(POSES).world_from_camera)
+    cameras = [
+        {"camera": "cam"},
+        {"camera": "cam", "name": "proj", "fixed": True, "translation": [2.5, 1.5, 3.0],
+         "target": [0, 0, 0], "task": PROJECTOR},
+    ]  # fmt: skip
+    plan = plan_of(
+        PLAN | {"rigs": {"cell": {"rule": "all", "cameras": cameras}}}, Path("plan.toml")
+    )
+    assert plan.rig.fixed == ("cell/proj",)
+    mounted = rc.Poses.of(POSES, camera=[1] * len(POSES))
+    placed, _ = plan.mounts.cameras(mounted)
+    assert np.allclose(placed.world_from_camera, rig.poses(POSES).world_from_camera)
+    shared = with_gates([CAMERA] * 3, json.loads(json.dumps(gates_to_json(plan.rig))))
+    assert with_places(shared, plan.rig.rig_from_camera).fixed == plan.rig.fixed
+
+
+@pytest.mark.parametrize(
+    ("fixed", "words"),
+    [
+        (["lamp"], "some of the cameras"),
+        (["cam", "proj"], "not all"),
+        ("cam", "names"),
+        (3, "fixed"),
+    ],
+)
+def test_what_cannot_be_fixed_is_one_line(fixed, words):
+    with pytest.raises(CameraError, match=words) as error:
+        rc.Rig([CAMERA] * 2, ["cam", "proj"], fixed=fixed)
+    assert "\n" not in str(error.value)
+
+
+def test_a_target_of_a_camera_that_moves_is_refused():
+    cameras = [{"camera": "cam"}, {"camera": "cam", "name": "b", "target": [0, 0, 0]}]
+    with pytest.raises(ConfigError, match="target is of a fixed camera"):
+        placed(PLAN | {"rigs": {"fringe": {"rule": "all", "cameras": cameras}}})
+
+
+@pytest.mark.slow
+def test_a_plan_with_a_projector_of_the_cell_moves_the_camera_alone():
+    cameras = [
+        {"camera": "cam"},
+        {"camera": "cam", "name": "proj", "fixed": True, "translation": [2.5, 1.5, 3.0],
+         "target": [0, 0, 0]},
+    ]  # fmt: skip
+    selection = PLAN["selection"] | {"coverage": 0.25, "refine": True, "refine_budget": 40}
+    found = placed(
+        PLAN | {"rigs": {"cell": {"rule": "all", "cameras": cameras}}}, selection=selection
+    )
+    assert found.is_met
+    poses = np.array(json.loads(Path("out/poses.json").read_text())["world_from_camera"])
+    assert np.allclose(poses[1::2], CELL)
+    assert not np.allclose(poses[::2], CELL)
+
+
+def test_a_plan_limits_the_uncertainty_of_what_its_rigs_measure():
+    rule = {"max_uncertainty": "300 mm", "noise_px": {"cam": 0.3, "proj": 0.5}, "stripes": ["proj"]}
+    shares = []
+    for limit in ("300 mm", "60 mm"):
+        own = PLAN["rigs"]["fringe"] | rule | {"max_uncertainty": limit}
+        found = placed(
+            PLAN | {"rigs": {"fringe": own}}, selection={"goal": "best_coverage", "cameras": 2}
+        )
+        (gate,) = found.prepared.plan.rig.gates.values()
+        assert gate.most_deviation == pytest.approx(float(limit.split()[0]) / 1000)
+        assert (gate.noise, gate.stripes) == ((0.3 / 90, 0.5 / 90), (1,))
+        shares.append(found.cameras.share)
+    assert shares[0] > shares[1]
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"max_uncertainty": "5 parsec", "noise_px": 1}, "m, mm or um"),
+        ({"max_uncertainty": 1e-4}, "noise_px must be above 0"),
+        ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["cam", "proj"]}, "fix no point"),
+        ({"rule": "any", "max_uncertainty": 1e-4, "noise_px": 1}, "max_uncertainty"),
+    ],
+)
+def test_uncertainties_that_cannot_be_are_refused_in_one_line(entries, words):
+    plan = PLAN | {"rigs": {"fringe": PLAN["rigs"]["fringe"] | entries}}
+    with pytest.raises(PlanError, match=words) as caught:
+        plan_of(plan, Path("plan.toml")).rig  # noqa: B018 - it raises
+    assert "\n" not in str(caught.value)

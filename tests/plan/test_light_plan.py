@@ -1,0 +1,161 @@
+"""Plans with lamps: a fringe sensor and a satin part from place to check, and what is refused."""
+
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import done, enter, refusal
+from plans import told
+
+import rastercov as rc
+from rastercov.placement.plan.file import PlanError, plan_of
+
+PLAN = """
+ambient = "5 lx"
+
+[[meshes]]
+built_in = "icosahedron"
+
+[cameras.cam]
+width = 96
+height = 72
+fx = 90
+fy = 90
+
+[rigs.fringe]
+rule = "all"
+
+[[rigs.fringe.cameras]]
+camera = "cam"
+
+[[rigs.fringe.cameras]]
+camera = "cam"
+name = "proj"
+translation = [0.5, 0, 0]
+task = { max_incidence_deg = 60.0 }
+
+[lamps.key]
+kind = "spot"
+intensity_cd = 900
+half_angle_deg = 40
+position = [0, -3, 2]
+aim = [0, 0, 0]
+
+[lamps.ring]
+kind = "ring"
+size = 0.3
+points = 4
+intensity_cd = 600
+rig = "fringe"
+
+[task]
+max_incidence_deg = 75
+min_illuminance = "25 lx"
+gloss = "satin"
+
+[[candidates]]
+generator = "on_sphere"
+count = 12
+distances = [4.0]
+
+[selection]
+goal = "fewest_cameras"
+coverage = 0.3
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    Path("plan.toml").write_text(PLAN)
+
+
+def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(capsys):
+    out, _ = done(capsys, "place plan.toml -o out")
+    assert "unlit" in out
+    content = told()
+    zones = content["dead_zones"]
+    assert {"unlit", "too_dark", "highlight"} & {zone["reason"] for zone in zones}
+    assert all(zone["device"] in ("fringe/cam", "fringe/proj", "key", "ring") for zone in zones)
+    page = Path("out/page.html").read_text()
+    assert all(f"({zone['device']})" in page for zone in zones[:5])
+    light = content["network"]["light"]
+    assert [each["lamp"] for each in light["lamps"]] == ["key", "ring"]
+    assert light["out_of_limits"]["percent"] > 1
+    assert "too dark, too bright or in a highlight: " in page
+    done(
+        capsys, "check plan.toml -p out/poses.json --min-coverage 0.3 --junit junit.xml -o checked"
+    )
+    suite = ET.parse("junit.xml").getroot()
+    assert not suite.findall(".//failure")
+    checked = rc.check("plan.toml", "out/poses.json")
+    assert checked.whole.share == pytest.approx(content["share"], abs=1e-12)
+    prepared, placed = rc.place("plan.toml", out="again").prepared, checked.cameras.placed
+    poses = rc.Poses.of(placed.world_from_camera, camera=placed.camera)
+    task = prepared.task
+    assert (task.min_illuminance, task.max_highlight_deg) == (25, 12)
+    exact = rc.unite(rc.regions(prepared.mesh, prepared.plan.rig, poses, task)).share()
+    assert content["share"] == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("intensity_cd = 900", "intensity_cd = 0"), "lamps.key.intensity_cd: wanted a number ab"),
+        (("intensity_cd = 900", "power_w_sr = 3"), "lx and W/m2 do not add up"),
+        (("intensity_cd = 900\n", ""), "an intensity in cd or power_w_sr in W/sr"),
+        (("half_angle_deg = 40\n", ""), "a lamp of kind spot needs half_angle_deg"),
+        (('rig = "fringe"', 'rig = "arm"'), "lamp 'ring' rides on 'arm'; cameras are"),
+        (('"25 lx"', '"3 W/m2"'), "min_illuminance is in W/m2, and the lamps give lx"),
+        (('gloss = "satin"', 'gloss = "wet"'), "gloss"),
+        (('"5 lx"', '"5 W/m2"'), "ambient is in W/m2, and the lamps give lx"),
+        (("points = 4", "points = 40"), "points of a lamp of kind ring must be 1 to 36"),
+    ],
+)
+def test_wrong_lamps_of_a_plan_are_one_line(change, words, capsys):
+    Path("plan.toml").write_text(PLAN.replace(*change))
+    assert words in refusal(capsys, "place plan.toml -o out")
+    assert not Path("out").exists()
+
+
+def test_thresholds_of_light_without_lamps_are_refused():
+    plan = {"meshes": [{"built_in": "box"}], "task": {"min_illuminance": 300}}
+    with pytest.raises(PlanError, match=r"task.min_illuminance is of light; add lamps as"):
+        plan_of(plan)
+    with pytest.raises(PlanError, match="ambient is of light; add lamps"):
+        plan_of({"meshes": [{"built_in": "box"}], "ambient": 3})
+
+
+EXPOSURE = """
+[exposure]
+exposure_time = 0.2
+f_number = 4
+pixel_size = 3.45e-6
+quantum_efficiency = 0.65
+full_well = 10500
+min_snr = 40
+"""
+
+
+def test_signal_and_saturation_of_a_plan_are_a_band_of_illuminance(capsys):
+    Path("plan.toml").write_text(PLAN + EXPOSURE)
+    out, _ = done(capsys, "place plan.toml -o out")
+    band = plan_of(tomllib.loads(PLAN + EXPOSURE)).build_task()
+    assert 25 < band.min_illuminance < band.max_illuminance
+    assert f"SNR 40 or more and saturation 1 or less is {band.min_illuminance:.3g} to " in out
+    Path("plan.toml").write_text(PLAN + EXPOSURE.replace("40", "400"))
+    assert "exposure: min_snr 400 needs" in refusal(capsys, "place plan.toml -o other")
+
+
+def test_a_lamp_rides_on_the_rig_that_it_names():
+    mesh = rc.shapes.icosahedron()
+    camera = rc.Camera(width=96, height=72, fx=90, fy=90)
+    rig = rc.Rig([camera, camera], ["a", "b"])
+    poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 4.0, 4), camera=[0, 1, 0, 1])
+    lamps = rc.Lamps([rc.Lamp.spot(60, 10)], rides=["b"])
+    areas = rc.regions(mesh, rig, poses, lamps=lamps).areas().sum(axis=1)
+    whole = rc.regions(mesh, rig, poses).areas().sum(axis=1)
+    assert areas == pytest.approx(whole * [0, 1, 0, 1])
+    assert np.count_nonzero(areas) == 2

@@ -1,0 +1,251 @@
+"""Plans with bodies that move: cameras are chosen, checked and reported over time."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import done, refusal
+from scenes import joined
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.scene import named_scene
+
+PART = rc.shapes.by_name("icosahedron")
+PLATE = rc.shapes.box((2, 2, 0.02), centre=(-2, 0, 1.6))
+BELT = {"body": "plate", "steps": 5, "direction": [1.0, 0.0, 0.0], "distance": 4.0}
+PLAN = {
+    "meshes": [{"path": "cell.obj", "groups": ["part"]}],
+    "motion": {"conveyor": BELT},
+    "camera": {"width": 320, "height": 240, "hfov_deg": 60.0},
+    "task": {"over": 0.9, "max_incidence_deg": 75.0, "resolution_of_result": 0.3},
+    "candidates": [{"generator": "on_sphere", "count": 12, "distances": [4.0]}],
+    "selection": {"goal": "best_coverage", "cameras": 3},
+    "outputs": {"page": False},
+}
+
+
+def obj(**parts):
+    lines, first = [], 1
+    for name, mesh in parts.items():
+        lines += [f"o {name}", *(f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist())]
+        lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + first).tolist()]
+        first += mesh.n_vertices
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture(autouse=True)
+def cell(folder):
+    Path("cell.obj").write_text(obj(part=PART, plate=PLATE))
+
+
+def changed(**sections):
+    return PLAN | sections
+
+
+def exact(placed, over=0.9):
+    """Covered share of the chosen cameras, from the regions of the same motion."""
+    mesh, plan, _ = named_scene(plan_of(PLAN))
+    motion = plan.build_motion(mesh)
+    found = rc.evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
+    return found.share()
+
+
+def test_cameras_are_chosen_for_what_they_see_long_enough():
+    found = rc.place(PLAN)
+    assert found.cameras.share == pytest.approx(exact(found.cameras.placed))
+    assert (np.diff(found.cameras.curve) >= -1e-12).all()
+    every = rc.place(changed(selection={"goal": "best_coverage", "cameras": 12}))
+    assert 0 < found.cameras.share <= every.cameras.share + 1e-9
+    summary = found.cameras.areas.over_time.summary()
+    assert summary["frames"] == 5
+    assert summary["covered"]["percent"] == pytest.approx(100 * found.cameras.share)
+
+
+def test_the_fewest_cameras_reach_a_share_of_what_all_see_long_enough():
+    wanted = {"goal": "fewest_cameras", "coverage": 0.8, "of_reachable": True}
+    found = rc.place(changed(selection=wanted))
+    every = found.prepared.reachable
+    assert found.is_met
+    assert found.cameras.share >= 0.8 * every.over_time.share() - 1e-9
+    n = len(found.cameras.placed)
+    assert found.cameras.curve[n - 2] < 0.8 * every.over_time.share()
+    assert len(found.chosen) == n
+    # All candidates are measured the same way as those that are chosen.
+    all_of = exact(found.prepared.measured)
+    assert every.over_time.share() == pytest.approx(all_of, abs=1e-9)
+
+
+def test_in_some_frame_cells_are_chosen_on_once():
+    found = rc.place(changed(task=PLAN["task"] | {"over": "some"}))
+    assert found.prepared.problem.bits.n_faces == len(found.prepared.cells)
+    always = rc.place(changed(task=PLAN["task"] | {"over": "all"}))
+    assert always.prepared.problem.bits.n_faces == 5 * len(always.prepared.cells)
+    assert always.cameras.share <= found.cameras.share + 1e-9
+
+
+def test_a_check_judges_what_is_seen_long_enough():
+    placed = rc.place(PLAN).cameras
+    found = rc.check(PLAN, placed.placed, min_coverage=placed.share - 1e-3)
+    assert found.is_met
+    assert not rc.check(PLAN, placed.placed, min_coverage=placed.share + 1e-3).is_met
+    assert "over_time" in found.summary()
+    assert any("of the time" in line for line in found.lines())
+
+
+def test_a_camera_on_a_body_is_carried():
+    camera = PLAN["camera"] | {"body": "plate"}
+    mesh, plan, _ = named_scene(plan_of(changed(camera=camera)))
+    own = PlanMotion.of(plan, mesh)
+    pose = rc.look_at(eyes=[(0, 0, 5)], targets=(0, 0, 0), up=(0, 1, 0))
+    found = own.evaluate(plan.rig, rc.Poses.of(pose), plan.build_task())
+    by_hand = [
+        rc.regions(own.motion.frame(row)[0], plan.rig, p[None], plan.build_task()).areas().sum()
+        for row, p in enumerate(own.motion.poses_of("plate") @ pose[0])
+    ]
+    assert found.regions.areas().sum(axis=1) == pytest.approx(by_hand, abs=1e-8)
+
+
+def test_rigs_are_mounts_over_time_too():
+    wide = {"cameras": {"eye": PLAN["camera"]}}
+    rig = {"pair": {"cameras": [{"camera": "eye"}, {
+        "camera": "eye", "name": "other", "translation": [0.3, 0.0, 0.0]}]}}  # fmt: skip
+    plan = {name: value for name, value in PLAN.items() if name != "camera"} | wide
+    found = rc.place(plan | {"rigs": rig, "selection": {"goal": "best_coverage", "cameras": 2}})
+    assert len(found.cameras.placed) == 4
+    assert 0 < found.cameras.share <= 1
+
+
+@pytest.mark.parametrize(
+    ("sections", "words"),
+    [
+        ({"motion": {}}, "no body moves"),
+        ({"motion": {"conveyor": BELT | {"body": "lid"}}}, "lid"),
+        ({"motion": {"conveyor": BELT, "turntable": {"body": "plate", "steps": 5}}}, "two ways"),
+        ({"motion": {"conveyor": BELT, "turntable": {"body": "part", "steps": 4}}}, "as many"),
+        ({"motion": {"conveyor": BELT, "animation": ""}}, "one glTF file"),
+        ({"motion": {"poses": "none.json"}}, "wanted a file"),
+        ({"camera": PLAN["camera"] | {"body": "lid"}}, "no body 'lid'"),
+        ({"task": PLAN["task"] | {"over": 0.0}}, "task.over"),
+        ({"task": PLAN["task"] | {"over": "ever"}}, "task.over"),
+        ({"task": {"over": 0.9, "by": "face"}}, "by area"),
+        ({"task": {"over": 0.9, "min_pixels": 40.0}}, "by area"),
+        ({"task": {"over": 0.9, "method": "sampled"}}, "by area"),
+        ({"task": {"over": 0.9, "views": {"part": 2}}}, "one number"),
+        ({"selection": PLAN["selection"] | {"refine": True}}, "not moved"),
+        (
+            {
+                "task": {"over": 0.9, "views": 2},
+                "selection": {"goal": "fewest_cameras", "coverage": 0.5, "of_reachable": True},
+            },
+            "one view",
+        ),
+        ({"candidates": [{"generator": "per_cavity"}]}, "still scene"),
+    ],
+)
+def test_plans_that_cannot_be_over_time_are_refused_in_one_line(sections, words):
+    with pytest.raises((PlanError, ConfigError), match=words) as error:
+        rc.place(changed(**sections))
+    assert "\n" not in str(error.value)
+
+
+def test_over_without_a_motion_is_refused():
+    still = {name: value for name, value in PLAN.items() if name != "motion"}
+    with pytest.raises(PlanError, match="of a motion"):
+        rc.place(still)
+
+
+TOML = """
+over = 0.5
+[[bodies]]
+name = "cover"
+groups = ["plate"]
+[motion]
+conveyor = { body = "cover", steps = 5, direction = [1, 0, 0], distance = 4 }
+"""
+
+
+def evaluated(motion, *more):
+    Path("camera.toml").write_text("width = 320\nheight = 240\nhfov_deg = 60\n")
+    words = "evaluate cell.obj --occluder plate -c camera.toml -p sphere:3 -o report --table none"
+    return " ".join((words, "--motion", motion, *more))
+
+
+def shown_words(page):
+    """Text of a page, without styles, scripts and the page of the viewer in it."""
+    page = re.sub(r"(?s)<(style|script)\b.*?</\1>|data-scene='[^']*'", "", page)
+    return re.sub(r"(?s)<[^>]*>", " ", page)
+
+
+@pytest.mark.slow
+def test_the_command_evaluates_over_time_and_leaves_its_files(capsys):
+    Path("m.toml").write_text(TOML)
+    out, _ = done(capsys, evaluated("m.toml"))
+    assert "for at least 50 % of the time, of 5 frames; ever" in out
+    summary = json.loads(Path("report/summary.json").read_text())
+    said = summary["over_time"]
+    assert said["frames"] == 5
+    assert summary["covered_area"]["percent"] == pytest.approx(said["covered"]["percent"])
+    assert [each["percent"] for each in said["curve"]] == sorted(
+        (each["percent"] for each in said["curve"]), reverse=True
+    )
+    import pyarrow.parquet as pq
+
+    frames = pq.read_table("report/frames.parquet").to_pylist()
+    assert [each["covered_m2"] for each in frames] == pytest.approx(
+        [each["covered_m2"] for each in said["by_frame"]]
+    )
+    assert "of the area" in out
+    assert "whole faces" not in out
+    page = Path("report/report.html").read_text(encoding="utf-8")
+    assert "Over time" in page
+    assert "<polyline" in page
+    words = shown_words(page)
+    assert "of the area for at least 50 % of the time" in words
+    assert "covers alone for at least 50 % of the time" in words
+    assert "as a whole" not in words
+    assert "Whole faces" not in words
+    assert not set("{}") & set(words)
+    for name in ("time.png", "frames.png", "view.html", "network.glb"):
+        assert Path("report", name).stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "more", "words"),
+    [
+        ("m.toml", "over = 2\n[motion]\n", (), "over"),
+        ("m.toml", "[motion]\nspin = 1\n", (), "no such entry"),
+        ("m.toml", "[motion]\n", (), "no body moves"),
+        ("m.toml", "[motion\n", (), "TOML"),
+        ("m.json", '{"bodies": {"plate": {}}, "times": [1, 0]}', (), "must"),
+        ("m.toml", TOML, ("--by", "face"), "by area"),
+    ],
+)
+def test_motions_that_cannot_be_are_refused_by_the_command(name, text, more, words, capsys):
+    Path(name).write_text(text)
+    assert words in refusal(capsys, evaluated(name, *more))
+    assert not Path("report").exists()
+
+
+def test_the_cell_is_the_part_and_the_plate():
+    assert named_scene(plan_of(PLAN))[0].n_faces == joined(PART, PLATE).n_faces
+
+
+@pytest.mark.slow
+def test_pages_of_plans_show_the_figures_over_time(capsys):
+    Path("plan.json").write_text(json.dumps(PLAN))
+    found = rc.place(PLAN | {"outputs": {"page": True}}, out="out")
+    page = Path("out/page.html").read_text(encoding="utf-8")
+    assert "<polyline" in page
+    assert "camera that covers least" in page
+    assert "of the area for at least 90 % of the time" in shown_words(page)
+    assert not set("{}") & set(shown_words(page))
+    rc.check(PLAN, found.cameras.placed, min_coverage=0.1, out="checked")
+    assert "<polyline" in Path("checked/check.html").read_text(encoding="utf-8")
+    summary = json.loads(Path("checked/check.json").read_text())["network"]["over_time"]
+    assert summary["frames"] == 5
+    assert summary["not_always"]

@@ -1,0 +1,70 @@
+"""Exposure: the band of illuminance of a sensor, against its equations and counted photons."""
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+
+SENSOR = {
+    "exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3.45e-6, "quantum_efficiency": 0.65,
+    "full_well": 10_500, "dark_noise": 2.5, "gain": 0.35, "reflectance": 0.4,
+}  # fmt: skip
+
+
+def electrons(exposure, irradiance):
+    """Mean electrons of a pixel under an irradiance, W/m^2."""
+    on_sensor = exposure.reflectance * irradiance * exposure.transmission
+    on_sensor /= 4 * exposure.f_number**2 * (1 + exposure.magnification) ** 2
+    energy = on_sensor * exposure.pixel_size**2 * exposure.exposure_time
+    return exposure.quantum_efficiency * energy / (6.62607015e-34 * 299792458 / exposure.wavelength)
+
+
+def test_at_the_ends_of_the_band_are_the_snr_and_the_saturation_asked_for():
+    exposure = rc.Exposure(**SENSOR, min_snr=40, max_saturation=0.9, magnification=0.1)
+    least, most = exposure.band("W/m2")
+    n = electrons(exposure, least)
+    rng = np.random.default_rng(5)
+    counted = rng.poisson(n, 400_000) + rng.normal(0, 2.5, 400_000)
+    read = np.rint(counted * 0.35) / 0.35
+    assert n / read.std() == pytest.approx(40, rel=0.01)
+    assert electrons(exposure, most) == pytest.approx(0.9 * 10_500)
+
+
+def test_lx_are_watts_by_the_sensitivity_of_the_eye():
+    green = rc.Exposure(**SENSOR, min_snr=20)
+    assert green.band()[0] / green.band("W/m2")[0] == pytest.approx(683, rel=0.02)
+    red = rc.Exposure(**SENSOR, min_snr=20, wavelength=650e-9)
+    assert red.band()[0] / red.band("W/m2")[0] == pytest.approx(683 * 0.107, rel=0.12)
+    infrared = rc.Exposure(**SENSOR, wavelength=850e-9)
+    assert infrared.band("W/m2")[0] == 0
+    with pytest.raises(ConfigError, match="light of 850 nm has no lx; give lamps in W/sr"):
+        infrared.band()
+    with pytest.raises(ConfigError, match="unit must be lx or W/m2"):
+        green.band("fc")
+
+
+def test_a_task_within_the_band_says_so():
+    exposure = rc.Exposure(**SENSOR, min_snr=40, max_saturation=0.9)
+    least, most = exposure.band()
+    task = rc.Task(min_illuminance=1).exposed(exposure)
+    assert (task.min_illuminance, task.max_illuminance) == (least, most)
+    tight = rc.Task(min_illuminance=least * 2, max_illuminance=most / 2)
+    assert tight.exposed(exposure) == tight
+    assert exposure.in_words().startswith("exposure: SNR 40 or more and saturation 0.9 or less is ")
+    with pytest.raises(ConfigError, match="max_illuminance must be above min_illuminance"):
+        rc.Task(min_illuminance=most * 2).exposed(exposure)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"min_snr": 200}, "min_snr 200 needs 4e+04 electrons, and saturation allows"),
+        ({"exposure_time": 0}, "exposure_time must be 1e-12 to 1e+09, got 0"),
+        ({"quantum_efficiency": 65}, "quantum_efficiency must be"),
+    ],
+)
+def test_wrong_exposures_are_refused_in_one_line(values, words):
+    with pytest.raises(ConfigError) as caught:
+        rc.Exposure(**SENSOR | values)
+    assert words in str(caught.value)
