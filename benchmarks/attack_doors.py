@@ -89,16 +89,14 @@ def modules(report: Report, folder: Path, commands: tuple[str, ...]) -> None:
 
 
 def ends(report: Report, folder: Path, count: int) -> None:
-    """End runs by SIGTERM, from their start on; half of them compile all that they need."""
+    """End runs by SIGTERM, from their start on."""
     rng = np.random.default_rng(0)
     wrong = 0
     for turn in range(count):
-        with tempfile.TemporaryDirectory() as cache:
-            more = {"NUMBA_CACHE_DIR": cache} if turn % 2 else {}
-            with _started(folder, f"end-{turn}", **more) as head:
-                time.sleep(rng.uniform(2, 12))
-                head.send_signal(signal.SIGTERM)
-                said = head.communicate(timeout=300)[1].decode().splitlines()
+        with _started(folder, f"end-{turn}") as head:
+            time.sleep(rng.uniform(2, 12))
+            head.send_signal(signal.SIGTERM)
+            said = head.communicate(timeout=300)[1].decode().splitlines()
         ended = head.returncode in (130, -signal.SIGTERM) or head.returncode in (0, 1)
         if not ended or any("defect" in line or "Traceback" in line for line in said):
             print(f"end {turn}: {head.returncode}: {said}", file=sys.stderr)

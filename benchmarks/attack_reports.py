@@ -124,7 +124,7 @@ def attack(report: Report, effort: float) -> None:
             seconds = _prepared(command, before)
             killed(report, command, before, base, rng.uniform(0, 1, count["kills"]), seconds)
             full(report, command, before, base, count["disks"])
-        at_once(report, both[1], base, max(1, round(effort * PAIRS)))
+        at_once(report, both[1], base, max(1, round(effort * PAIRS)), seconds)
         if effort >= 0.05:  # always the same runs, which tests/report has, too
             each_operation(report, base / "operations")
 
@@ -359,15 +359,15 @@ def _fill(disk: Path, free: int) -> None:
         os.posix_fallocate(file.fileno(), 0, (about.f_bavail - -(-free // block)) * block or 1)
 
 
-def at_once(report: Report, command: Command, base: Path, n_pairs: int) -> None:
-    """Two runs with different plans into one folder, the second a little after the first."""
+def at_once(report: Report, command: Command, base: Path, n_pairs: int, seconds: float) -> None:
+    """Two runs with different plans into one folder, the second in the first half of the first."""
     rng = np.random.default_rng(7)
     refused = whole = kept = 0
-    for delay in rng.uniform(0, 0.2, n_pairs).tolist():
+    for delay in rng.uniform(0.1, 0.4, n_pairs).tolist():
         folder = base / "out"
         shutil.rmtree(folder, ignore_errors=True)
         first = _started(command.new, folder, base / "errors")
-        time.sleep(0.05 + delay)
+        time.sleep(delay * seconds)
         second = _started(command.old, folder, base / "second")
         codes = _ended(first), _ended(second)
         text = (base / "second").read_text(encoding="utf-8")

@@ -57,8 +57,6 @@ def attack(report: Report, effort: float) -> None:
     parts += [("closed", "certified"), ("closed", "rasteriser"), ("forked",)]
     for part in parts:
         _report(report, part, runs)
-    if effort >= 1:  # compiles everything: a minute
-        _report(report, ("cold",), 1)
 
 
 def _report(report: Report, part: tuple[str, ...], runs: int) -> None:
@@ -266,16 +264,6 @@ def forked(runs: int) -> Iterator[Run]:
                 caller.join()
 
 
-def cold(runs: int) -> Iterator[Run]:
-    """As `first_use`, in a process that has to compile every loop, and says so once for each."""
-    with tempfile.TemporaryDirectory() as folder:
-        done, crashes, said = in_a_process(("first_use",), runs, NUMBA_CACHE_DIR=folder)
-    for run in done:
-        n_said = said.count("compiling")
-        run.errors += [said] * crashes + [f"said {n_said} times"] * (n_said > 2)
-        yield run
-
-
 PARTS: dict[str, Callable[..., Iterator[Run]]] = {
     "shared": shared,
     "first_use": first_use,
@@ -283,7 +271,6 @@ PARTS: dict[str, Callable[..., Iterator[Run]]] = {
     "models": models,
     "closed": closed,
     "forked": forked,
-    "cold": cold,
 }
 
 

@@ -41,7 +41,7 @@ def poses() -> np.ndarray:
 
 
 def sums(folder: Path) -> dict[str, str]:
-    shards = sorted((folder / "pairs").glob("*.parquet"))
+    shards = sorted((folder / "pairs").glob("*.npz"))
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in shards}
 
 
@@ -152,7 +152,7 @@ def with_killed_head(folder: Path, rng: random.Random) -> int:
     head.kill()
     head.wait()
     time.sleep(0.5)  # its workers end with it
-    times = {path: path.stat().st_mtime_ns for path in (folder / "pairs").glob("*.parquet")}
+    times = {path: path.stat().st_mtime_ns for path in (folder / "pairs").glob("*.npz")}
     build(folder, Workers(WORKERS))
     return sum(path.stat().st_mtime_ns != before for path, before in times.items())
 

@@ -78,7 +78,7 @@ def memory_of_workers(report) -> None:
     limit = 3 * arrays + image
     small = Cell("closed", 1000, 128, 128)
     with rc.open_rasterizer(small.mesh(), small.camera, "cpu") as rasterizer:
-        rasterizer.count(poses[:1])  # loads numba and its loops, whatever the mesh
+        rasterizer.count(poses[:1])  # loads the loops, whatever the mesh
     tracemalloc.start()
     counting = {}
     for threads in (1, 3):

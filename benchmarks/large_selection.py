@@ -246,7 +246,7 @@ def placed(report: Report, count: int, workers: int) -> None:
         report.check("plan: the command succeeds", process.returncode == 0)
         found = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
         passes = _passes(Path(folder, "plan", "matrix"), found["matrix"]["held_as"])
-        n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("pairs-*.parquet"))
+        n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("pairs-*.npz"))
     selection, n_pairs = found["selection"], found["matrix"]["pairs"]
     name = f"{count:,} x {found['network']['faces']:,}"
     report.check(f"{name}: coverage lies below its bound", selection["share"] <= selection["bound"])
@@ -288,7 +288,7 @@ def rates(report: Report) -> None:
             cpu = time.process_time()
             matrix = measure_matrix(observer, poses, task, folder)
             cpu = time.process_time() - cpu
-            n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
+            n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("pairs-*.npz"))
             started = time.process_time()
             bits = matrix.bits
             derived = time.process_time() - started

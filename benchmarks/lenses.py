@@ -47,10 +47,10 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
+from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.viewpoints import enclosing_distance
-from rastercov.kernels import lens_formulas
 from rastercov.mesh import shapes
 from rastercov.raster.gl.context import open_context
 
@@ -124,7 +124,7 @@ def folded_share() -> float:
     """Share of the directions within 89 degrees with a pixel in the image that are folded there."""
     lens = lens_cases.lens("metashape", (-0.2, 0, 0, 0, 0, 0), f=900)
     given = rays(400_000, least_z=np.cos(np.radians(89)))
-    u, v = lens_formulas.project(lens.code, lens.params, *given.T)
+    u, v = formulas.project(lens.code, lens.params, *given.T)
     is_in = (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
     angle = np.arccos(given[is_in, 2])
     return float((angle > np.arctan(np.sqrt(1 / 0.6))).mean())

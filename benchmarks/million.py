@@ -157,8 +157,8 @@ def _matrix_in_pieces(report: Report, n_poses: int) -> None:
     whole = _matrix(n_poses, None)
     with tempfile.TemporaryDirectory() as name:
         command = [sys.executable, __file__, "--poses", str(n_poses), "--matrix-in", name]
-        _run_until(command, Path(name), "pairs/*.parquet", 8, signal.SIGKILL)
-        done = len(list(Path(name).glob("pairs/*.parquet")))
+        _run_until(command, Path(name), "pairs/*.npz", 8, signal.SIGKILL)
+        done = len(list(Path(name).glob("pairs/*.npz")))
         pieces = _matrix(n_poses, Path(name))
     report.add("matrix: poses", n_poses, "poses")
     report.add("matrix: shards done when ended by SIGKILL", done, "of 20")

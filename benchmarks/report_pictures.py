@@ -4,6 +4,7 @@
 
 demo.png        dead zones of `rastercov demo`
 placement.png   first picture of the page of `rastercov place`, of the part of the examples
+sensors.png     overview of the fringe sensor of docs/sensors.md, hatched by the device that fails
 plan_sheet.svg  sheet of the room of the examples, with the cameras of `rastercov place`
 """
 
@@ -32,6 +33,11 @@ def main():
         page = (work / "part" / "page.html").read_text()
         first = re.search(r'src="data:image/png;base64,([^"]+)"', page)
         (out / "placement.png").write_bytes(base64.b64decode(first[1]))
+        page = (ROOT / "docs" / "sensors.md").read_text()
+        (work / "fringe.toml").write_text(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1])
+        turn = ["-p", "turntable:6@20", "--max-incidence-deg", 75]
+        run("evaluate", "teapot", "-c", work / "fringe.toml", *turn, "-o", work / "scan")
+        shutil.copy(work / "scan" / "overview.png", out / "sensors.png")
         room = PLANS / "watch_room.toml"
         run("place", room, "--out", work / "room")
         sheet = ["--north", 75, "--project", "Store room", "--out", out / "plan_sheet.svg"]

@@ -8,6 +8,8 @@ import json
 import os
 import platform
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -86,3 +88,10 @@ def arguments(description: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     return parser
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """CPU seconds of this thread that a call takes."""
+    start = time.thread_time()
+    work()
+    return time.thread_time() - start

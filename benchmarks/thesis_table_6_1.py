@@ -2,9 +2,9 @@
 
 A face is not covered when its coverage, (3.6), is 0 in every camera. The thesis' aeroplane is not
 public: ours has its face count, not its shape. "leader" is the order of merging that the thesis'
-program follows, with the stand-off of (6.7) as corrected in docs/placement.md; "closest" is ours,
-with every vertex of a segment in view. Then the cameras of "closest" are refined: the same number,
-moved one by one.
+program follows, with the stand-off of (6.7) as corrected in docs/appendix/placement_methods.md;
+"closest" is ours, with every vertex of a segment in view. Then the cameras of "closest" are
+refined: the same number, moved one by one.
 """
 
 import statistics

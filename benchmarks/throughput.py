@@ -299,7 +299,7 @@ def _header() -> dict[str, object]:
          if line.startswith("model name")), platform.machine(),
     )  # fmt: skip
     versions = {}
-    for name in ("rastercov", "numpy", "numba", "llvmlite", "moderngl", "open3d", "trimesh",
+    for name in ("rastercov", "numpy", "moderngl", "open3d", "trimesh",
                  "embreex", "vtk"):  # fmt: skip
         try:
             versions[name] = version(name)
