@@ -202,7 +202,12 @@ def _plan() -> str:
     lines += ["", *sections]
     for name in inner:
         lines += _plan_table(_words_of(name), kinds[name], seen)
-    return "\n".join(lines)
+    heads = {_anchor(line.lstrip("#").strip()) for line in lines if line.startswith("#")}
+
+    def link(found: re.Match[str]) -> str:  # entries of a list have the heading of the list
+        return found[0] if found[2] in heads else found[1]
+
+    return re.sub(r"\[([^]]+)\]\(#([^)]+)\)", link, "\n".join(lines))
 
 
 def _heads(key: str, entry: Mapping[str, Any], kinds: Mapping[str, Any]) -> Iterator[Any]:
@@ -235,10 +240,14 @@ def _plan_table(title: str, kind: Mapping[str, Any], _seen: Any = None) -> list[
 
 
 def _default(entry: Mapping[str, Any]) -> str:
-    value = entry.get("default")
+    value = json.loads(json.dumps(entry.get("default")), object_hook=_given)
     if value is None or isinstance(value, dict):
         return ""
     return f"`{_cell(json.dumps(value))}`"
+
+
+def _given(table: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}
 
 
 def _type(entry: Mapping[str, Any]) -> str:

@@ -1,8 +1,8 @@
 """Cameras for a warehouse: people at any place on the floor, by exact area at eye height.
 
 Builds a hall of 36 x 24 x 8 m with racks, pillars and a dock door (26 nodes), and plans cameras on
-its walls and pillars 3 to 4 m above the floor. With a folder as argument the scene, the plan and
-the report remain there:
+its walls and pillars 3 to 4 m above the floor. With a folder as argument it only writes the scene
+and the plan there:
 
     python examples/plan_a_warehouse.py warehouse/
     rastercov place warehouse/plan.toml --out warehouse/report
@@ -174,7 +174,8 @@ def report(placement):
 
 
 if __name__ == "__main__":
-    with TemporaryDirectory() as scratch:
-        folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(scratch)
-        plan = write(folder)
-        report(place(read_plan(plan), folder / "report"))
+    if len(sys.argv) > 1:
+        print(write(Path(sys.argv[1])))
+    else:
+        with TemporaryDirectory() as scratch:
+            report(place(read_plan(write(Path(scratch))), Path(scratch) / "report"))
