@@ -125,8 +125,8 @@ def carriers(
 ) -> FloatArray:
     """(P, T, 4, 4) poses of the body that each camera is fixed to; ConfigError for no body."""
     n = len(cameras_of(camera))
-    names = [body] * n if isinstance(body, str) else list(body)
-    if len(names) != n:
+    names = [body] * n if isinstance(body, str) else body
+    if not isinstance(names, list | tuple) or len(names) != n:
         raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
     tables = np.stack([motion.poses_of(name) for name in names])
     poses.check_cameras(n)
