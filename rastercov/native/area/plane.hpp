@@ -113,7 +113,8 @@ struct Depths {
 
 // Sets `plane` to face f; returns the least and the greatest depth of it.
 inline Depths set_plane(const Planes &planes, int64_t f, const Seen &seen, Plane &plane) {
-    const auto &[rotation, centre] = std::tie(seen.rotation, seen.centre);
+    const auto &rotation = seen.rotation;
+    const auto &centre = seen.centre;
     const auto in_axes = [&](double a, double b, double c) -> Vector {
         return {a * rotation(0, 0) + b * rotation(1, 0) + c * rotation(2, 0),
                 a * rotation(0, 1) + b * rotation(1, 1) + c * rotation(2, 1),

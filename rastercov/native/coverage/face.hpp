@@ -160,15 +160,17 @@ INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, 
     asked.density = asked.density && any(has_density);
     if (!(asked.density || asked.facing || asked.per_m2) || !any(is_ahead)) return;
     N density = INFINITY, facing_density = INFINITY, pixels_per_m2 = INFINITY;
-    const auto &[a, b, c] = normal;
     unroll<3>(EACH(s) {
         const auto slopes = slopes_of(f, s, view, face);
         if (asked.density) {
-            const N here = along(slopes, a, b, c);
+            const N here = along(slopes, normal.x, normal.y, normal.z);
             density = select(here >= density, density, here);
         }
         if (asked.facing) facing_density = min(facing(slopes), facing_density);
-        if (asked.per_m2) pixels_per_m2 = min(per_m2(slopes, a, b, c), pixels_per_m2);
+        if (asked.per_m2) {
+            const N here = per_m2(slopes, normal.x, normal.y, normal.z);
+            pixels_per_m2 = min(here, pixels_per_m2);
+        }
     });
     if (asked.density) is.density = select(has_density, density, N(0.0));
     if (asked.facing) is.facing = select(is_ahead, facing_density, N(0.0));

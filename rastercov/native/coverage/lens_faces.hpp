@@ -13,7 +13,7 @@ namespace rastercov::coverage {
 // First of six columns of a vertex, behind those of a pinhole: the derivative of the lens, found
 // when a density asks for it; NaN before.
 constexpr int64_t SLOPES = 8;
-template <> constexpr int64_t COLUMNS_OF<CurvedLens> = SLOPES + 6;
+template <> inline constexpr int64_t COLUMNS_OF<CurvedLens> = SLOPES + 6;
 
 // Area outside the image, px^2 and relative to the face, up to which a face is inside it.
 constexpr double OUTSIDE_TOLERANCE = 1e-9;

@@ -138,7 +138,8 @@ inline Normals normals_of_sides(const Corners &corners, double underflow) {
 // which is more than any rounding.
 inline int8_t side_if_out_of_sight(Vertices vertices, const int64_t (&face)[3],
                                    const Pinhole &camera) {
-    const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
+    const auto &rotation = camera.rotation;
+    const auto &eye = camera.centre;
     const double wide = CLIP_MARGIN * camera.width + 1, high = CLIP_MARGIN * camera.height + 1;
     bool before = true, left = true, right = true, above = true, below = true;
     double most = 0.0, corner[3][3];

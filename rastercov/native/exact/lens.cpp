@@ -271,7 +271,7 @@ void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any
                            EDGE_ROUNDING * (plane.width + plane.height),
                            4 * limit * limit,
                            plane.longest[plane.parts_of]};
-    const auto [area, visible, area_error, certified, seen, computed] = out;
+    const auto &area = out.area, &area_error = out.area_error;
     Places place[3];
     const auto measure_group = [&](auto face_of, int64_t first,
                                    int64_t m) __attribute__((always_inline)) {

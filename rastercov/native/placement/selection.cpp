@@ -213,7 +213,8 @@ int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces
     require_rays(rays, lists.n_cameras(), lists.n_faces());
     require(seen.cameras.rows() == lists.n_faces() && seen.is_spread.rows() == lists.n_faces(),
             "seen and is_spread must have one row for each face");
-    const auto &[eyes, centroids, min_cosine] = rays;
+    const auto &eyes = rays.eyes, &centroids = rays.centroids;
+    const double min_cosine = rays.min_cosine;
     return change_faces(row, sign, lists, faces, state, [&](int64_t f, int64_t old) -> int64_t {
         const auto others = seen.cameras[f];
         bool &is_spread = seen.is_spread[f];

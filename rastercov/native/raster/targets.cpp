@@ -131,11 +131,11 @@ std::pair<int64_t, int64_t> count_samples(const Triangle &triangle, const Tile &
     const auto first = [](int64_t step) { return (step + HALF_SAMPLE - 1) >> STEP_BITS; };
     const auto [low_x, high_x] = std::minmax({a.x, b.x, c.x});
     const auto [low_y, high_y] = std::minmax({a.y, b.y, c.y});
-    const auto &[left, top, width, height] = tile;
+    const int64_t left = tile.left, top = tile.top;
     const int64_t first_row = std::max(first(low_y), top);
-    const int64_t last_row = std::min(first(high_y), top + height);
+    const int64_t last_row = std::min(first(high_y), top + tile.height);
     const int64_t first_column = std::max(first(low_x), left);
-    const int64_t last_column = std::min(first(high_x), left + width);
+    const int64_t last_column = std::min(first(high_x), left + tile.width);
     const Side sides[3] = {{a, b}, {b, c}, {c, a}};
     const bool is_weighted = sums.rows() > 0, sees = depth.size() > 0;
     const auto &[origin, across, down] = triangle.plane;
