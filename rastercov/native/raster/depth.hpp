@@ -80,12 +80,26 @@ inline float least_depth(const Array<float, Any> &depth, int64_t block, int colu
     return least(found);
 }
 
+// Sum of the 16 bytes whose bits are set.
+INLINE int64_t sum_of_bytes(const uint8_t *bytes, int64_t bits) {
+    typedef uint64_t Words __attribute__((vector_size(LANES)));
+    typedef uint8_t Bytes __attribute__((vector_size(LANES)));
+    constexpr uint64_t EACH_BYTE = 0x0101010101010101, EVEN = 0x00FF00FF00FF00FF;
+    constexpr uint8_t OWN[LANES] = {1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128};
+    Bytes own, values;
+    std::memcpy(&own, OWN, LANES);
+    std::memcpy(&values, bytes, LANES);
+    const Words lanes = {uint64_t(bits & 255) * EACH_BYTE, uint64_t(bits >> 8 & 255) * EACH_BYTE};
+    const Words kept = Words(values & Bytes((Bytes(lanes) & own) == own));
+    const Words pairs = (kept & EVEN) + (kept >> 8 & EVEN);
+    return int64_t((pairs[0] + pairs[1]) * 0x0001000100010001 >> 48);
+}
+
 // Number of the samples of a block in a mask, by their weights if they have any.
 INLINE int64_t count_block(int64_t bits, int64_t at, const Counts &counts) {
     if (!counts.is_weighted) return count(bits);
-    int64_t n = 0;
-    for (; bits; bits = without_lowest(bits)) n += counts.weights[at + lowest(bits)];
-    return n;
+    check_index(at + LANES - 1, counts.weights.rows());
+    return sum_of_bytes(&counts.weights[at], bits);
 }
 
 // Weight of a sample, 1 where there are none.
