@@ -142,3 +142,29 @@ def test_a_lamp_on_a_rig_is_solved_once_a_pose(solved, own):
     eyes, _ = solved
     rc.regions(mesh, camera, poses, rc.Task(**own), lamps=lamps, threads=1)
     assert len(eyes) == 6 + 1 + 6 * BAR.points
+
+
+def test_light_that_is_not_decided_on_a_sliver_is_in_the_bounds_beside_highlights():
+    """Narrower than what a cut decides, and in no highlight: the same bound with and without."""
+    corners = [
+        (0, 0, 0),
+        (1, 0, 0),
+        (0, 1, 0),
+        (0.1, 0.1, 0.1),
+        (0.9, 0.1, 0.1),
+        (0.5, 0.1 + 2e-6, 0.1),
+    ]
+    mesh = rc.Mesh(corners, [(0, 1, 2), (3, 4, 5)])
+    camera = rc.Camera(width=200, height=160, fx=150, fy=150)
+    pose = rc.look_at((0.3, 0.3, 2), (0.3, 0.3, 0), (0, 1, 0))
+    lamps = rc.Lamps([rc.Lamp.point(10)], rc.look_at((0.5, 2, 1), (0.5, 0.1, 0)))
+    height, d = 0.9, np.linalg.norm((0.2, 1.9, 0.9))
+    light = {"min_illuminance": float(10 * height / d**3)}
+    task = rc.Task(**light, max_highlight_deg=2)
+    plain = rc.regions(mesh, camera, pose, rc.Task(**light), lamps=lamps)
+    found = rc.regions(mesh, camera, pose, task, lamps=lamps)
+    whole = rc.regions(mesh, camera, pose, lamps=lamps)
+    assert whole.areas()[0, 1] == pytest.approx(mesh.areas[1])
+    assert plain.bounds()[0, 1] > 0.1 * mesh.areas[1]
+    sure = [each.areas()[0, 1] + each.bounds()[0, 1] for each in (plain, found)]
+    assert sure[1] >= sure[0] - 1e-9 * mesh.areas[1]
