@@ -7,7 +7,8 @@ three with a rule, and of the pairs with limits of the angle between rays; so ar
 100 hostile scenes. Points on the wrong side must be fewer than the bound explains. Other cuts of
 the same surface change the area of pairs by 1e-4 points at most, and laser lines are held against
 rays. Light, highlights, beams and uncertainties of the room are held against points, too. Costs are
-CPU times of one thread, medians over the rounds: a pair to a pose of regions, `All` and the angle.
+CPU times of one thread, medians over the rounds: a pair to a pose of regions, `All` and the angle,
+and what a fixed lamp adds to a pose beside its own regions, which are found once.
 """
 
 import statistics
@@ -25,6 +26,8 @@ from rastercov.reference.regions import covers_points, points_on, rig_covers_poi
 
 MOST_OF_POSES = 3.5
 """Time of a pair to that of the regions of one pose."""
+MOST_OF_A_LAMP = 1.0
+"""Time that a fixed lamp adds to a pose, to that of the gate of a pair."""
 LIMITS = {"min_baseline_deg": 40.0}, {"max_baseline_deg": 70.0}
 """Limits of the angle between rays, for pairs."""
 
@@ -272,8 +275,9 @@ def measure(
     groups, found = [0, 0, 1, 1, 2, 2], rc.regions(mesh, camera, poses, task, threads=1)
     both = found.at_least(2, groups)
     angle = rc.RayAngle(poses[:, :3, 3].reshape(3, 2, 3), 20.0)
-    taken = []
+    taken, added = [], []
     for _ in range(rounds):
+        added.append(cost_of_a_lamp(mesh, camera, poses, task))
         of_poses = seconds(lambda: rc.regions(mesh, camera, poses, task, threads=1)) / 6
         gate = seconds(lambda: found.at_least(2, groups)) / 3
         taken.append((of_poses, gate, seconds(lambda: both.where(angle)) / 3))
@@ -282,7 +286,25 @@ def measure(
     report.add(f"{name}: gate", 1e3 * statistics.median(each[1] for each in taken), "ms/pair")
     report.add(f"{name}: angle", 1e3 * statistics.median(each[2] for each in taken), "ms/pair")
     report.add(f"{name}: a pair, in poses of regions", ratio, "", at_most=MOST_OF_POSES)
+    lamp = statistics.median(added)
+    gates = lamp / statistics.median(each[1] for each in taken)
+    report.add(f"{name}: a fixed lamp adds", 1e3 * lamp, "ms/pose")
+    report.add(f"{name}: a fixed lamp, in gates of a pair", gates, "", at_most=MOST_OF_A_LAMP)
     report.add(f"{name}: pieces", len(both) / max(1, len(found)), "of those of the poses")
+
+
+def cost_of_a_lamp(mesh: rc.Mesh, camera: rc.Camera, poses: np.ndarray, task: rc.Task) -> float:
+    """CPU seconds that a fixed lamp adds to a pose; what it lights is found once, and left out."""
+    low, high = mesh.bounds
+    place = np.eye(4)[None]
+    place[0, :3, 3] = low + (high - low) * [0.52, 0.47, 0.83]
+    lamps, many = rc.Lamps([rc.Lamp.point(50)], place), np.concatenate([poses] * 4)
+
+    def adds(some: np.ndarray) -> float:
+        lit = seconds(lambda: rc.regions(mesh, camera, some, task, lamps=lamps, threads=1))
+        return lit - seconds(lambda: rc.regions(mesh, camera, some, task, threads=1))
+
+    return (adds(many) - adds(poses[:1])) / (len(many) - 1)
 
 
 if __name__ == "__main__":

@@ -285,7 +285,10 @@ def _only(regions: Regions, kept: NDArray[np.bool_]) -> Regions:
 
 
 def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
-    """Sets of devices (S,), at least one, and regions with a row for each set and row of `lit`."""
+    """Sets of devices (S,), at least one, and regions with a row for each set and row of `lit`.
+
+    Pairs of `lit` without a piece, of which all is undecided, are in those of the first set.
+    """
     bits = np.zeros(len(lit), np.int64) if lit.devices is None else lit.devices
     sets, index = np.unique(bits, return_inverse=True)
     sets = sets if len(sets) else np.zeros(1, np.int64)
@@ -293,18 +296,18 @@ def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
     pose = index * n + lit.pose
     order = np.lexsort((lit.face, pose))
     some = lit._with(order, np.arange(0))
-    keys, first, of = np.unique(
-        pose[order] * n_faces + some.face, return_index=True, return_inverse=True
-    )
-    areas = polygon_areas(some.xy, some.starts)
     own = lit.pair_pose.astype(np.int64) * n_faces + lit.pair_face
-    at, _ = _found(own, some.pose[first] * np.int64(n_faces) + some.face[first])
+    is_bare = ~np.isin(own, lit.pose.astype(np.int64) * n_faces + lit.face)
+    of_pieces = pose[order] * n_faces + some.face
+    keys, of = np.unique(np.concatenate([of_pieces, own[is_bare]]), return_inverse=True)
+    areas = polygon_areas(some.xy, some.starts)
+    at, _ = _found(own, keys % (n * n_faces))
     return sets, replace(
         some,
         pose=pose[order].astype(np.int32),
         pair_pose=(keys // n_faces).astype(np.int32),
         pair_face=(keys % n_faces).astype(np.int32),
-        area=np.bincount(of, areas, len(keys)).astype(np.float64),
+        area=np.bincount(of[: len(areas)], areas, len(keys)).astype(np.float64),
         bound=lit.bound[at] if len(keys) else np.zeros(0),
         pose_ids=np.tile(lit.pose_ids, len(sets)),
         eyes=np.tile(lit.eyes, (len(sets), 1)),
