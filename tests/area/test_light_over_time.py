@@ -8,7 +8,7 @@ from scenes import joined
 from surface_cases import room
 
 import rastercov as rc
-from rastercov.base.errors import CameraError, ConfigError
+from rastercov.base.errors import CameraError, ConfigError, MeshError
 
 CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)
 TASK = rc.Task(max_incidence_deg=75)
@@ -160,6 +160,9 @@ def test_light_that_cannot_be_is_refused_in_one_line():
         rc.regions_over_time(motion, rig, poses, body=["box", "plate"], lamps=rides)
     assert "\n" not in str(error.value)
     rc.regions_over_time(motion, rig, poses, body=["box", "box"], lamps=rides)
+    with pytest.raises((ConfigError, MeshError), match="body") as error:
+        rc.regions_over_time(motion, rig, poses, body=[["box"], ["box"]], lamps=rides)
+    assert "\n" not in str(error.value)
     for over_time in (rc.regions_over_time, rc.evaluate_over_time):
         with pytest.raises(CameraError, match="lamps must be"):
             over_time(motion, CAMERA, TWO_CAMERAS, lamps=[rc.Lamp.point(intensity=1)])

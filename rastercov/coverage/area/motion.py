@@ -133,6 +133,7 @@ def carriers(
     names = [body] * n if isinstance(body, str) else body
     if not isinstance(names, list | tuple) or len(names) != n:
         raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
+    tables = np.stack([motion.poses_of(name) for name in names])
     lamps = lamps_of(camera)
     for own in () if lamps is None else lamps.carried_by(names_of(camera)):
         if len(used := {names[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
@@ -140,7 +141,6 @@ def carriers(
                 f"a lamp that rides on cameras needs these on one body, got {', '.join(used)}; "
                 "place it in the world"
             )
-    tables = np.stack([motion.poses_of(name) for name in names])
     poses.check_cameras(n)
     found: FloatArray = tables[poses.camera]
     return found
