@@ -14,7 +14,7 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.errors import PoseError
 from rastercov.base.format import plural, verb
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
@@ -118,8 +118,6 @@ def evaluate(
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
     lit = None if lamps is None else load_lamps(lamps)
-    if lit is not None and motion is not None:
-        raise ConfigError("light is of a still scene; leave out --motion or --lamps")
     moving = None
     if motion is not None:
         from rastercov.placement.plan.over_time import PlanMotion

@@ -93,7 +93,9 @@ class Evaluation(Coverage):
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
         if self.areas is not None:
             self.areas.add_to(found)
-            found |= self.areas.dead_zones(self.camera, placed) | self.apart.of_light()
+            found |= self.areas.dead_zones(self.camera, placed)
+            if not isinstance(self.areas, TimeAreas):
+                found |= self.apart.of_light()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(

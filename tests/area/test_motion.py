@@ -9,7 +9,6 @@ from surface_cases import building
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.camera.rig import with_lamps
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.table import joined
 
@@ -200,9 +199,6 @@ def test_times_that_cannot_be_are_refused():
     for over in (0.0, 1.5, "ever", -1):
         with pytest.raises(ConfigError, match="over"):
             rc.over_time(found, motion, over)
-    lit = with_lamps(CAMERA, rc.Lamps([rc.Lamp.point(intensity=1)]))
-    with pytest.raises(ConfigError, match="lamps light a still scene"):
-        rc.regions_over_time(motion, lit, ABOVE, TASK)
     with pytest.raises(ConfigError, match="no body"):
         rc.regions_over_time(motion, CAMERA, ABOVE, TASK, body="tool")
     with pytest.raises(ConfigError, match="different"):

@@ -51,12 +51,12 @@ def poses_of(robot, joints):
     return robot.frames(joints)["head"] @ TIP
 
 
-def areas_with_arm(robot, poses, joints, camera, task):
+def areas_with_arm(robot, poses, joints, camera, task, lamps=None):
     """Area of the part that each camera covers, in a scene of its own with the arm."""
     total = []
     for pose, angles in zip(poses, joints, strict=True):
         scene = rc.Mesh.joined([part(), rc.Robot.load(ARM, rest=angles, name="arm").mesh])
-        found = rc.regions(scene, camera, pose[None], task)
+        found = rc.regions(scene, camera, pose[None], task, lamps=lamps)
         total.append(found.area.sum())
         own = np.arange(scene.n_faces) < part().n_faces
         assert not len(found._of_faces(~own).face)
@@ -98,6 +98,23 @@ def test_figures_are_those_of_scenes_with_the_arm():
     assert abs(told()["share"] - with_arm / whole) <= 1e-5
     assert abs(written["hidden_by_arm_percent"][0] - 100 * (alone - with_arm) / whole) <= 1e-3
     assert placed.cameras.areas.covered.share() == pytest.approx(with_arm / whole, abs=1e-5)
+
+
+def test_cameras_on_an_arm_cover_what_lamps_light():
+    own = {"kind": "point", "intensity_cd": 100.0, "position": [0.3, 0.1, 0.9]}
+    one = {"goal": "best_coverage", "cameras": 1}
+    of_light = {"lamps": {"key": own}, "task": PLAN["task"] | {"min_illuminance": 160.0}}
+    placed = rc.place(PLAN | of_light | {"selection": one}, out="out")
+    robot, written = rc.Robot.load(ARM), told("poses.json")
+    pose, joints = rc.read_poses("out/poses.json"), np.array(written["joints"])
+    task, seen = rc.Task(max_incidence_deg=70), rc.Camera.from_fov(320, 256, hfov_deg=40)
+    lamps = rc.Lamps([rc.Lamp.point(intensity=100)], rc.look_at((0.3, 0.1, 0.9), (0.5, 0.1, 0.2)))
+    lit = rc.Task(max_incidence_deg=70, min_illuminance=160)
+    with_arm = areas_with_arm(robot, pose, joints, seen, lit, lamps)[0]
+    assert 0 < with_arm < 0.95 * areas_with_arm(robot, pose, joints, seen, task)[0]
+    assert placed.cameras.areas.covered.share() == pytest.approx(
+        with_arm / part().areas.sum(), abs=1e-5
+    )
 
 
 def test_an_arm_that_hides_too_much_leads_to_other_candidates(monkeypatch):

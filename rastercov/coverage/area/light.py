@@ -132,6 +132,10 @@ class Light:
         self._fixed: Once[Lit] = Once()
         self._fixed_regions: Once[Regions] = Once()
 
+    def anew(self) -> "Light":
+        """The same lamps, where nothing that they light is known, such as on a mesh that moved."""
+        return Light(self.lamps, self.task, self._rig, self._find)
+
     def alone(self) -> "Light":
         """The same lamps, whatever the thresholds of light."""
         none: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, lamps_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, lamps_of, names_of, with_lamps
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.area.table import Regions, joined, taken
@@ -52,6 +53,7 @@ def regions_over_time(
     task: Task | None = None,
     *,
     body: str | Sequence[str] = "world",
+    lamps: Lamps | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
 ) -> Regions:
@@ -66,6 +68,9 @@ def regions_over_time(
         T frames.
     camera, poses, task, method, threads
         As for `rastercov.regions`; R rows of the result.
+    lamps : Lamps, optional
+        As for `rastercov.regions`. They stay in their places while bodies move, or ride on the rig
+        of the cameras; what they light is found in each frame.
     body : str, or sequence of str
         Body to which the cameras are fixed, all or each of several; `poses` are those at rest.
 
@@ -81,10 +86,9 @@ def regions_over_time(
             f"{len(motion):,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
             "pictures; take fewer frames, or some cameras at a time"
         )
-    if lamps_of(camera) is not None:
-        raise ConfigError("lamps light a still scene; leave out the motion or the lamps")
+    camera, task = with_lamps(camera, lamps), (Task() if task is None else task).lit_by(lamps)
     carried = carriers(motion, camera, body, placed)
-    sights, has_rules = Sights(motion), bool(gates_of(camera))
+    sights, has_rules = Sights(motion), bool(gates_of(camera)) or lamps_of(camera) is not None
     tables: list[Regions] = []
     known: dict[bytes, int] = {}
     rows = np.empty((len(motion), len(placed)), np.int64)
@@ -113,6 +117,7 @@ def regions_over_time(
                 rows[row] = [known[key] for key in keys]
                 if has_rules:
                     found = _in_frame(_rows_of(tables, rows[row]), mesh, kept, moved)
+                    found = replace(found, light=finder.light)
                     frames[row] = _at_rest(gated(found, camera, moved), motion, kept)
     if has_rules:
         return joined(frames)
@@ -129,6 +134,13 @@ def carriers(
     if not isinstance(names, list | tuple) or len(names) != n:
         raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
     tables = np.stack([motion.poses_of(name) for name in names])
+    lamps = lamps_of(camera)
+    for own in () if lamps is None else lamps.carried_by(names_of(camera)):
+        if len(used := {names[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
+            raise ConfigError(
+                f"a lamp that rides on cameras needs these on one body, got {', '.join(used)}; "
+                "place it in the world"
+            )
     poses.check_cameras(n)
     found: FloatArray = tables[poses.camera]
     return found
@@ -149,13 +161,14 @@ def _by_presence(motion: Motion) -> list[NDArray[np.int64]]:
 
 
 def _at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
-    """Regions of a frame on the mesh in its rest pose; sides are not those of the eyes there."""
+    """Regions of a frame on the mesh at rest; sides are not those of the eyes there, nor light."""
     return replace(
         found,
         mesh=motion.mesh,
         face=kept[found.face].astype(np.int32),
         pair_face=kept[found.pair_face].astype(np.int32),
         eyes=np.full_like(found.eyes, np.nan),
+        light=None,
     )
 
 

@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, led_by, names_of
+from rastercov.camera.rig import Cameras, led_by, names_of, with_lamps
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
@@ -368,6 +369,7 @@ def evaluate_over_time(
     *,
     views_at: str = "one time",
     body: str | Sequence[str] = "world",
+    lamps: Lamps | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
 ) -> OverTime:
@@ -375,14 +377,15 @@ def evaluate_over_time(
 
     Parameters
     ----------
-    motion, camera, poses, body, method, threads
+    motion, camera, poses, body, lamps, method, threads
         As for `regions_over_time`.
     task : Task, optional
         Thresholds; `views` cameras are wanted.
     over : {"some", "all"} or float
         Time in which they are; as for `over_time`, and so is `views_at`.
     """
-    task, placed = Task() if task is None else task, Poses.of(poses)
+    camera, placed = with_lamps(camera, lamps), Poses.of(poses)
+    task = (Task() if task is None else task).lit_by(lamps)
     motion._needed(over)
     found = regions_over_time(
         motion, camera, placed, task, body=body, method=method, threads=threads

@@ -196,6 +196,15 @@ class RegionPass(ExactPass):
             self._of_lamps = RegionPass(mesh, lamps.eyes, method=engine, only_task=True)
             self.light = Light(lamps, self.task, camera, self._of_lamps.find)
 
+    def set_mesh(self, mesh: Mesh) -> None:
+        """As of `ExactPass`; light is that of the mesh from now on."""
+        if mesh is self.mesh:
+            return
+        super().set_mesh(mesh)
+        if self.light is not None and self._of_lamps is not None:
+            self._of_lamps.set_mesh(mesh)
+            self.light = self.light.anew()
+
     def close(self) -> None:
         """Release the scratch memory."""
         super().close()

@@ -1304,8 +1304,6 @@ class PlanModel(Entry):
                     "task.over and bodies are of a motion; give one, or leave them out"
                 )
             return
-        if self.lamps:
-            raise ValueError("lamps are of a still scene; leave out motion")
         if isinstance(self.task.views, dict):
             raise ValueError("task.views by group is of a still scene; give one number")
         if self.task.views > 1 and getattr(self.selection, "of_reachable", False):

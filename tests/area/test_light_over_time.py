@@ -1,0 +1,170 @@
+"""Lamps over bodies that move: each frame is that of the moved mesh at rest, by area."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import joined
+from surface_cases import room
+
+import rastercov as rc
+from rastercov.base.errors import CameraError, ConfigError, MeshError
+
+CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)
+TASK = rc.Task(max_incidence_deg=75)
+WITH_LIMITS = rc.Task(
+    max_incidence_deg=75, min_illuminance=8, max_illuminance=30, max_highlight_deg=12
+)
+TWO_CAMERAS = rc.look_at([(0.3, 0.2, 4), (-1.5, 2, 1.5)], (0, 0, 0), up=(0, 1, 0))
+LAMPS = rc.Lamps(
+    [rc.Lamp.point(intensity=100), rc.Lamp.area(0.4, points=4, intensity=60)],
+    rc.look_at([(2.5, 0, 2.5), (-1.5, 2, 0.2)], (0, 0, 0)),
+)
+
+
+def box_and_plate(part=None):
+    """A box at the origin, and a plate between it and the first lamp, beside the images."""
+    parts = (
+        part or rc.shapes.box((1, 0.8, 0.6)),
+        rc.shapes.box((0.6, 0.4, 0.02), centre=(1.4, 0, 1.4)),
+    )
+    mesh = joined(*parts)
+    labels = np.repeat([0, 1], [part.n_faces for part in parts])
+    groups = [rc.Group("box"), rc.Group("plate", is_occluder=True)]
+    return rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
+
+
+def turned(degrees, place=(0.0, 0.0, 0.0)):
+    """Turned about the z axis, then moved."""
+    pose = rc.turntable(2, degrees=2 * degrees)[1].copy()
+    pose[:3, 3] += place
+    return pose
+
+
+def moved(motion, row):
+    """Mesh of the moved vertices of a frame, and nothing else that a motion knows."""
+    mesh, pose = motion.mesh, motion.world_from_body[row][motion.body]
+    vertices = mesh.vertices.copy()
+    corners = np.einsum("fij,fkj->fki", pose[:, :3, :3], mesh.vertices[mesh.faces])
+    vertices[mesh.faces] = corners + pose[:, None, :3, 3]
+    return rc.Mesh(vertices, mesh.faces, mesh.groups, mesh.face_group)
+
+
+def assert_frames_are_those_at_rest(motion, camera, poses, task, lamps):
+    found = rc.regions_over_time(motion, camera, poses, task, lamps=lamps)
+    areas = found.areas().reshape(len(motion), -1, motion.mesh.n_faces)
+    bounds = found.bounds().reshape(areas.shape)
+    for row in range(len(motion)):
+        still = rc.regions(moved(motion, row), camera, poses, task, lamps=lamps)
+        limit = bounds[row] + still.bounds() + 1e-9
+        assert (np.abs(areas[row] - still.areas()) <= limit).all()
+    return areas
+
+
+@pytest.mark.parametrize("task", [TASK, WITH_LIMITS])
+def test_a_motion_that_moves_nothing_gives_the_areas_at_rest_to_the_bit(task):
+    mesh, camera, poses = room()
+    lamps = rc.Lamps(
+        [rc.Lamp.point(intensity=50), rc.Lamp.area(0.6, points=4, intensity=30)],
+        rc.look_at([(4, 2.5, 2.9), (6, 4, 2)], (4.2, 2.4, 0.2)),
+    )
+    motion = rc.Motion(mesh, {"mesh": np.eye(4)[None]})
+    found = rc.evaluate_over_time(motion, camera, poses, task, lamps=lamps)
+    still = rc.regions(mesh, camera, poses, task, lamps=lamps)
+    for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
+        assert getattr(found.regions, name).tobytes() == getattr(still, name).tobytes()
+    assert found.regions.light is None  # that of one frame would gate all
+    evaluated = rc.evaluate(mesh, camera, poses, task, by="area", lamps=lamps, fields=())
+    assert found.share() == pytest.approx(evaluated.areas.summary()["percent"] / 100, rel=1e-12)
+    assert 0 < found.share() < rc.evaluate_over_time(motion, camera, poses, TASK).share()
+
+
+@pytest.mark.parametrize("task", [TASK, WITH_LIMITS])
+def test_a_box_that_turns_under_lamps_is_lit_as_in_each_place(task):
+    motion = rc.Motion(
+        box_and_plate(), {"box": rc.turntable(5), "plate": np.tile(turned(0), (5, 1, 1))}
+    )
+    areas = assert_frames_are_those_at_rest(motion, CAMERA, TWO_CAMERAS, task, LAMPS)
+    assert np.ptp(areas.sum(axis=2), axis=0).max() > 0.1
+
+
+def test_a_body_beside_the_image_shades_what_the_camera_sees_alike():
+    """Frames whose regions are shared have a light of their own."""
+    mesh, lamps = box_and_plate(), rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
+    far = np.stack([np.eye(4), turned(0, (0, 5, 0)), np.eye(4)])
+    motion, pose = rc.Motion(mesh, {"plate": far}), TWO_CAMERAS[:1]
+    seen = rc.regions_over_time(motion, CAMERA, pose, TASK).areas()
+    assert (seen == seen[0]).all()
+    areas = assert_frames_are_those_at_rest(motion, CAMERA, pose, TASK, lamps)[:, 0].sum(axis=1)
+    assert areas[0] == areas[2] < 0.5 * areas[1]
+
+
+def test_a_zone_that_is_unlit_in_some_frames_says_so():
+    corners = [(-0.5, -0.5, 0), (0.5, -0.5, 0), (0.5, 0.5, 0), (-0.5, 0.5, 0)]
+    sheet = rc.Mesh(corners, [(0, 1, 2), (0, 2, 3)])
+    far = np.stack([np.eye(4), turned(0, (0, 5, 0))])
+    motion = rc.Motion(box_and_plate(sheet), {"plate": far})
+    lamps = rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
+    found = rc.evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, "all", lamps=lamps)
+    assert found.share() < 0.7
+    assert [zone["reason"] for zone in found.dead_zones()["dead_zones"]] == ["unlit"]
+    some = rc.evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
+    assert some.share() == pytest.approx(1)
+
+
+def test_a_head_with_a_lamp_that_rides_on_it_measures_in_each_frame():
+    places = np.repeat(np.eye(4)[None], 2, axis=0)
+    places[1, 0, 3] = 0.4
+    rig = rc.Rig([CAMERA] * 2, ["left", "right"], places, rule=rc.All())
+    lamps = rc.Lamps(
+        [rc.Lamp.point(intensity=100), rc.Lamp.spot(20, intensity=60)],
+        np.stack([LAMPS.places[0], turned(0, (0.2, 0, 0))]), rides=[False, True],
+    )  # fmt: skip
+    motion = rc.Motion(box_and_plate(), {"box": rc.turntable(3), "plate": rc.conveyor(
+        3, direction=(0, 1, 0), distance=2)})  # fmt: skip
+    poses = rig.poses(TWO_CAMERAS)
+    assert_frames_are_those_at_rest(motion, rig, poses, WITH_LIMITS, lamps)
+    # All that moves together changes nothing: the lamp moves with the body of the cameras.
+    own = of_riding(lamps)
+    together = rc.Motion(box_and_plate(), {name: rc.turntable(3) for name in ("box", "plate")})
+    areas = rc.regions_over_time(together, rig, poses, TASK, body="box", lamps=own).areas()
+    assert areas.sum() > 0
+    assert np.abs(areas.reshape(3, -1) - areas.reshape(3, -1)[0]).max() <= 1e-6
+
+
+def of_riding(lamps):
+    """The lamp that rides alone."""
+    return rc.Lamps(lamps.lamps[1:], lamps.places[1:], rides=[True])
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.lists(
+        st.tuples(*[st.floats(0, 360)] * 2, *[st.floats(-0.6, 0.6)] * 2), min_size=1, max_size=3
+    ),
+    st.sampled_from([TASK, WITH_LIMITS]),
+)
+def test_any_frames_are_those_of_the_moved_mesh(frames, task):
+    boxes = np.stack([turned(angle) for angle, *_ in frames])
+    plates = np.stack([turned(angle, (x, y, 0.6)) for _, angle, x, y in frames])
+    motion = rc.Motion(box_and_plate(), {"box": boxes, "plate": plates})
+    assert_frames_are_those_at_rest(motion, CAMERA, TWO_CAMERAS, task, LAMPS)
+
+
+def test_light_that_cannot_be_is_refused_in_one_line():
+    motion = rc.Motion(box_and_plate(), {"box": rc.turntable(2), "plate": rc.turntable(2)})
+    rig = rc.Rig([CAMERA] * 2, ["left", "right"])
+    rides = rc.Lamps([rc.Lamp.point(intensity=1)], rides=[True])
+    poses = rig.poses(TWO_CAMERAS)
+    with pytest.raises(ConfigError, match="on one body, got box, plate; place it") as error:
+        rc.regions_over_time(motion, rig, poses, body=["box", "plate"], lamps=rides)
+    assert "\n" not in str(error.value)
+    rc.regions_over_time(motion, rig, poses, body=["box", "box"], lamps=rides)
+    with pytest.raises((ConfigError, MeshError), match="body") as error:
+        rc.regions_over_time(motion, rig, poses, body=[["box"], ["box"]], lamps=rides)
+    assert "\n" not in str(error.value)
+    for over_time in (rc.regions_over_time, rc.evaluate_over_time):
+        with pytest.raises(CameraError, match="lamps must be"):
+            over_time(motion, CAMERA, TWO_CAMERAS, lamps=[rc.Lamp.point(intensity=1)])
+        with pytest.raises(ConfigError, match="give lamps"):
+            over_time(motion, CAMERA, TWO_CAMERAS, WITH_LIMITS)
