@@ -103,7 +103,7 @@ BUDGET = {
 MOST_FILES = 249
 # Code lines of C++ in native/, without blank lines, comments, includes and texts: the border,
 # vectors and loops.
-BUDGET_OF_CPP = 14_730
+BUDGET_OF_CPP = 14_750
 MOST_LINES_OF_CPP_FILE = 600
 
 
