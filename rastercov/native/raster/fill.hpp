@@ -24,7 +24,8 @@ namespace rastercov::raster {
 INLINE int64_t fill_samples_2x2(int64_t chosen, Int coverage, const Target &target, Triangles &t) {
     const auto &[window, image, counts, _] = target;
     const bool counts_drawn = counts.with_drawn && target.counts_in_blocks();
-    int64_t filled = 0, covered = coverage_of_samples(coverage) & chosen * FOURFOLD;
+    int64_t filled = 0;
+    int64_t covered = coverage_of_samples(coverage) & int64_t(uint64_t(chosen) * FOURFOLD);
     for (int k = 0; k < 4; k++)
         if (covered >> k * LANES & ALL_LANES) depth_of_samples(k, window, t);
     for (; covered; covered = without_lowest(covered)) {

@@ -30,7 +30,7 @@ constexpr int LARGE = 100 * STEPS;
 constexpr int SIDE_BITS = 2, SIDE = 1 << SIDE_BITS;
 constexpr int64_t ALL_LANES = 0xFFFF;
 // Multiplier that repeats a mask of LANES bits four times in a 64-bit word.
-constexpr int64_t FOURFOLD = 1ll << 3 * LANES | 1ll << 2 * LANES | 1ll << LANES | 1;
+constexpr uint64_t FOURFOLD = 1ull << 3 * LANES | 1ull << 2 * LANES | 1ull << LANES | 1;
 // Blocks of a strip, and samples along the side of a cell, as powers of 2.
 constexpr int STRIP_BITS = 4, CELL_BITS = 2 * SIDE_BITS;
 constexpr int64_t STRIP_SAMPLES = int64_t(LANES) << STRIP_BITS;
