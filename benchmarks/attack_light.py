@@ -226,7 +226,9 @@ def lamps_in(
         places.append(rc.look_at(place, place + axis / np.linalg.norm(axis) * size)[0])
     ambient = float(rng.choice([0, 0.01]))
     rides = rng.random(len(own)) < 0.25
-    mixed = [np.linalg.inv(pose[0]) @ at if on else at for at, on in zip(places, rides)]  # noqa: B905
+    mixed = [
+        np.linalg.inv(pose[0]) @ at if on else at for at, on in zip(places, rides, strict=True)
+    ]
     return (
         rc.Lamps(own, places, ambient=ambient),
         rc.Lamps(own, mixed, rides=rides.tolist(), ambient=ambient),
