@@ -267,7 +267,11 @@ template <class T, int BYTES, int L> INLINE Vec<T, L> ones(LaneMask<BYTES, L> ma
 // Bits of a mask, lane 0 lowest.
 template <int BYTES, int L> INLINE int64_t bits(LaneMask<BYTES, L> mask) {
     int64_t found = 0;
-    unroll<mask.N>(EACH(k) { found |= int64_t(mask.r[k]) << k * mask.WIDTH; });
+    const auto of_register = EACH(k) { // GCC 12 may read a spilled mask wider than it is
+        if constexpr (BYTES == 4) return _cvtmask16_u32(mask.r[k]);
+        else return _cvtmask8_u32(mask.r[k]);
+    };
+    unroll<mask.N>(EACH(k) { found |= int64_t(of_register(k)) << k * mask.WIDTH; });
     return found;
 }
 INLINE Int::M as_mask(int64_t lanes) {
