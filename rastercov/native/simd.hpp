@@ -403,6 +403,27 @@ template <bool IS_SHORT, int k> INLINE Double find(const double *table, const in
     else return gather_at(table, bytes_of(words, k));
 }
 
+#if defined(__AVX512F__)
+// The lanes whose bits are set, in order, and then 0.
+INLINE Int compressed(int64_t bits, Int v) {
+    return Int::make(
+        EACH(k) { return (Int::R)_mm512_maskz_compress_epi32(__mmask16(bits), (__m512i)v.r[k]); });
+}
+#endif
+// Eight bytes as words. GCC 12 would take a conversion in one step apart, byte by byte.
+INLINE auto words_of(const uint8_t *bytes) {
+    typedef int32_t Words __attribute__((vector_size(32)));
+#if defined(__AVX2__)
+    return Words(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)bytes)));
+#else
+    typedef uint8_t Bytes __attribute__((vector_size(8)));
+    typedef uint16_t Halves __attribute__((vector_size(16)));
+    Bytes narrow;
+    std::memcpy(&narrow, bytes, sizeof narrow);
+    return __builtin_convertvector(__builtin_convertvector(narrow, Halves), Words);
+#endif
+}
+
 // Pairs of words that are looked up a vector at a time: in two columns where registers can be
 // permuted, else side by side, so that one load reads both.
 template <int N> struct Pairs {

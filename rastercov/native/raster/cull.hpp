@@ -175,17 +175,18 @@ alignas(CACHE_LINE) constexpr BitTable BIT_INDICES;
 // compaction without a branch, which would be mispredicted; entries behind the new end are
 // overwritten.
 INLINE int64_t append_set_bits(int64_t bits, int64_t base, int32_t *listed, int64_t n) {
-    typedef uint8_t Bytes __attribute__((vector_size(8)));
-    typedef int32_t Words __attribute__((vector_size(32)));
+#if defined(__AVX512F__)
+    compressed(bits, lane_numbers() + Int(int32_t(base))).store(listed + n);
+    return n + count(bits & ALL_LANES);
+#else
     for (int k = 0; k < 2; k++) {
         const int byte = bits >> 8 * k & 0xFF;
-        Bytes indices;
-        std::memcpy(&indices, BIT_INDICES.at[byte], sizeof indices);
-        const Words words = __builtin_convertvector(indices, Words) + int32_t(base + 8 * k);
+        const auto words = words_of(BIT_INDICES.at[byte]) + int32_t(base + 8 * k);
         std::memcpy(listed + n, &words, sizeof words);
         n += count(byte);
     }
     return n;
+#endif
 }
 
 // Lists the slots of faces that can cover a sample, by path; the cluster has `n_slots`, a multiple
