@@ -19,7 +19,7 @@ from rastercov.placement.candidates.pool import Candidates, Framing, per_segment
 from rastercov.placement.candidates.segments import segment
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.improve.refine import refine
+from rastercov.placement.improve.refine import Refined, refine
 
 PRINTED = {
     # alpha, beta: cameras, percent not covered, mean, best, worst and deviation of the seconds
@@ -61,6 +61,15 @@ def network(
     return found, 100 * float((best == 0).mean())
 
 
+def refined(mesh: rc.Mesh, camera: rc.Camera, found: Candidates) -> Refined:
+    """The same number of cameras, moved one by one."""
+    eyes = found.poses[:, :3, 3]
+    reach = 1.5 * float(np.abs(eyes - mesh.bounds.mean(axis=0)).max())
+    with rc.open_observer(mesh, camera) as observer:
+        objective = Objective.of(observer, TASK, weight_by="count")
+        return refine(objective, PoseSpace(mesh=mesh, stand_off=(0.0, reach)), found.poses)
+
+
 def row(
     report: Report,
     mesh: rc.Mesh,
@@ -87,16 +96,12 @@ def row(
     report.add(f"{what}: worst", max(seconds), "s", at_most=1.0)
     report.add(f"{what}: deviation", statistics.stdev(seconds), "s")
     if ours and percent > 0:
-        eyes = found.poses[:, :3, 3]
-        reach = 1.5 * float(np.abs(eyes - mesh.bounds.mean(axis=0)).max())
-        with rc.open_observer(mesh, camera) as observer:
-            objective = Objective.of(observer, TASK, weight_by="count")
-            refined = refine(objective, PoseSpace(mesh=mesh, stand_off=(0.0, reach)), found.poses)
-        start, end = (100 * (1 - share) for share in (refined.start_share, refined.share))
+        moved = refined(mesh, camera, found)
+        start, end = (100 * (1 - share) for share in (moved.start_share, moved.share))
         report.check(f"{what}: refinement starts from that", abs(start - percent) < 1e-9)
         report.add(f"{what}, refined: not covered", end, "%", at_most=percent / 2)
-        report.add(f"{what}, refined: time", refined.seconds, "s")
-        report.add(f"{what}, refined: poses measured", refined.evaluations, "poses")
+        report.add(f"{what}, refined: time", moved.seconds, "s")
+        report.add(f"{what}, refined: poses measured", moved.evaluations, "poses")
 
 
 if __name__ == "__main__":

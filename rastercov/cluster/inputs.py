@@ -2,7 +2,7 @@
 
 header.json   all that the shards depend on, with hashes
 scene.npz     mesh and cameras
-poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each
+poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each; motion of bodies
 """
 
 import io
@@ -55,10 +55,14 @@ def write_inputs(
     cameras: Cameras,
     poses: Poses,
     note: Note,
+    **arrays: Any,
 ) -> None:
-    """Write all files that are not there with this content; `note` names damaged ones."""
+    """Write all files that are not there with this content; `note` names damaged ones.
+
+    Other arrays go to the file of poses.
+    """
     placed = {"poses": poses.world_from_camera, "ids": poses.ids, "camera": poses.camera}
-    files = (_scene_bytes(mesh, cameras), npz_bytes(placed), header_bytes(header))
+    files = (_scene_bytes(mesh, cameras), npz_bytes(placed | arrays), header_bytes(header))
     for name, data in zip(INPUTS, files, strict=True):
         renew(folder, name, data, note)
 

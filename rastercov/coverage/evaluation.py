@@ -69,10 +69,10 @@ class Evaluation(Coverage):
     seconds: float
     interrupted: bool
 
-    def _with_areas(self, areas: AreaNetwork) -> "Evaluation":
+    def _with_areas(self, areas: AreaNetwork, *, is_kept: bool = False) -> "Evaluation":
         """The same with other covered areas, such as those over time."""
         found = copy(self)  # not `replace`, which asks for figures that were not kept
-        found.__dict__["areas"] = areas
+        found.__dict__.update(areas=areas, is_kept=is_kept)
         return found
 
     @property

@@ -2,7 +2,8 @@
 
 A long run writes a shard every few seconds, so that one which was ended continues where it was; and
 workers can make them. A folder holds the inputs (`rastercov.cluster.inputs`) and, with the checksum
-of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions.
+of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions. Of a
+motion, a frame is the unit of a shard, in place of a pose.
 """
 
 import hashlib
@@ -17,11 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import check_memory
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, gates_to_json
-from rastercov.cluster import ShardStore, Staff, fill
+from rastercov.cluster import ALONE, ShardStore, Staff, fill
 from rastercov.cluster.inputs import (
     INPUTS,
+    POSES,
     Inputs,
     header_bytes,
     npz_bytes,
@@ -31,8 +35,10 @@ from rastercov.cluster.inputs import (
 )
 from rastercov.cluster.run import counted
 from rastercov.cluster.store import remove as remove_files
+from rastercov.cluster.store import whole
+from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.table import Regions
+from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import JudgedPoses, Network, leads_of, merge, no_sums
 from rastercov.coverage.observer import Observer, open_observer
@@ -40,10 +46,12 @@ from rastercov.coverage.provenance import sha256
 from rastercov.coverage.records import PairRows, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
 
 LOG = logging.getLogger("rastercov")
 FUNCTION = "rastercov.coverage.shards:make"
-"""Function by which workers make a shard."""
+OF_FRAMES = "rastercov.coverage.shards:make_frames"
+"""Functions by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs of one shard: several seconds of work."""
 UNFINISHED = "unfinished"
@@ -56,6 +64,10 @@ FILES = (
 """Files of a folder, in an order of removal that is safe to interrupt."""
 OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
 """Arrays of `Regions` in a shard."""
+
+
+OF_MOTION = ("body", "world_from_body", "present")
+"""Arrays of a `Motion` that regions depend on."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +112,8 @@ class EvaluationShards:
     ) -> None:
         self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
         header = _header(observer, poses, task, wanted)
-        own = folder / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
-        own.mkdir(parents=True, exist_ok=True)
-        size = header["poses_a_shard"]
-        self.store = ShardStore(own, "shards/shard-{}.npz", len(poses), size, FUNCTION)
-        write_inputs(own, header, observer.mesh, observer.camera, poses, LOG.warning)
+        scene = observer.mesh, observer.camera, poses
+        self.store = _store_in(folder, header, len(poses), FUNCTION, scene)
 
     @property
     def quarantined(self) -> dict[int, str]:
@@ -140,6 +149,92 @@ class EvaluationShards:
             regions=found,
             leads=leads_of(self.observer.camera, left),
         )
+
+
+def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Regions:
+    """Regions of all frames, to the bit those of one run, by way of shards of some frames each.
+
+    Parameters
+    ----------
+    job : Frames
+    folder : Path
+        As of `EvaluationShards`; shards of each motion are in a folder of their own, and stay.
+    staff : Staff
+        Processes that measure.
+
+    Raises
+    ------
+    ConfigError
+        For a frame that kills its process.
+    ResourceError
+        When the regions are more than the memory holds.
+    """
+    motion, scene = job.motion, (job.motion.mesh, job.camera, job.placed)
+    wanted, rows = Wanted(job.engine, True), np.arange(len(motion))
+    tables = {name: getattr(motion, name) for name in OF_MOTION}
+    tables |= {"carried": job.carried, "source": job.source}
+    with open_for(motion.mesh, job.camera, job.task, wanted) as observer:
+        header = _header(observer, job.placed, job.task, wanted)
+    size = max(1, PAIRS_A_SHARD // max(1, motion.mesh.n_faces * len(job.placed)))
+    header |= {"bodies": motion.names, "motion": sha256(*tables.values()), "poses_a_shard": size}
+    store = _store_in(folder, header, len(motion), OF_FRAMES, scene, **tables)
+
+    def make(number: int, did: Callable[[int], None]) -> bytes:
+        data = _of_frames(job, some := rows[store.rows(number)])
+        did(len(some))
+        return data
+
+    numbers = list(fill(store, make, store.read, staff))
+    if left := store.quarantined():
+        frame, end = next(iter(left.items()))
+        raise ConfigError(
+            f"frame {frame} of the motion: its process {end}; leave the frame out, or remove "
+            f"{store.folder} and take fewer workers, so that each has more memory"
+        )
+    n_bytes = sum((store.folder / store.name(number)).stat().st_size for number in numbers)
+    check_memory(f"regions of {job.source.size:,} pictures", 2 * n_bytes, "take fewer frames")
+    parts = []
+    for number in numbers:
+        own: Any = read_npz(store.read(number) or b"")
+        eyes = np.full((len(own["pose_ids"]), 3), np.nan)
+        own |= {"mesh": motion.mesh, "camera": job.camera, "task": job.task}
+        parts.append(Regions(eyes=eyes, **own))
+    return joined(parts)
+
+
+def make_frames(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
+    """Content of a shard of frames, as `rastercov.cluster.ShardStore` wants it."""
+    return _of_frames(_opened_frames(folder), chosen)
+
+
+def _of_frames(job: Frames, rows: NDArray[np.int64]) -> bytes:
+    """File of a shard of some frames."""
+    found = job.regions(rows)
+    return npz_bytes(_joined_regions([found]) | {"pose_ids": found.pose_ids})
+
+
+@opened_once
+def _opened_frames(folder: Path, inputs: Inputs) -> Frames:
+    tables, (task, wanted) = read_npz(whole(folder, POSES)), _asked(inputs)
+    own = [tables[name] for name in OF_MOTION]
+    motion = Motion._made(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
+    scene = motion, inputs.cameras, inputs.poses
+    return Frames(*scene, task, wanted.engine, tables["carried"], tables["source"])
+
+
+def _store_in(
+    above: Path,
+    header: Mapping[str, Any],
+    n: int,
+    function: str,
+    scene: tuple[Mesh, Cameras, Poses],
+    **arrays: Any,
+) -> ShardStore:
+    """Shards of n poses, or frames, in a folder that is named by the hash of their header."""
+    own = above / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
+    own.mkdir(parents=True, exist_ok=True)
+    write_inputs(own, header, *scene, LOG.warning, **arrays)
+    return ShardStore(own, "shards/shard-{}.npz", n, header["poses_a_shard"], function)
 
 
 def remove(above: Path) -> None:
@@ -194,10 +289,14 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
 @opened_once
 def _opened(folder: Path, inputs: Inputs) -> tuple[Any, Poses, Task, Wanted]:
     """Observer of a folder, its poses, thresholds and figures."""
-    task, entries = Task(**inputs.header["task"]), inputs.header["wanted"]
-    engine = Engine(**entries["engine"] | {"threads": 1})
-    wanted = Wanted(**entries | {"engine": engine})
+    task, wanted = _asked(inputs)
     return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
+
+
+def _asked(inputs: Inputs) -> tuple[Task, Wanted]:
+    entries = inputs.header["wanted"]
+    engine = Engine(**entries["engine"] | {"threads": 1})
+    return Task(**inputs.header["task"]), Wanted(**entries | {"engine": engine})
 
 
 def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
@@ -279,11 +378,5 @@ def _under(path: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[A
 
 def _joined_regions(found: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """Arrays of the regions of several batches, as those of one."""
-    corners = np.cumsum([0] + [len(each.xy) for each in found])
-    poses = np.cumsum([0] + [len(each.pose_ids) for each in found]).astype(np.int32)
-    columns = {name: [getattr(each, name) for each in found] for name in OF_REGIONS}
-    ends = [each[1:] + first for each, first in zip(columns["starts"], corners, strict=False)]
-    columns["starts"] = [np.zeros(1, np.int64), *ends]
-    for name in ("pose", "pair_pose"):
-        columns[name] = [each + first for each, first in zip(columns[name], poses, strict=False)]
-    return {name: np.concatenate(arrays) for name, arrays in columns.items()}
+    both = joined(found)
+    return {name: getattr(both, name) for name in OF_REGIONS}

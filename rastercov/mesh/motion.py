@@ -6,7 +6,7 @@ nothing, and is not scored.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -133,12 +133,16 @@ class Motion(InOneLine):
 
     def _of_frames(self, rows: NDArray[np.bool_]) -> "Motion":
         """Some of the frames, (T,) bool, of the same bodies."""
-        other = object.__new__(Motion)
-        tables = {"world_from_body", "present", "durations"}
-        values = {name: getattr(self, name) for name in ("mesh", "names", "body", *tables)}
-        for name in tables:
-            values[name] = frozen(values[name][rows])
-        other.__dict__.update(values, _rests={})
+        tables = (self.world_from_body[rows], self.present[rows], self.durations[rows])
+        return Motion._made(self.mesh, self.names, self.body, *tables)
+
+    @classmethod
+    def _made(cls, mesh: Mesh, names: Sequence[str], *tables: NDArray[Any]) -> "Motion":
+        """Motion of arrays of another one: the attributes `body` to `durations`."""
+        other = object.__new__(cls)
+        columns = zip(("body", "world_from_body", "present", "durations"), tables, strict=True)
+        own = {name: frozen(table) for name, table in columns}
+        other.__dict__.update(own, mesh=mesh, names=tuple(names), _rests={})
         return other
 
     @cached_property

@@ -157,7 +157,7 @@ class Robot(InOneLine):
         ------
         MeshError
             In one line: a file that is no robot, joints that are loops, cycles or of other kinds,
-            limits that exclude each other, meshes that are missing, a xacro file.
+            meshes that are missing, a xacro file.
         ConfigError
             For another geometry, a base that is no pose, a rest outside the limits.
         """

@@ -45,6 +45,7 @@ from rastercov.camera.rig import (
     names_of_poses,
 )
 from rastercov.cluster import ALONE, Staff
+from rastercov.coverage.area.motion import MOST_PICTURES
 from rastercov.coverage.area.network import missed_lines, unit_of_result
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass, regions
@@ -55,7 +56,7 @@ from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.job import evaluate, measure
 from rastercov.coverage.network import CHOICES
 from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
+from rastercov.coverage.shards import UNFINISHED, Wanted, is_long, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
@@ -232,7 +233,11 @@ def run(
                 open_table=None if pairs == "none" else open_table, staff=staff,
             )  # fmt: skip
         if moving is not None:
-            found = found._with_areas(moving.evaluate(camera, found.poses, task).areas)
+            n_pictures = len(moving.motion) * len(found.poses)
+            is_kept = n_pictures > MOST_PICTURES or is_long(n_pictures, mesh.n_faces)
+            kept = folder.path / UNFINISHED if staff.workers or is_kept else None
+            timed = moving.evaluate(camera, found.poses, task, kept, staff).areas
+            found = found._with_areas(timed, is_kept=found.is_kept or kept is not None)
         named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
@@ -249,20 +254,15 @@ def _write(
 ) -> dict[str, Any]:
     """Write what was found with poses of some names, some drawn; content of `summary.json`."""
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
+    timed = areas.over_time if isinstance(areas, TimeAreas) else None
     with interrupts_held():
         summary = found.summary()
     try:
         if len(drawn):
-            timed = areas.over_time if isinstance(areas, TimeAreas) else None
-            own, some = regions_of(found) if timed is None else timed.alone(), poses
-            parts = own
-            if timed is not None or (
-                areas is not None and own is None
-            ):  # the page does without the area of each
-                some = drawn
-                parts = alone_of(found, some)
-            if gates_of(camera):
-                some, parts = drawn, alone_of(found, drawn)
+            own = regions_of(found) if timed is None else timed.alone()
+            # Otherwise the page does without the area of each.
+            has_all = timed is None and (areas is None or own is not None) and not gates_of(camera)
+            some, parts = (poses, own) if has_all else (drawn, alone_of(found, drawn))
             title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
             shown = replace(network_of(found, summary, title, own, names), level=level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
@@ -278,7 +278,6 @@ def _write(
                 from rastercov.report.parquet import write_areas
 
                 write_areas(folder.file("areas.parquet"), mesh, areas.covered)
-            timed = areas.over_time if isinstance(areas, TimeAreas) else None
             if timed is not None and has_parquet():
                 from rastercov.report.parquet import write_frames
 

@@ -37,6 +37,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.files import printable
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.locks import locked
 from rastercov.base.output import json_bytes, named
@@ -111,13 +112,13 @@ class ReportFolder:
         with ExitStack() as stack:
             stack.enter_context(locked(self.path))
             if not os.access(self.path, os.W_OK | os.X_OK):
-                raise ConfigError(f"{self.path}: nothing can be written to this folder")
+                raise ConfigError(f"{_named(self.path)}: nothing can be written to this folder")
             for journal in self._staging.glob(".rastercov-*.json"):  # of killed runs
                 self._files = _read(self.path / journal.name)[1]
                 if others := self._not_ours(chain(*self._moves(journal))):
                     raise ConfigError(
-                        f"{others[0]}: in the way of the report that a killed run was putting "
-                        "here, and not of an earlier one; move it away"
+                        f"{_named(others[0])}: in the way of the report that a killed "
+                        "run was putting here, and not of an earlier one; move it away"
                     )
                 self._swap(journal)
             self._clean()
@@ -234,16 +235,15 @@ class ReportFolder:
 
     def _refuse_what_is_not_ours(self) -> None:
         """Refuse files that a new report could replace, unless they are those of an earlier one."""
-        there = [path.name for path in self.path.iterdir()]
-        others = self._not_ours([*filter(self.kind.files.fullmatch, there), *self._files])
-        if others:
+        there = filter(self.kind.files.fullmatch, (path.name for path in self.path.iterdir()))
+        if others := self._not_ours([*there, *self._files]):
             first, more = others[0], f" and {len(others) - 1} more" if others[1:] else ""
             why = f"not of an earlier report ({self.kind.manifest} lists those)"
             if first.name in self._files:
                 why = "changed since it was written"
             raise ConfigError(
-                f"{first}{more}: {why}, and a new one may replace it; name another folder, or move "
-                "or delete what is there"
+                f"{_named(first)}{more}: {why}, and a new one may replace it; name "
+                "another folder, or move or delete what is there"
             )
 
     def _keep_what_has_come(self, new: Files) -> None:
@@ -254,9 +254,14 @@ class ReportFolder:
             aside = next(path for path in tries if not os.path.lexists(path))
             self._new.rename(aside)
             raise ConfigError(
-                f"{others[0]}: came or was changed during the run, and is kept; the new report is "
-                f"in {aside}"
+                f"{_named(others[0])}: came or was changed during the run, and is kept; the "
+                f"new report is in {_named(aside)}"
             )
+
+
+def _named(path: Path) -> str:
+    """A path in a line for people, whole."""
+    return printable(str(path), most=len(str(path)))
 
 
 def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
@@ -274,8 +279,8 @@ def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
     except (ValueError, KeyError, TypeError, AttributeError):  # something else than a manifest
         pass
     raise ConfigError(
-        f"{path}: damaged, so it does not say which files are of a report; name another folder, "
-        "or delete it with the report"
+        f"{_named(path)}: damaged, so it does not say which files are of a report; name "
+        "another folder, or delete it with the report"
     )
 
 

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any, cast
 
 from numpy.typing import ArrayLike
@@ -68,12 +69,12 @@ def place(
     from rastercov.placement.plan.run import place as run
 
     asked = _plan(plan, camera)
-    _check_folder(workers, out)
-    if out is None:
+    folder = _folder(out, workers)
+    if folder is None:
         return run(asked, None)
     from rastercov.report.plan import run_into
 
-    return run_into(asked, Path(out), workers=workers)
+    return run_into(asked, folder, workers=workers)
 
 
 def check(
@@ -134,8 +135,7 @@ def check(
     for name, share in every.items():
         if not 0 <= finite_number(share) <= 1:
             raise ConfigError(f"{name} must be a share of 0 to 1, got {shown(share)}")
-    if views is not None:
-        Task(views=views)  # refuses what is no number of views
+    Task(views=1 if views is None else views)  # refuses what is no number of views
     wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
     least = None if min_coverage is None else float(min_coverage)
     limits = plan_check.limits(asked, least, wanted, may_be_none=baseline is not None)
@@ -219,16 +219,14 @@ def audit(
     from rastercov.placement.reconstruction import reconstruction
 
     frames: Sequence[str] = ()
-    unit = "m"
+    unit = "m" if not isinstance(camera, Views) or camera.has_unit else "unit"
     if isinstance(camera, Views):
         if poses is not None:
             raise PoseError("views have poses of their own; leave out poses, or give cameras")
         camera.cameras()
-        unit = "m" if camera.has_unit else "unit"
         assert camera.rig is not None
         names = camera.images or None if names is None else names
-        frames = camera.frames
-        poses, camera = camera.poses, camera.rig
+        frames, poses, camera = camera.frames, camera.poses, camera.rig
     if poses is None:
         raise PoseError("poses are missing; give them, or views in place of the cameras")
 
@@ -237,18 +235,21 @@ def audit(
         resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
         progress=progress, workers=workers, unit=unit, suggested=suggest,
     )  # fmt: skip
-    _check_folder(workers, out)
-    if out is None:
+    folder = _folder(out, workers)
+    if folder is None:
         return made()
     from rastercov.report.audit import write
 
     options = {"by": by, "resolution_of_result": resolution_of_result, "method": str(method)}
-    return write(made, Path(out), options, is_kept=workers is not None)[0]
+    return write(made, folder, options, is_kept=workers is not None)[0]
 
 
-def _check_folder(workers: Workers | None, out: StrPath | None) -> None:
+def _folder(out: StrPath | None, workers: Workers | None) -> Path | None:
+    """Folder for the files of a command, if one is given."""
+    check_kind("out", out, (str, os.PathLike, NoneType), "the path of a folder", ConfigError)
     if workers is not None and out is None:
         raise ConfigError("workers need a folder for what they make; give out, or no workers")
+    return None if out is None else Path(out)
 
 
 def _plan(plan: "StrPath | Mapping[str, Any] | Plan", camera: Cameras | None) -> "Plan":

@@ -9,6 +9,11 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, MeshError
+from rastercov.camera.rig import with_lamps
+from rastercov.coverage.area.motion import Frames
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.table import joined as joined_regions
+from rastercov.coverage.engine import Engine
 
 CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)
 TASK = rc.Task(max_incidence_deg=75)
@@ -149,6 +154,55 @@ def test_any_frames_are_those_of_the_moved_mesh(frames, task):
     plates = np.stack([turned(angle, (x, y, 0.6)) for _, angle, x, y in frames])
     motion = rc.Motion(box_and_plate(), {"box": boxes, "plate": plates})
     assert_frames_are_those_at_rest(motion, CAMERA, TWO_CAMERAS, task, LAMPS)
+
+
+NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
+
+
+def of_each_frame(motion, camera, poses, task, lamps):
+    """Frames one by one, by passes that know nothing of one another."""
+    camera, task = with_lamps(camera, lamps), task.lit_by(lamps)
+    job = Frames.of(motion, camera, rc.Poses.of(poses), task, Engine.of("certified"), "world")
+    return [job.regions(np.array([row])) for row in range(len(motion))]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(
+        st.tuples(*[st.sampled_from([0.0, 90.0, 31.7])] * 2, *[st.floats(-4, 4)] * 3),
+        min_size=2, max_size=5,
+    ),
+    st.sampled_from([TASK, WITH_LIMITS]),
+    st.booleans(),
+)  # fmt: skip
+def test_light_of_an_earlier_frame_is_that_of_the_frame_to_the_bit(frames, task, is_there):
+    boxes = np.stack([turned(angle) for angle, *_ in frames])
+    plates = np.stack([turned(angle, place) for _, angle, *place in frames])
+    present = {"plate": [is_there or row % 2 == 0 for row in range(len(frames))]}
+    motion = rc.Motion(box_and_plate(), {"box": boxes, "plate": plates}, present)
+    # The border of the light of a spot is on the box: strips there are undecided, of a width.
+    kinds = [*LAMPS.lamps, rc.Lamp.spot(8, intensity=60)]
+    places = [*LAMPS.places, *rc.look_at([(0.55, -0.45, 3)], (0.1, 0, 0), up=(0, 1, 0))]
+    lamps = rc.Lamps(kinds, places)
+    found = rc.regions_over_time(motion, CAMERA, TWO_CAMERAS, task, lamps=lamps)
+    alone = joined_regions(of_each_frame(motion, CAMERA, TWO_CAMERAS, task, lamps))
+    for name in NAMES:
+        assert getattr(found, name).tobytes() == getattr(alone, name).tobytes()
+
+
+def test_a_lamp_is_found_again_where_a_moved_body_is_before_what_it_lights(monkeypatch):
+    solved, find = [], RegionPass.find
+
+    def counted(self, poses, *arguments, **options):
+        solved.append((self.camera is not None and len(self.cameras), len(poses)))
+        return find(self, poses, *arguments, **options)
+
+    monkeypatch.setattr(RegionPass, "find", counted)
+    lamps = rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
+    away = [np.eye(4), *(turned(0, (0, 3 + at, 0)) for at in range(4)), np.eye(4)]
+    motion = rc.Motion(box_and_plate(), {"plate": np.stack(away)})
+    rc.regions_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
+    assert len(solved) == 1 + 2  # the camera, and the lamp with the plate before it and away
 
 
 def test_light_that_cannot_be_is_refused_in_one_line():

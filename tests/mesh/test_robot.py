@@ -109,6 +109,34 @@ def test_mimics_and_prismatic_joints_follow(tmp_path):
     assert np.allclose(found.solve(frames["c"], "c").joints, 0.2, atol=1e-6)
 
 
+def test_fingers_of_one_range_that_mirror_each_other_move(tmp_path):
+    """As those of the PR2: the limits of what mimics leave its master no room."""
+    mimic = '<mimic joint="j" multiplier="-1"/>'
+    ends = '<limit lower="0" upper="0.5"/>'
+    parts = (
+        *map(link, "abc"),
+        joint("k", "a", "c", more=ends + mimic),
+        joint("j", "a", "b", more=ends),
+    )
+    found = robot(tmp_path, *parts)
+    assert found.limits.tolist() == [[0, 0.5]]
+    assert "limits of 'k' leave 'j' no room; not used" in found.mesh.warnings
+    wider = joint("k", "a", "c", more='<limit lower="-0.3" upper="0"/>' + mimic)
+    found = robot(tmp_path, *map(link, "abc"), wider, joint("j", "a", "b", more=ends))
+    assert found.limits.tolist() == [[0, 0.3]] and not np.signbit(found.limits).any()
+    assert "room" not in str(found.mesh.warnings)
+
+
+def test_prefixes_that_nothing_declares_are_other_names(tmp_path):
+    """As in descriptions for Drake."""
+    ends = '<limit drake:lower="9" lower="-1" upper="1" drake:acceleration="2"/>'
+    found = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b", more=ends))
+    plain = robot(tmp_path, link("a"), link("b"), joint("j", "a", "b"))
+    assert found.limits.tolist() == plain.limits.tolist() == [[-1, 1]]
+    with pytest.raises(MeshError, match="is no XML"):
+        robot(tmp_path, link("a"), "<drake:b>")
+
+
 def test_meshes_of_packages_are_read_scaled_and_mirrored(tmp_path):
     part = rc.shapes.torus(8, 6)
     folder = tmp_path / "desc"
@@ -119,6 +147,8 @@ def test_meshes_of_packages_are_read_scaled_and_mirrored(tmp_path):
         'filename="package://made/part.stl"/></geometry></visual>'
     )
     options = {"packages": {"made": folder}, "geometry": "visual"}
+    rooted = shape.replace("package://", "package:///")
+    assert robot(tmp_path, link("a", rooted), **options).mesh.n_faces == part.n_faces
     found = robot(tmp_path, link("a", shape), **options).mesh
     wanted = part.vertices[part.faces[:, ::-1]] * (0.1, 0.1, -0.2) + (0, 0, 1)
     assert np.abs(found.vertices[found.faces] - wanted).max() <= 1e-6
@@ -186,6 +216,11 @@ def test_what_is_no_robot_of_rigid_links_is_refused_in_one_line(tmp_path, name):
     ("name", "text", "words"),
     [
         ("a.xacro", "<robot/>", "run xacrodoc a.xacro -o a.urdf"),
+        (
+            "a.urdf",
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="b"/></robot>',
+            "run xacrodoc a.urdf -o a.whole.urdf",
+        ),
         ("b.urdf", "<model/>", "an element robot wanted, got 'model'"),
         ("c.urdf", BOMB + "<robot>&b;</robot>", "declares a document type"),
         ("d.urdf", "<robot>", "is no XML"),

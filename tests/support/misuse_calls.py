@@ -176,6 +176,7 @@ OWN: dict[str, dict[str, Any]] = {
     "read_spaces": {"path": FOLDER / "triangle.off"},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},
+    "measure_matrix": {"folder": FOLDER / "bits"},
     "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},
     "FewestCameras": {"coverage": 0.9, "of_reachable": True},
     "BestCoverage": {"cameras": 1, "budget": 2.0},
@@ -196,24 +197,8 @@ UNTRIED = {
     "Evaluation": "is made by evaluate; its arrays are those of Coverage",
     "Robot": "is made by Robot.load",
     "RegionUnion.fill": "takes a mask of faces that `with_rest` has made",
-    "audit out": "writes a report for each text",
-    "place out": "the same",
-    "check out": "the same",
-    "measure_matrix": "writes a folder; the checks are those of build_matrix",
-    **{
-        f"build_matrix {each}": "options of folders and workers have tests of their own"
-        for each in ("folder", "poses_a_shard", "bounds", "workers", "watch", "note", "mounts")
-    },
-    "problem_of mounts": "given by a plan",
-    **{
-        f"problem_of_matrix {each}": "for programs that have such arrays"
-        for each in ("weights", "groups", "face_group", "eyes", "centroids")
-    },
-    "on_box sides": "words of its own",
-    "on_box source": "a label",
-    **{f"openings {each}": "pixels of an image" for each in ("side", "finest")},
 }
-"""Arguments that are not tried, and why."""
+"""What is not tried, and why."""
 
 
 def opened_and_closed(function):

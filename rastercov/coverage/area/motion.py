@@ -9,7 +9,8 @@ equal length, and regions of two frames would have other coordinates.
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +32,7 @@ from rastercov.mesh.bodies import corners_of, moved_boxes
 from rastercov.mesh.motion import Motion
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 MOST_PICTURES = 10_000
 """Frames times cameras whose regions are held at once."""
@@ -42,6 +44,8 @@ FAR = 1e3
 """Distance of bodies, in near limits, from which on the near plane cuts nothing of them."""
 POSES_A_TURN = 64
 """Poses whose keys are made at a time."""
+MOST_OF_LAMPS = 1024
+"""Pictures of points of lamps that are kept for later frames."""
 VIEWS_AT = ("one time", "any time")
 """Times at which several cameras cover a point."""
 
@@ -60,7 +64,8 @@ def regions_over_time(
     """Regions of each pose in each frame, on the mesh of the motion in its rest pose.
 
     Rows of a camera are those of an earlier frame where the task, the camera, and every body in
-    front of the task or beside it in the image, are as they were there.
+    front of the task or beside it in the image, are as they were there; so is the light of a lamp
+    in its place.
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ def regions_over_time(
         As for `rastercov.regions`; R rows of the result.
     lamps : Lamps, optional
         As for `rastercov.regions`. They stay in their places while bodies move, or ride on the rig
-        of the cameras; what they light is found in each frame.
+        of the cameras.
     body : str, or sequence of str
         Body to which the cameras are fixed, all or each of several; `poses` are those at rest.
 
@@ -84,45 +89,92 @@ def regions_over_time(
     if len(motion) * len(placed) > MOST_PICTURES:
         raise ConfigError(
             f"{len(motion):,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
-            "pictures; take fewer frames, or some cameras at a time"
+            "pictures; take fewer frames, some cameras at a time, or evaluate_over_time with a "
+            "folder for shards"
         )
     camera, task = with_lamps(camera, lamps), (Task() if task is None else task).lit_by(lamps)
-    carried = carriers(motion, camera, body, placed)
-    sights, has_rules = Sights(motion), bool(gates_of(camera)) or lamps_of(camera) is not None
-    tables: list[Regions] = []
-    known: dict[bytes, int] = {}
-    rows = np.empty((len(motion), len(placed)), np.int64)
-    frames: list[Any] = [None] * len(motion)
-    n_rows = 0
-    for of_bodies in _by_presence(motion):
-        finder: RegionPass | None = None
-        with ExitStack() as stack:
-            for row in of_bodies.tolist():
-                mesh, kept = motion._at(row, of_occluders=False)
-                if finder is None:
-                    finder = RegionPass(mesh, camera, task, method=method, threads=threads)
-                    stack.callback(finder.close)
-                finder.set_mesh(mesh)
-                moved = carried_by(carried[:, row], placed)
-                near = near_limits(finder.cameras, mesh.opaque.bounds, moved)
-                keys = sights.of(row, moved, near)
-                new = {key: at for at, key in enumerate(keys) if key not in known}
-                if new or not tables:
-                    chosen = np.zeros(len(placed), np.bool_)
-                    chosen[list(new.values())] = True
-                    tables.append(_at_rest(finder.find(moved[chosen]), motion, kept))
-                    order = np.flatnonzero(chosen)
-                    known |= {keys[at]: n_rows + n for n, at in enumerate(order.tolist())}
-                    n_rows += len(order)
-                rows[row] = [known[key] for key in keys]
-                if has_rules:
-                    found = _in_frame(_rows_of(tables, rows[row]), mesh, kept, moved)
-                    found = replace(found, light=finder.light)
-                    frames[row] = _at_rest(gated(found, camera, moved), motion, kept)
-    if has_rules:
-        return joined(frames)
-    ids = np.tile(placed.ids, len(motion))
-    return replace(taken(joined(tables), rows.ravel()), pose_ids=ids)
+    job = Frames.of(motion, camera, placed, task, Engine.of(method, threads), body)
+    return job.regions(np.arange(len(motion)))
+
+
+class Frames(NamedTuple):
+    """Scene, cameras and task of the regions of frames.
+
+    Attributes
+    ----------
+    motion, camera, placed, task, engine
+        As for `regions_over_time`; lamps are those of the cameras.
+    carried : (P, T, 4, 4) float64
+        Of `carriers`.
+    source : (T, P) int64
+        Frame whose regions a pose has in each: the first, of `in_turn`, of equal `Sights`.
+    """
+
+    motion: Motion
+    camera: Cameras
+    placed: Poses
+    task: Task
+    engine: Engine
+    carried: FloatArray
+    source: IntArray
+
+    @classmethod
+    def of(
+        cls, motion: Motion, camera: Cameras, placed: Poses, task: Task, engine: Engine,
+        body: str | Sequence[str],
+    ) -> "Frames":  # fmt: skip
+        """Frames of cameras on bodies."""
+        carried, sights = carriers(motion, camera, body, placed), Sights(motion)
+        first: dict[bytes, int] = {}
+        source = np.empty((len(motion), len(placed)), np.int64)
+        for row in in_turn(motion).tolist():
+            mesh, _ = motion._at(row, of_occluders=False)
+            moved = carried_by(carried[:, row], placed)
+            near = near_limits(cameras_of(camera), mesh.opaque.bounds, moved)
+            source[row] = [first.setdefault(key, row) for key in sights.of(row, moved, near)]
+        return cls(motion, camera, placed, task, engine, carried, source)
+
+    def regions(self, rows: IntArray) -> Regions:
+        """Regions of each pose in some frames, (K,), to the bit those of a run over all."""
+        motion, camera, placed, source = self.motion, self.camera, self.placed, self.source
+        has_rules = bool(gates_of(camera)) or lamps_of(camera) is not None
+        lamps, is_found = OfLamps(motion), np.zeros(source.shape, np.bool_)
+        is_found[source[rows], np.arange(len(placed))] = True
+        is_used = np.asarray(is_found.any(axis=1))
+        is_used[rows if has_rules else rows[:1]] = True
+        known: dict[tuple[int, int], Regions] = {}
+        none: list[Regions] = []  # a table of no poses, where there are none
+        frames: dict[int, Regions] = {}
+
+        def rows_of(row: int) -> list[Regions]:
+            return [
+                known[key] for key in zip(source[row].tolist(), range(len(placed)), strict=True)
+            ]
+
+        for of_bodies in _by_presence(motion):
+            finder: RegionPass | None = None
+            with ExitStack() as stack:
+                for row in of_bodies[is_used[of_bodies]].tolist():
+                    mesh, kept = motion._at(row, of_occluders=False)
+                    if finder is None:
+                        finder = RegionPass(mesh, camera, self.task, method=self.engine)
+                        stack.callback(finder.close)
+                    finder.set_mesh(mesh)
+                    moved = carried_by(self.carried[:, row], placed)
+                    if is_found[row].any() or not none:
+                        own = _at_rest(finder.find(moved[is_found[row]]), motion, kept)
+                        none = none or [taken(own, np.arange(0))]
+                        new = enumerate(np.flatnonzero(is_found[row]).tolist())
+                        known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
+                    if has_rules and row in rows:
+                        light = finder.lit_by(partial(lamps.find, row, kept))
+                        own = _in_frame(joined(none + rows_of(row)), mesh, kept, moved)
+                        found = gated(replace(own, light=light), camera, moved)
+                        frames[row] = _at_rest(found, motion, kept)
+        if has_rules:
+            return joined([frames[row] for row in rows.tolist()])
+        found = joined(none + [each for row in rows.tolist() for each in rows_of(row)])
+        return replace(found, pose_ids=np.tile(placed.ids, len(rows)))
 
 
 def carriers(
@@ -154,7 +206,12 @@ def carried_by(carrier: FloatArray, poses: Poses) -> Poses:
     return Poses(matrices, poses.ids, matrices, {}, poses.camera)
 
 
-def _by_presence(motion: Motion) -> list[NDArray[np.int64]]:
+def in_turn(motion: Motion) -> IntArray:
+    """(T,) frames in the order in which their regions are found."""
+    return np.concatenate(_by_presence(motion))
+
+
+def _by_presence(motion: Motion) -> list[IntArray]:
     """Frames by the bodies that are there."""
     which = np.unique(motion.present, axis=0, return_inverse=True)[1].ravel()
     return [np.flatnonzero(which == index) for index in range(which.max() + 1)]
@@ -170,17 +227,6 @@ def _at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions
         eyes=np.full_like(found.eyes, np.nan),
         light=None,
     )
-
-
-def _rows_of(tables: Sequence[Regions], rows: NDArray[np.int64]) -> Regions:
-    """Rows of several tables, by their numbers among all."""
-    ends = np.cumsum([len(each.pose_ids) for each in tables])
-    of = np.searchsorted(ends, rows, side="right")
-    parts = [
-        taken(tables[at], rows[of == at] - ends[at] + len(tables[at].pose_ids))
-        for at in np.unique(of).tolist()
-    ]
-    return taken(joined(parts), np.argsort(np.argsort(of, kind="stable"), kind="stable"))
 
 
 def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses) -> Regions:
@@ -240,6 +286,33 @@ class Sights:
             b"".join(each.tobytes() for each in (camera, pose, own, bodies[own], limit))
             for camera, pose, own, limit in zip(placed.camera, poses, matters, limits, strict=True)
         ]
+
+
+class OfLamps:
+    """Regions of points of lamps in the frames of a motion, at rest; equal sights are found once.
+
+    To the bit: nothing that lamps see is cut by the size of the scene, as arcs of incidence are.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion, self._sights = motion, Sights(motion)
+        self._known: dict[bytes, Regions] = {}
+
+    def find(self, row: int, kept: IntArray, finder: RegionPass, poses: Poses) -> Regions:
+        """Regions of poses that stay in their places, in a frame, which is the mesh of the finder.
+
+        `kept` are the faces at rest of its faces.
+        """
+        near = near_limits(finder.cameras, finder.mesh.opaque.bounds, poses)
+        keys, known = self._sights.of(row, poses, near), self._known
+        if new := {key: at for at, key in enumerate(keys) if key not in known}:
+            found = _at_rest(finder.find(poses[np.array(list(new.values()))]), self._motion, kept)
+            known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}
+        own = {key: known.pop(key) for key in dict.fromkeys(keys)}
+        known |= own  # last, and so kept longest
+        for key in list(known)[: -max(MOST_OF_LAMPS, len(own))]:
+            del known[key]
+        return _in_frame(joined([own[key] for key in keys]), finder.mesh, kept, poses)
 
 
 def _grown(boxes: FloatArray, margin: float) -> FloatArray:

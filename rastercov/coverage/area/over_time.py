@@ -8,6 +8,7 @@ they are missed.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
+from rastercov.base.locks import locked
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, with_lamps
+from rastercov.cluster import Staff, Workers
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import (
+    Frames,
     by_time,
     carried_by,
     carriers,
@@ -36,6 +40,7 @@ from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import dead_zones, points_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.reasons import NAMES, TOO_FEW_VIEWS, Reason
+from rastercov.coverage.shards import regions_in_shards
 from rastercov.coverage.task import Task
 from rastercov.mesh.groups import parts_of
 from rastercov.mesh.motion import Motion
@@ -372,6 +377,8 @@ def evaluate_over_time(
     lamps: Lamps | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
+    folder: str | Path | None = None,
+    workers: Workers | None = None,
 ) -> OverTime:
     """Coverage of a motion over time, by exact area.
 
@@ -383,11 +390,21 @@ def evaluate_over_time(
         Thresholds; `views` cameras are wanted.
     over : {"some", "all"} or float
         Time in which they are; as for `over_time`, and so is `views_at`.
+    folder : path, optional
+        Where shards of some frames each are kept, so that a run that was ended continues there, and
+        any number of frames is taken: docs/scale.md. The figures are the same to the bit.
+    workers : Workers, optional
+        Processes that make the shards.
     """
+    if workers is not None and folder is None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     camera, placed = with_lamps(camera, lamps), Poses.of(poses)
     task = (Task() if task is None else task).lit_by(lamps)
     motion._needed(over)
-    found = regions_over_time(
-        motion, camera, placed, task, body=body, method=method, threads=threads
-    )
-    return OverTime(motion, camera, placed, task, over, views_at, body, found)
+    scene, engine = (motion, camera, placed, task), Engine.of(method, threads)
+    if folder is None:
+        found = regions_over_time(*scene, body=body, method=engine)
+    else:
+        with locked(Path(folder)) as above:
+            found = regions_in_shards(Frames.of(*scene, engine, body), above, Staff(workers))
+    return OverTime(*scene, over, views_at, body, found)

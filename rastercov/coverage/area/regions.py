@@ -7,7 +7,7 @@ that the covered area does not depend on the triangles that the surface is cut i
 docs/area.md.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
@@ -204,6 +204,12 @@ class RegionPass(ExactPass):
         if self.light is not None and self._of_lamps is not None:
             self._of_lamps.set_mesh(mesh)
             self.light = self.light.anew()
+
+    def lit_by(self, find: Callable[["RegionPass", Poses], Regions]) -> Light | None:
+        """Light of the mesh, with regions of fixed points of lamps by a function of their pass."""
+        if self.light is None or self._of_lamps is None:
+            return None
+        return self.light.anew(partial(find, self._of_lamps))
 
     def close(self) -> None:
         """Release the scratch memory."""

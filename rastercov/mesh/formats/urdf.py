@@ -138,13 +138,15 @@ def read(path: StrPath, geometry: str) -> Description:
     """Links and joints of a file; MeshError, with its name, for what is no robot of rigid links."""
     name = printable(str(path))
     try:
-        if suffix_of(path) == ".xacro":
-            stem = printable(Path(path).name.split(".")[0])
-            fault = "a URDF file wanted, got a xacro file, which is a program that writes one"
-            check(False, fault, f"run xacrodoc {printable(Path(path).name)} -o {stem}.urdf")
-        data = file_bytes(path, LARGEST_TEXT)
+        data, own = file_bytes(path, LARGEST_TEXT), Path(path)
         with broken_files_refused():
-            return _described(parsed(data, "the file", MEMORY), geometry, Path(path).stem)
+            is_xacro = suffix_of(path) == ".xacro"
+            root = Element("robot") if is_xacro else parsed(data, "the file", MEMORY)
+            is_xacro |= any("xacro}" in each.tag for each in root)
+            out = f"{printable(own.name.split('.')[0])}{'.whole' * (own.suffix == '.urdf')}.urdf"
+            fault = "a URDF file wanted, got a xacro file, which is a program that writes one"
+            check(not is_xacro, fault, f"run xacrodoc {printable(own.name)} -o {out}")
+            return _described(root, geometry, own.stem)
     except UnreadableError as error:
         raise MeshError(f"{name} {error}") from None
     except (MeshError, ResourceError) as error:
@@ -157,7 +159,7 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     scheme, _, rest = file.rpartition("://")
     found = folder / rest
     if scheme == "package":
-        package, _, rest = rest.partition("/")
+        package, _, rest = rest.lstrip("/").partition("/")
         advice = f'pass packages={{"{printable(package)}": "its folder"}}'
         check(package in packages, f"the folder of a package wanted for {name}, got none", advice)
         is_inside = rest and ".." not in re.split(r"[/\\]", rest) and not Path(rest).is_absolute()
@@ -183,12 +185,12 @@ def _described(root: Element, geometry: str, stem: str) -> Description:
     check(len(links) <= MOST_LINKS, f"at most {MOST_LINKS} links wanted, got {len(links)}",
           "leave some out")  # fmt: skip
     ordered = _from_root(list(links), [_joint(name, each) for name, each in elements.items()])
-    joints, names, limits = _driven(ordered, elements)
+    joints, names, limits, notes = _driven(ordered, elements)
     root_link = (set(links) - {each.child for each in joints}).pop()
     shapes = {root_link: _shapes(links.pop(root_link), geometry)}
     shapes |= {name: _shapes(each, geometry) for name, each in links.items()}
     name = printable(root.get("name") or stem, LONGEST_NAME).replace("/", "_") or "robot"
-    return Description(name, shapes, joints, names, limits, tuple(unknown.notes()))
+    return Description(name, shapes, joints, names, limits, (*unknown.notes(), *notes))
 
 
 def _by_name(elements: list[Element], kind: str) -> dict[str, Element]:
@@ -269,13 +271,18 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
 
 def _driven(
     joints: list[Joint], elements: dict[str, Element]
-) -> tuple[tuple[Joint, ...], tuple[str, ...], FloatArray]:
-    """Joints with the entries that move them, the names of these, and their limits."""
+) -> tuple[tuple[Joint, ...], tuple[str, ...], FloatArray, list[str]]:
+    """Joints with the entries that move them, the names of these, their limits, and notes.
+
+    Limits hold for all joints that an entry moves. Those of a joint that mimics are left out where
+    they leave no room: hands whose fingers mirror each other often give all of them one range.
+    """
     kinds = {each.name: each.kind for each in joints}
     masters = {name: own[0] for name, each in elements.items()
                if kinds[name] != "fixed" and (own := children(each, "mimic"))}  # fmt: skip
     names = tuple(n for n in elements if kinds[n] != "fixed" and n not in masters)
-    limits = np.tile((-math.inf, math.inf), (len(names), 1))
+    limits_of = {each.name: _limits(each, elements[each.name]) for each in joints}
+    limits, notes = np.array([limits_of[name] for name in names]).reshape(-1, 2), []
     found: list[Joint] = []
     for each in joints:
         if each.kind == "fixed":
@@ -291,22 +298,19 @@ def _driven(
             check(is_moving, f"{where}: it mimics {shown(name)}, which is no joint that moves")
             check(steps <= len(masters), f"a cycle of joints that mimic each other, at {where}")
         column = names.index(name)
-        low, high = _limits(each, elements[each.name])
-        if not factor:  # it does not move at all
-            low, high = -math.inf, math.inf
-        else:
-            low, high = sorted(((low - offset) / factor, (high - offset) / factor))
-        limits[column] = max(low, limits[column, 0]), min(high, limits[column, 1])
-        fault = (
-            f"joint {shown(each.name)}: limits of it and those that it mimics exclude each other"
-        )
-        check(limits[column, 0] <= limits[column, 1], fault, "correct them")
+        if factor and name != each.name:
+            ends = [(end - offset) / factor + 0.0 for end in limits_of[each.name]]
+            low, high = max(limits[column, 0], min(ends)), min(limits[column, 1], max(ends))
+            if low < high:
+                limits[column] = low, high
+            elif limits[column, 0] < limits[column, 1]:
+                notes.append(f"limits of {shown(each.name)} leave {shown(name)} no room; not used")
         found.append(each._replace(column=column, factor=factor, offset=offset))
-    return tuple(found), names, limits
+    return tuple(found), names, limits, notes
 
 
 def _limits(joint: Joint, element: Element) -> tuple[float, float]:
-    if joint.kind == "continuous":
+    if joint.kind in ("continuous", "fixed"):
         return -math.inf, math.inf
     where, given = f"joint {shown(joint.name)}", children(element, "limit")
     check(given, f"{where}: a {joint.kind} joint must have limits, got none", "add them")

@@ -43,13 +43,36 @@ def parsed(text: bytes, what: str, budget: int) -> Element:
         if LONG_NAMESPACE.search(text):
             raise ValueError("a namespace is longer than 255 characters")
         if not DECLARATION.match(text):
-            root = ElementTree.fromstring(text, ElementTree.XMLParser(encoding="utf-8"))
+            root = _tree(text)
     # ValueError and LookupError: an encoding that is not known, or not kept to.
     except (ElementTree.ParseError, expat.ExpatError, ValueError, LookupError) as error:
         raise broken(f"{what} is no XML ({error})") from None
     if root is None:
         raise broken(f"{what} declares a document type, which may hide entities", "remove it")
     return root
+
+
+def _tree(text: bytes) -> Element:
+    """Root element; a prefix that nothing declares, which robots have, is its own namespace."""
+    try:
+        return ElementTree.fromstring(text, ElementTree.XMLParser(encoding="utf-8"))
+    except ElementTree.ParseError as error:
+        if expat.ErrorString(error.code) != expat.errors.XML_ERROR_UNBOUND_PREFIX:
+            raise
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate("utf-8")
+
+    def named(name: str) -> str:
+        prefix, _, own = name.rpartition(":")
+        return f"{{{prefix}}}{own}" if prefix else own
+
+    def start(name: str, given: dict[str, str]) -> None:
+        own = {named(key): value for key, value in given.items() if not key.startswith("xmlns")}
+        builder.start(named(name), own)
+
+    parser.StartElementHandler, parser.CharacterDataHandler = start, builder.data
+    parser.EndElementHandler = lambda name: builder.end(named(name))
+    parser.Parse(text, True)
+    return builder.close()
 
 
 def _utf_8(text: bytes) -> bytes:

@@ -40,6 +40,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.checks import image_side
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
@@ -88,7 +89,7 @@ class Hemicube(Closing):
     """
 
     def __init__(self, mesh: Mesh, side: int) -> None:
-        half = side / 2
+        half = image_side("side", side) / 2
         whole = Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
         # The horizon lies between two rows of pixels and halves the image exactly.
         upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)

@@ -19,11 +19,14 @@ from rastercov.base.files import UnreadableError, printable, read_toml, suffix_o
 from rastercov.base.memory import IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
+from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.motion import MOST_PICTURES, by_time, regions_over_time
+from rastercov.coverage.area.motion import MOST_PICTURES, Frames, by_time, regions_over_time
 from rastercov.coverage.area.over_time import OverTime
 from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
+from rastercov.coverage.shards import regions_in_shards
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
@@ -106,11 +109,17 @@ class PlanMotion:
             raise PlanError(printable(path.name), [str(error)]) from None
         return cls(motion, own.over, own.views_at, own.body, method)
 
-    def evaluate(self, camera: Cameras, placed: Poses, task: Task) -> OverTime:
-        """Coverage over time by cameras."""
-        found = regions_over_time(
-            self.motion, camera, placed, task, body=self.bodies, method=self.method
-        )
+    def evaluate(
+        self, camera: Cameras, placed: Poses, task: Task, folder: Path | None = None,
+        staff: Staff = ALONE,
+    ) -> OverTime:  # fmt: skip
+        """Coverage over time by cameras, by way of shards in a folder where one is given."""
+        scene = self.motion, camera, placed, task
+        if folder is None:
+            found = regions_over_time(*scene, body=self.bodies, method=self.method)
+        else:
+            job = Frames.of(*scene, Engine.of(self.method), self.bodies)
+            found = regions_in_shards(job, folder, staff)
         return self.result(camera, placed, task, found)
 
     def result(self, camera: Cameras, placed: Poses, task: Task, found: Regions) -> OverTime:

@@ -1,0 +1,143 @@
+"""Frames of a motion in shards: the same figures as in one run, by workers and after an end."""
+
+import json
+
+import pytest
+from swept_arm import CAMERAS, cell, frames, sweep
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.coverage import shards
+from rastercov.coverage.shards import UNFINISHED
+
+CAMERA = rc.Camera(width=320, height=240, fx=250, fy=250)
+TASK = rc.Task(max_incidence_deg=75)
+MESH = cell(n=8)
+RIG = rc.Rig([CAMERA] * 2, ["left", "right"])
+PLACED = RIG.poses(CAMERAS[:2])
+LAMPS = rc.Lamps(
+    [rc.Lamp.point(intensity=100), rc.Lamp.spot(40, intensity=60)],
+    rc.look_at([(0.9, 0.2, 1.6), (-0.3, -0.9, 1.2)], (0.45, 0, 0.1)),
+)
+NAMES = ("pose_ids", "xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
+
+
+def motion_of(n=7, there=None, **options):
+    moves = frames(sweep(n))
+    present = {"link6": [row % 3 != 1 for row in range(n)]}
+    return rc.Motion(MESH, moves, present if there is None else there, **options)
+
+
+@pytest.fixture(autouse=True)
+def small_shards(monkeypatch):
+    """Shards of two frames of four poses; workers read their size from the header."""
+    monkeypatch.setattr(shards, "PAIRS_A_SHARD", 8 * MESH.n_faces)
+
+
+def same(one, other):
+    for name in NAMES:
+        assert getattr(one.regions, name).tobytes() == getattr(other.regions, name).tobytes()
+    assert json.dumps(one.summary()) == json.dumps(other.summary())
+
+
+CASES = {
+    "cameras": ((CAMERA, CAMERAS), {}),
+    "on a body": ((CAMERA, CAMERAS), {"body": "link3"}),
+    "lamps": ((CAMERA, CAMERAS), {"lamps": LAMPS}),
+    "heads": ((rc.Rig([CAMERA] * 2, ["left", "right"], rule=rc.All()), PLACED), {"lamps": LAMPS}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_shards_have_the_figures_of_one_run_to_the_bit(tmp_path, case):
+    scene, options = CASES[case]
+    plain = rc.evaluate_over_time(motion_of(), *scene, TASK, 0.5, **options)
+    kept = rc.evaluate_over_time(motion_of(), *scene, TASK, 0.5, folder=tmp_path, **options)
+    same(plain, kept)
+    (own,) = tmp_path.iterdir()
+    assert len(list((own / "shards").iterdir())) >= 2
+
+
+@pytest.mark.slow
+def test_workers_make_the_shards_of_one_process(tmp_path):
+    found = [
+        rc.evaluate_over_time(
+            motion_of(), CAMERA, CAMERAS, TASK, lamps=LAMPS, folder=tmp_path / name, workers=workers
+        )
+        for name, workers in (("alone", None), ("workers", rc.Workers(2)))
+    ]
+    same(*found)
+    made = [
+        {path.name: path.read_bytes() for path in (tmp_path / name).glob("*/shards/*")}
+        for name in ("alone", "workers")
+    ]
+    assert made[0] == made[1]
+    assert len(made[0]) == 4
+
+
+class EndedError(Exception):
+    """The run was ended."""
+
+
+def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, monkeypatch):
+    measured, calls, last = shards._of_frames, [], [[4, 5]]
+
+    def counted(job, rows):
+        calls.append(rows.tolist())
+        if calls[-1:] == last:
+            last.clear()
+            raise EndedError
+        return measured(job, rows)
+
+    monkeypatch.setattr(shards, "_of_frames", counted)
+    scene = CAMERA, CAMERAS, TASK
+    with pytest.raises(EndedError):
+        rc.evaluate_over_time(motion_of(), *scene, folder=tmp_path)
+    # Another motion takes none of them, and other durations or another question all.
+    other = rc.Motion(MESH, frames(sweep(7)[::-1]))
+    same(
+        rc.evaluate_over_time(other, *scene, folder=tmp_path), rc.evaluate_over_time(other, *scene)
+    )
+    assert calls[3:] == [[0, 1], [2, 3], [4, 5], [6]]
+    (kept,) = (path for path in tmp_path.iterdir() if len(list(path.glob("shards/*"))) == 2)
+    damaged = kept / "shards" / "shard-00000.npz"
+    damaged.write_bytes(damaged.read_bytes()[:-9])
+    del calls[:]
+    rc.evaluate_over_time(motion_of(), *scene, folder=tmp_path)
+    timed = motion_of(durations=[1, 1, 2, 1, 1, 3, 1])
+    kept = rc.evaluate_over_time(timed, *scene, "all", folder=tmp_path)
+    same(kept, rc.evaluate_over_time(timed, *scene, "all"))
+    assert calls == [[0, 1], [4, 5], [6]]
+
+
+def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
+    from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.report.coverage import Options, run
+
+    moving = PlanMotion(motion_of(), "all", "one time", "world", "certified")
+    own = Options(pictures=0)
+
+    def report(name):
+        found = run(MESH, CAMERA, CAMERAS, TASK, tmp_path / name, own, moving=moving)
+        assert not (tmp_path / name / UNFINISHED).exists()
+        return found["over_time"]
+
+    plain = report("plain")
+    monkeypatch.setattr(shards, "LONG_RUN", 2)
+    assert json.dumps(report("shards")) == json.dumps(plain)
+
+
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
+    motion = motion_of()
+    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+        rc.evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
+    many = rc.Motion(MESH, {"link1": rc.turntable(5001)})
+    with pytest.raises(ConfigError, match=r"10,000 pictures.*folder") as error:
+        rc.evaluate_over_time(many, CAMERA, CAMERAS[:2], TASK)
+    assert "\n" not in str(error.value)
+    for frame in (1, 4):
+        noted = {frame: "was killed by SIGKILL"}
+        monkeypatch.setattr(shards.ShardStore, "quarantined", lambda self, noted=noted: noted)
+        with pytest.raises(ConfigError, match=f"frame {frame} of the motion: its") as error:
+            rc.evaluate_over_time(motion, CAMERA, CAMERAS, TASK, folder=tmp_path)
+        assert "\n" not in str(error.value)

@@ -1,0 +1,152 @@
+"""Every sentence of the README and of the guarantees has a test, or claims nothing."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+NOTHING = "claims nothing"
+"""Of questions, links, instructions, and of what is expressly not promised and has no test."""
+END = re.compile(r"(?:(?<=[a-z0-9)`*]\.)|(?<=\?\*\*)) (?=[A-Z`\[])(?!S\. |Eissa)")
+"""Between two sentences: initials of a name end none."""
+CLAIMS = {
+    "README.md": {
+        "**Which part of a": NOTHING,
+        "For inspection cells": "area/test_recut another_cut_of_the_same_surface_has_the_same_cov",
+        "`part.stl` is yours": "test_shapes every_name_gives_the_same_sound_mesh_twice",
+        "The second command": "report/test_pages by_area_dead_zones_are_listed_and_drawn",
+        "Two threads each": "test_comparison the_command_compares_first_and_rewrites",
+        "Errors, and where": "test_comparison errors_are_those_of_numbers_by_hand",
+        "- Faces that are": "exact/test_certificate no_certificate_is_wrong_on_a_built_in_mesh",
+        "Every other figure": "test_observer the_bound_holds_for_nearly_all_partly_hidden_faces",
+        "- Beside exact rational": "attack exact",
+        "- The same input": "test_threads six_threads_get_the_answers_of_one_bit_for_bit",
+        "[Start in five": NOTHING,
+        "- **Cameras** come": "camera_formats/test_scenes what_is_written_shows_the_same_points",
+        "`--poses sphere:40`": "test_through_lenses a_sphere_of_poses_sees_all_of_the_mesh",
+        "- **Parts** are STL": "mesh/test_mesh_file every_format_keeps_faces_corners_and_order",
+        "- **The result** is": "area/test_recut cuts_rounded_off_the_surface_keep_the_area",
+        "`method` is": "exact/test_half_planes any_camera_sees_as_in_exact_arithmetic",
+        "The criteria are those": "test_criteria density_is_the_least_singular_value_of_finite",
+        "`examples/` has": "test_examples the_return_of_an_episode_is_what_its_views_cover",
+        "A [plan file]": "plan/test_plan the_schema_in_docs_is_that_of_the_model",
+        "[`place`]": "cli/test_place_command a_plan_gives_poses_that_evaluate_reads",
+        "`check` tests a rig": "cli/test_place_command a_rig_that_covers_enough_passes",
+        "The same areas, with": "area/test_rules gates_in_any_order_agree_and_their_areas_add_up",
+        "`rastercov view": "viewer/test_browser a_slider_changes_the_summary_to_what",
+        "`--export page.html`": "viewer/test_saving a_page_of_one_file_has_all_its_modules",
+        "[Guarantees and limits]": "test_claims every_guarantee_names_its_test_on_the_page",
+        "Every public function": "test_misuse any_value_of_an_argument_is_used_or_refused",
+        "Not guaranteed: the": "test_observer the_bound_holds_for_nearly_all_partly_hidden",
+        "Surfaces within 1e-10": "exact/test_certificate surfaces_that_distance_makes_one",
+        "A mesh whose faces": "exact/test_certificate faces_on_one_another_are_never_certified",
+        "OpenGL has not been": NOTHING,
+        "`make quick`": "test_docs the_site_is_whole_and_asks_nothing_of_the_network",
+        "[CONTRIBUTING]": "test_docs files_that_a_contributor_is_sent_to_are_there",
+        "Python 3.11 to 3.14": "test_packaging the_wheel_asks_only_for_the_stable_interface",
+        "MIT licence": "test_packaging the_wheel_names_its_command_and_licence",
+    },
+    "docs/guarantees.md": {
+        "Each guarantee names": "test_claims what_is_named_is_there",
+        "**Mesh files.** Face": "mesh/test_mesh_file random_meshes_come_back_face_for_face",
+        "Truncated, inconsistent": "mesh/test_mesh_text no_cut_changes_a_face_without_a_note",
+        "The triangles of a": "mesh/test_concave_polygons simple_polygons_are_covered_exactly",
+        "Time grows no faster": "attack readers",
+        "**Exact visibility.**": "exact/test_certificate no_certificate_is_wrong_on_folded",
+        "An exact figure is": "exact/test_rounding the_bound_of_a_solid_or_a_room_is_of_no",
+        "None was wrong": "attack exact",
+        "Where rounding": "exact/test_edge_on nothing_is_known_of_a_face_in_whose_plane",
+        "**Rasterisers.**": NOTHING,
+        "- At a pixel centre": "raster/test_raytrace built_in_part_is_seen_as_by_rays",
+        "- For each pose": "raster/test_raster_faults counts_that_do_not_add_up_are_refused",
+        "A device that": "raster/test_raster_faults device_that_goes_wrong_later_is_caught",
+        "- Back faces are": "mesh/test_self_crossing culling_changes_no_area_of_solids",
+        "- Through any lens": "raster/test_lenses each_sample_shows_the_face_its_ray_meets",
+        "- Moving mesh and": "raster/test_raster_laws exact_translation_and_scaling_change",
+        "**Targets.** Every": "test_targets coverage_of_a_face_has_the_same_bits_with_and",
+        "**Determinism and": "test_threads six_threads_get_the_answers_of_one_bit_for_bit",
+        "Any number of threads": "raster/test_raster_faults use_from_a_second_thread_names",
+        "**Files on disk.**": "report/test_report_folder a_kill_before_any_operation_leaves",
+        "A visibility matrix": "placement/test_matrix only_the_damaged_shard_is_measured",
+        "So are covered pairs": "placement/test_matrix bits_are_the_covered_pairs_of_the",
+        "**Selection.** Every": "placement/test_lazy_selection no_selection_is_better_than",
+        "The greedy rule on": "placement/test_lazy_selection the_lazy_rule_takes_the_cameras",
+        "**Errors.** Every": "test_misuse any_value_of_an_argument_is_used_or_refused",
+        "**Time limit.**": "attack matrix",
+        "**Sampled figures.**": "test_observer the_bound_holds_for_nearly_all_partly_hidden",
+        "Small and thin faces": "test_coverage reason",
+        "**Coincident surfaces.**": "raster/test_raster_laws of_coincident_faces_the_lowest",
+        "Sampled depths are": "raster/test_raster_laws surfaces_1e_5_apart_are_told_apart",
+        "**Devices.**": NOTHING,
+        "- The OpenGL graphics": "raster/test_extreme_cameras a_lens_too_long_for_float32",
+        "Where a surface": "raster/test_raster_laws clipped_says_whether_a_surface_in_view",
+        "- Two devices may": "raster/test_compute_raster it_fills_what_the_cpu_fills",
+        "- Hardware OpenGL is": "raster/test_compute_raster a_graphics_card_sees_what_the_cpu",
+        "**Cost.** A mesh": "exact/test_certificate faces_on_one_another_are_never_certified",
+        "A closed mesh that": "mesh/test_self_crossing one_component_that_touches_itself_is",
+        "**File formats.** An": "mesh/test_mesh_text no_cut_changes_a_face_without_a_note",
+        "Skins are in their": "mesh/test_concave_polygons a_polygon_that_crosses_itself_is",
+        "STEP is triangulated": "mesh/test_mesh_step a_solid_is_read_in_its_own_unit",
+        "`Mesh.notes` has": "mesh/test_mesh notes_come_first_in_the_warnings",
+        "**Results made by": "test_misuse what_is_not_tried_is_public_and_named_with_its_reason",
+        "**Concurrency and": NOTHING,
+        "Without `flock`": "report/test_report_folder a_file_system_without_locks_is",
+        "Checksums protect": NOTHING,
+        "**Integer program.**": "placement/test_selection the_time_limit_is_wall_time_from",
+    },
+}
+"""Beginnings of sentences; a module of tests and the beginning of a test in it, or a campaign."""
+
+
+def sentences(page):
+    """Sentences outside of code, tables, headings and pictures, without the tests they name."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^(?:#|!\[|\||<!--).*$", "", text, flags=re.MULTILINE)
+    for block in re.split(r"\n\s*\n|\n(?=- )", text):
+        line = re.sub(r" \[(?:`|\[)[^|]*\]$", "", " ".join(block.split()))
+        yield from filter(None, END.split(glued(line)))
+
+
+def glued(line):
+    """A paragraph's name in bold belongs to its first sentence."""
+    return re.sub(r"^(\*\*[^*]+)\.\*\* ", r"\1\0** ", line)
+
+
+@pytest.mark.parametrize("page", CLAIMS)
+def test_every_sentence_has_its_test(page):
+    found = [sentence.replace("\0", ".") for sentence in sentences(page)]
+    for sentence in found:
+        known = [begin for begin in CLAIMS[page] if sentence.startswith(begin)]
+        assert len(known) == 1, f"{page}: name a test in CLAIMS, or delete: {sentence}"
+    unused = [b for b in CLAIMS[page] if not any(s.startswith(b) for s in found)]
+    assert unused == []
+
+
+def is_there(proof):
+    """Whether one test, or a campaign of benchmarks/attack.py, is meant."""
+    module, _, name = proof.partition(" ")
+    if module == "attack":
+        return (ROOT / "benchmarks" / f"attack_{name}.py").exists()
+    file = ROOT / "tests" / f"{module}.py"
+    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    return len(re.findall(rf"^def test_{name}", text, re.MULTILINE)) == 1
+
+
+def test_what_is_named_is_there():
+    proofs = {proof for page in CLAIMS.values() for proof in page.values()} - {NOTHING}
+    assert [proof for proof in proofs if not is_there(proof)] == []
+    page = (ROOT / "docs" / "guarantees.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:tests|benchmarks)/[^`]+)`", page)
+    campaigns = [name.partition(" ")[2] for name in named if " " in name]
+    assert [name for name in campaigns if not is_there(f"attack {name}")] == []
+    assert [name for name in named if not (ROOT / name.partition(" ")[0]).exists()] == []
+
+
+def test_every_guarantee_names_its_test_on_the_page():
+    page = (ROOT / "docs" / "guarantees.md").read_text(encoding="utf-8")
+    part = page.split("## Guaranteed")[1].split("\n## ")[0]
+    items = [item.strip() for item in re.split(r"\n\s*\n|\n(?=- )", part)]
+    items = [item for item in items if item not in ("", "**Rasterisers.**")]
+    assert [item for item in items if not re.search(r"`(?:tests|benchmarks)/", item)] == []

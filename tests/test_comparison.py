@@ -1,0 +1,123 @@
+"""benchmarks/comparison.py: its errors by hand, its points, its command and its page."""
+
+import json
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import python
+
+import rastercov as rc
+
+ROOT = Path(__file__).parents[1]
+BENCHMARKS = ROOT / "benchmarks"
+PAGE = ROOT / "docs" / "comparison.md"
+CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
+#        0,0 - the face fills a quarter of the image
+FACE = rc.Mesh(vertices=[(-1, -1, 2), (0, -1, 2), (-1, 0, 2)], faces=[(0, 2, 1)])
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    pytest.importorskip("embreex", reason="embreex is missing: pip install 'rastercov[models]'")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARKS))
+        yield import_module("comparison")
+
+
+def scene(comparison, **fields):
+    ones = np.ones((1, 4))
+    known = comparison.Scene(FACE, CAMERA, np.eye(4)[None], ones, ones, 0 * ones, ones > 0)
+    return replace(known, **fields)
+
+
+def test_errors_are_those_of_numbers_by_hand(comparison):
+    true = scene(
+        comparison,
+        visible=np.array([[10.0, 0.0, 3.0, 0.5]]),
+        area=np.array([[10.0, 20.0, 4.0, 100.0]]),
+        judged=np.array([[True, True, True, True]]),
+    )
+    # Missed is the third: of the fourth less than a hundredth is visible.
+    found = np.array([0.9, 0.2, 0.0, 0.0])
+    got = comparison.errors(true, comparison.Contestant("a", "a", lambda row: found, lambda: None))
+    assert got["mean"] == pytest.approx((0.1 + 0.2 + 0.75 + 0.005) / 4)
+    assert got["mean by area"] == pytest.approx((1 + 4 + 3 + 0.5) / 134)
+    assert (got["largest"], got["missed"], got["false"]) == (0.75, 1, 1)
+    part = replace(true, judged=np.array([[True, False, False, False]]))
+    got = comparison.errors(part, comparison.Contestant("a", "a", lambda row: found, lambda: None))
+    assert (got["faces"], got["largest"]) == (1, pytest.approx(0.1))
+
+
+@pytest.mark.parametrize("side", [1, 2, 4])
+def test_points_of_a_face_are_the_centroids_of_its_equal_parts(comparison, side):
+    (points,) = comparison.points_of(FACE, side)
+    centroid = FACE.vertices.mean(axis=0)
+    assert points.shape == (side * side, 3)
+    assert np.allclose(points.mean(axis=0), centroid)
+    assert len(np.unique(points.round(9), axis=0)) == side * side
+    # The distance from the diagonal, where x + y is -1, and from the other sides, in thirds.
+    heights = np.stack((-points[:, 0] - points[:, 1] - 1, points[:, 0] + 1, points[:, 1] + 1))
+    thirds = np.abs(heights[1:]) * 3 * side
+    assert np.allclose(thirds, thirds.round())
+    assert (heights > 0).all()
+
+
+def test_a_fraction_is_the_share_of_points_in_the_image_that_are_met_first(comparison):
+    def first(eye, rays):
+        return np.where(rays[:, 0] < -0.5, 0, -1)  # a wall before the right half
+
+    here = scene(comparison)
+    found = comparison.by_points(here, "rays", 4, first).fractions(0)
+    (points,) = comparison.points_of(FACE, 4)
+    assert found == pytest.approx((points[:, 0] < -0.5).mean())
+    away = replace(here, poses=np.diag([1.0, -1, -1, 1])[None])
+    assert comparison.by_points(away, "rays", 4, first).fractions(0) == [0]
+
+
+@pytest.mark.slow
+def test_the_command_compares_first_and_rewrites_its_part_of_a_page(comparison, tmp_path):
+    page, text = tmp_path / "page.md", PAGE.read_text(encoding="utf-8")
+    page.write_text(text, encoding="utf-8")
+    options = ["--scenes", "aeroplane", "--size", "96", "64", "--poses", "1", "--rounds", "1"]
+    done = python(BENCHMARKS / "comparison.py", *options, "--out", tmp_path, "--page", page)
+    assert done.returncode == 0, done.stderr
+    assert "aeroplane: packets meet the faces of our image" in done.stdout
+    before, _, rest = text.partition(comparison.BEGIN)
+    after = rest.partition(comparison.END)[2]
+    written = page.read_text(encoding="utf-8")
+    assert written.startswith(before)
+    assert written.endswith(after)
+    block = written.partition(comparison.BEGIN)[2].partition(comparison.END)[0]
+    assert block.strip() in done.stdout
+    assert "| **certified** | 0, 0, 0; 0/0 |" in block
+    assert "| 30, 60 | 6, 5.6 % |" in block
+    figures = json.loads((tmp_path / "comparison.json").read_text())["scenes"]["aeroplane"]
+    assert figures["Embree packets"]["ratio"] == 1
+    assert 0 < figures["**sampled**, 16 a pixel"]["mean"] < figures["**sampled**"]["mean"]
+    assert figures["Khepra, as printed"]["ms"] == 307_995
+
+
+@pytest.mark.slow
+def test_a_comparison_that_fails_leaves_the_page_and_ends_with_1(comparison, tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(f"{comparison.BEGIN}\nearlier\n{comparison.END}\n")
+    monkeypatch.setattr(comparison, "ALIKE", -1.0)  # even equal errors are not alike
+    monkeypatch.setattr(comparison, "ALGORITHM_1", 0)
+    monkeypatch.setattr(comparison, "placement", lambda report: [])
+    options = ["--scenes", "aeroplane", "--size", "48", "32", "--poses", "1", "--rounds", "1"]
+    words = [*options, "--out", str(tmp_path), "--page", str(page)]
+    monkeypatch.setattr("sys.argv", ["comparison.py", *words])
+    with pytest.raises(SystemExit) as ended:
+        comparison.main()
+    assert ended.value.code == 1
+    assert page.read_text() == f"{comparison.BEGIN}\nearlier\n{comparison.END}\n"
+
+
+def test_a_page_without_marks_is_refused_and_kept(comparison, tmp_path):
+    (tmp_path / "page.md").write_text("text\n")
+    with pytest.raises(SystemExit, match=r"page\.md must have the lines <!-- made by"):
+        comparison.write(tmp_path / "page.md", "| |")
+    assert (tmp_path / "page.md").read_text() == "text\n"
