@@ -95,6 +95,7 @@ struct Uncertainty {
         double scale;                  // (s / sigma)^2
         double along;                  // (s h / s_0)^2, 0 where no range is measured
         bool has_stripes;
+        int64_t index;
     };
 
     bool see(int64_t i, const Vector &p, double r, Seen &out) const {
@@ -105,7 +106,7 @@ struct Uncertainty {
         out.d = std::sqrt(dot(out.u, out.u)), out.near = out.d - r;
         out.scale = 1 / (sigma * sigma);
         out.along = range > 0 ? h * h * (limit / range) * (limit / range) : 0.0;
-        out.has_stripes = dot(a, a) > 0;
+        out.has_stripes = dot(a, a) > 0, out.index = i;
         if (!(out.near > 0)) return false;
         const double along = dot(out.u, a);
         Vector t;
@@ -193,68 +194,134 @@ struct Uncertainty {
         return cross(a, out);
     }
 
+    // Greatest second derivatives of q and of b, and first of N, within r; see `add`.
+    struct Most {
+        double bend = 0.0, side = 0.0, change = 0.0;
+
+        // Of k y y^T, k <= weight and as d^-2, with `size` at least |v . y| (or |v x y| of k (1 - y
+        // y^T)), and bounds of its derivatives, and of those of y.
+        void add(double weight, double fall, double size, double first, double second, double turn,
+                 double turn2) {
+            bend += weight * (6 * size * size * fall * fall + 8 * size * first * fall +
+                              2 * first * first + 2 * size * second);
+            side += weight * (6 * size * fall * fall + 4 * turn * fall + turn2 + turn * turn);
+            change += weight * (2 * fall + turn);
+        }
+    };
+
     Value of_all(const Vector &p, double r) const {
-        Symmetric sum = {}, by_x = {}, by_y = {};
-        double first = 0.0, second = 0.0;
-        for (int64_t i = 0; i < devices.centre.extent(1); i++) {
-            if (!has(set, i)) continue;
-            Seen seen;
-            if (!see(i, p, r, seen)) return UNKNOWN;
-            const double w = seen.scale / (seen.d * seen.d), v = seen.along / (seen.d * seen.d);
-            const double k = (seen.scale + seen.along) / (seen.near * seen.near * seen.near);
-            const double turn = seen.has_stripes ? 1 / seen.near_rho : 1 / seen.near;
-            // |M'| and |M''| of d^-2 N, where |N'| <= turn and |N''| <= (2 C + 2) turn^2.
-            first += k * (2 + turn * seen.near);
-            second +=
-                k / seen.near *
-                (6 + 4 * turn * seen.near + (2 * C + 2) * turn * turn * seen.near * seen.near);
-            const Vector &u = seen.has_stripes ? seen.m : seen.u;
-            for (int along = 0; along < 2; along++) {
-                const Vector &e = along == 0 ? plane.x_axis : plane.y_axis;
-                Symmetric &out = along == 0 ? by_x : by_y;
-                const double ue = dot(seen.u, e), fall = -2 * ue / seen.d;
-                Vector du;
-                if (seen.has_stripes) du = turn_of(seen, i, e);
-                else
-                    for (int l = 0; l < 3; l++) du[l] = (e[l] - ue * u[l]) / seen.d;
+        std::array<Seen, 64> every;
+        int64_t n = 0;
+        for (int64_t i = 0; i < devices.centre.extent(1); i++)
+            if (has(set, i) && !see(i, p, r, every[n++])) return UNKNOWN;
+        if (n == 0) return FAILS;
+        const auto nearness = [](const Seen &one) { return one.scale / (one.d * one.d); };
+        const Seen &lead = *std::max_element(
+            every.begin(), every.begin() + n,
+            [&](const Seen &one, const Seen &two) { return nearness(one) < nearness(two); });
+        const std::array<const Vector *, 2> axes = {&plane.x_axis, &plane.y_axis};
+        Symmetric sum = {};
+        std::array<Symmetric, 2> by = {};
+        // iso + along y y^T, of which y turns as `turns` in space.
+        const auto include = [&](double iso, double along, const Vector &y, const Seen *one) {
+            for (int a = 0; a < 2; a++) {
+                const Vector &e = *axes[a];
+                const double le = dot(lead.u, e), ly = dot(lead.u, y);
+                const double fall = one ? -2 * dot(one->u, e) / one->d : 0.0;
+                Vector dy = one && one->has_stripes ? turn_of(*one, one->index, e) : Vector{};
+                double across = 0.0;
+                Vector de;
+                for (int l = 0; l < 3; l++) de[l] = (e[l] - le * lead.u[l]) / lead.d;
+                across = dot(de, y);
+                for (int l = 0; l < 3; l++) {
+                    if (one && !one->has_stripes) dy[l] = (e[l] - dot(y, e) * y[l]) / one->d;
+                    dy[l] -= ly * de[l] - across * lead.u[l];
+                }
                 for (int l = 0; l < 3; l++)
                     for (int m = 0; m < 3; m++) {
-                        const double square = u[l] * u[m], change = du[l] * u[m] + u[l] * du[m];
-                        const double one = l == m ? 1.0 : 0.0;
-                        if (along == 0)
-                            sum[l][m] +=
-                                seen.has_stripes ? w * square : w * (one - square) + v * square;
-                        out[l][m] += seen.has_stripes ? w * (fall * square + change)
-                                                      : w * (fall * (one - square) - change) +
-                                                            v * (fall * square + change);
+                        const double own = (l == m ? iso : 0.0) + along * y[l] * y[m];
+                        if (a == 0) sum[l][m] += own;
+                        by[a][l][m] += fall * own + along * (dy[l] * y[m] + y[l] * dy[m]);
                     }
             }
+        };
+        for (int64_t j = 0; j < n; j++) {
+            const Seen &one = every[j];
+            const double w = nearness(one), range = one.along / (one.d * one.d);
+            if (one.has_stripes) include(0.0, w, one.m, &one);
+            else include(w, range - w, one.u, &one);
         }
-        for (int l = 0; l < 3; l++)
-            for (int m = 0; m < 3; m++)
-                sum[l][m] -= along_normal ? normal[l] * normal[m] : (l == m ? 1.0 : 0.0);
+        if (along_normal) include(0.0, -1.0, normal, nullptr);
+        else
+            for (int l = 0; l < 3; l++) sum[l][l] -= 1.0;
         const Eigen eigen(sum);
         const Vector &v = eigen.first;
+        Most most;
+        const double o = 1 / lead.near, le = std::abs(dot(lead.u, v));
+        const double off = std::sqrt(std::max(0.0, 2 - 2 * le));
+        const Vector at_lead = vector_of(devices.centre[row][lead.index]);
+        for (int64_t j = 0; j < n; j++) {
+            const Seen &one = every[j];
+            const double a = 1 / one.near;
+            double z = 2.0, z1 = a + o, z2 = C * (a * a + o * o);
+            const Vector centre = vector_of(devices.centre[row][one.index]);
+            const double base = length_between(centre, at_lead);
+            const double near = from_segment(p, at_lead, centre) - r;
+            if (near > 0) {
+                z = std::min(z, base / near), z1 = std::min(z1, C * base / (near * near));
+                z2 = std::min(z2, 3 * base / (near * near * near));
+            }
+            const double weight = one.scale * a * a, s = std::sqrt(std::max(0.0, 1 - square(dot(one.u, v))));
+            if (one.has_stripes) {
+                const double t = 1 / one.near_rho, turn = t + o;
+                const double turn2 = C * t * t + 2 * o * (o + t);
+                const double first = std::min(turn, z1 + z * t + off * turn);
+                const double second = std::min(turn2, z2 + 2 * z1 * t + C * z * t * t + off * turn2);
+                const double size = std::min(1.0, std::abs(dot(one.m, v)) + first * r);
+                most.add(weight, a, size, first, second, turn, turn2);
+                continue;
+            }
+            const double first = std::min(a + o, z1 + z * o), second = z2 + 2 * o * (z1 + z * o);
+            most.add(weight, a, std::min(1.0, s + first * r), first, second, first, second);
+            if (one.along > 0)
+                most.add(one.along * a * a, a, std::min(1.0, std::abs(dot(one.u, v)) + first * r),
+                         first, second, first, second);
+        }
+        if (along_normal)
+            most.add(1.0, 0.0, std::min(1.0, std::abs(dot(normal, v)) + o * r), o, 2 * o * o, o, 2 * o * o);
         const auto form = [&](const Symmetric &matrix) {
             double total = 0.0;
             for (int l = 0; l < 3; l++)
                 for (int m = 0; m < 3; m++) total += v[l] * matrix[l][m] * v[m];
             return total;
         };
-        // Length of the parts of both derivatives of M v that are across v.
+        // Length of the parts of both derivatives of N v that are across v.
         double turn = 0.0;
-        for (const Symmetric *matrix : {&by_x, &by_y})
+        for (const Symmetric &matrix : by)
             for (int l = 0; l < 3; l++) {
-                double across = -form(*matrix) * v[l];
-                for (int m = 0; m < 3; m++) across += (*matrix)[l][m] * v[m];
+                double across = -form(matrix) * v[l];
+                for (int m = 0; m < 3; m++) across += matrix[l][m] * v[m];
                 turn += across * across;
             }
-        const double rest = second * r * r / 2, change = first * r;
-        const double gap = eigen.values[1] - eigen.values[0] - 2 * change;
-        const double bend = std::min(std::sqrt(turn) * r + rest, change);
-        double doubt = 2 * change;
-        if (gap > 0) doubt = std::min(doubt, rest + bend * bend / gap);
-        return {eigen.values[0], form(by_x), form(by_y), doubt};
+        const double value = eigen.values[0], x = form(by[0]), y = form(by[1]);
+        const double rest = most.bend * r * r / 2, change = most.change * r;
+        const double rise = std::min(length2(x, y) * r + rest, change);
+        if (value + rise < 0) return FAILS;
+        const double side = std::min(std::sqrt(turn) * r + most.side * r * r / 2, change);
+        const double gap = eigen.values[1] - value - change - rise;
+        const double loss = gap > 0 ? side * side / gap : INFINITE;
+        if (!(rest + loss / 2 < change)) return {value, 0.0, 0.0, change};
+        return {value - loss / 2, x, y, rest + loss / 2};
+    }
+
+    static double square(double x) { return x * x; }
+
+    // Distance of a point from the line between two others.
+    static double from_segment(const Vector &p, const Vector &a, const Vector &b) {
+        const Vector side = less(b, a), to = less(p, a);
+        const double whole = dot(side, side);
+        const double t = whole > 0 ? std::clamp(dot(to, side) / whole, 0.0, 1.0) : 0.0;
+        return length_between(p, {a[0] + t * side[0], a[1] + t * side[1], a[2] + t * side[2]});
     }
 };
 
