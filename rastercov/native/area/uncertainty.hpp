@@ -194,18 +194,20 @@ struct Uncertainty {
         return cross(a, out);
     }
 
-    // Greatest second derivatives of q and of b, and first of N, within r; see `add`.
+    // Bounds within r: of q'', of b'', and of the turning part of N', see `add`.
     struct Most {
-        double bend = 0.0, side = 0.0, change = 0.0;
+        double bend = 0.0, side = 0.0, turn = 0.0;
 
-        // Of k y y^T, k <= weight and as d^-2, with `size` at least |v . y| (or |v x y| of k (1 - y
-        // y^T)), and bounds of its derivatives, and of those of y.
-        void add(double weight, double fall, double size, double first, double second, double turn,
-                 double turn2) {
+        // Of k y y^T, k <= weight at the distance 1 / fall, or of k (1 - y y^T), where `size` is at
+        // least |v . y|, or |v x y|, first and second bound its derivatives, and turn those of y.
+        void add(double weight, double fall, double size, std::array<double, 2> own,
+                 std::array<double, 2> of_y) {
+            const auto [first, second] = own;
             bend += weight * (6 * size * size * fall * fall + 8 * size * first * fall +
                               2 * first * first + 2 * size * second);
-            side += weight * (6 * size * fall * fall + 4 * turn * fall + turn2 + turn * turn);
-            change += weight * (2 * fall + turn);
+            side += weight * (6 * size * fall * fall + 4 * of_y[0] * fall + of_y[1] +
+                              of_y[0] * of_y[0]);
+            turn += weight * of_y[0];
         }
     };
 
@@ -219,37 +221,47 @@ struct Uncertainty {
         const Seen &lead = *std::max_element(
             every.begin(), every.begin() + n,
             [&](const Seen &one, const Seen &two) { return nearness(one) < nearness(two); });
+        // How the frame turns along the axes of the plane, and bounds of it and of its derivative.
         const std::array<const Vector *, 2> axes = {&plane.x_axis, &plane.y_axis};
+        std::array<Vector, 2> spin;
+        for (int along = 0; along < 2; along++) {
+            spin[along] = cross(lead.u, *axes[along]);
+            for (double &each : spin[along]) each /= lead.d;
+            if (!lead.has_stripes) continue;
+            const Vector a = vector_of(devices.axis[row][lead.index]);
+            const double about = dot(lead.m, *axes[along]) / lead.rho;
+            const double rise = dot(lead.m, spin[along]);
+            for (int k = 0; k < 3; k++) spin[along][k] = about * a[k] + rise * lead.m[k];
+        }
+        const double o = 1 / (lead.has_stripes ? lead.near_rho : lead.near);
+        const double o2 = (lead.has_stripes ? 2.3 : 1.0) * o * o;
         Symmetric sum = {};
         std::array<Symmetric, 2> by = {};
-        // iso + along y y^T, of which y turns as `turns` in space.
-        const auto include = [&](double iso, double along, const Vector &y, const Seen *one) {
-            for (int a = 0; a < 2; a++) {
-                const Vector &e = *axes[a];
-                const double le = dot(lead.u, e), ly = dot(lead.u, y);
+        // iso + k y y^T of a device, or of none.
+        const auto include = [&](double iso, double k, const Vector &y, const Seen *one) {
+            for (int along = 0; along < 2; along++) {
+                const Vector &e = *axes[along], turned = cross(spin[along], y);
                 const double fall = one ? -2 * dot(one->u, e) / one->d : 0.0;
-                Vector dy = one && one->has_stripes ? turn_of(*one, one->index, e) : Vector{};
-                double across = 0.0;
-                Vector de;
-                for (int l = 0; l < 3; l++) de[l] = (e[l] - le * lead.u[l]) / lead.d;
-                across = dot(de, y);
-                for (int l = 0; l < 3; l++) {
-                    if (one && !one->has_stripes) dy[l] = (e[l] - dot(y, e) * y[l]) / one->d;
-                    dy[l] -= ly * de[l] - across * lead.u[l];
-                }
+                Vector dy = {0.0, 0.0, 0.0};
+                if (one && one->has_stripes) dy = turn_of(*one, one->index, e);
+                else if (one)
+                    for (int l = 0; l < 3; l++) dy[l] = (e[l] - dot(y, e) * y[l]) / one->d;
+                for (int l = 0; l < 3; l++) dy[l] -= turned[l];
                 for (int l = 0; l < 3; l++)
                     for (int m = 0; m < 3; m++) {
-                        const double own = (l == m ? iso : 0.0) + along * y[l] * y[m];
-                        if (a == 0) sum[l][m] += own;
-                        by[a][l][m] += fall * own + along * (dy[l] * y[m] + y[l] * dy[m]);
+                        const double own = (l == m ? iso : 0.0) + k * y[l] * y[m];
+                        if (along == 0) sum[l][m] += own;
+                        by[along][l][m] += fall * own + k * (dy[l] * y[m] + y[l] * dy[m]);
                     }
             }
         };
+        double least = 1.0; // share of each weight that stays within r
         for (int64_t j = 0; j < n; j++) {
             const Seen &one = every[j];
             const double w = nearness(one), range = one.along / (one.d * one.d);
             if (one.has_stripes) include(0.0, w, one.m, &one);
             else include(w, range - w, one.u, &one);
+            least = std::min(least, square(one.d / (one.d + r)));
         }
         if (along_normal) include(0.0, -1.0, normal, nullptr);
         else
@@ -257,38 +269,45 @@ struct Uncertainty {
         const Eigen eigen(sum);
         const Vector &v = eigen.first;
         Most most;
-        const double o = 1 / lead.near, le = std::abs(dot(lead.u, v));
-        const double off = std::sqrt(std::max(0.0, 2 - 2 * le));
+        const double off = std::sqrt(std::max(0.0, 2 - 2 * std::abs(dot(lead.u, v))));
         const Vector at_lead = vector_of(devices.centre[row][lead.index]);
         for (int64_t j = 0; j < n; j++) {
             const Seen &one = every[j];
-            const double a = 1 / one.near;
-            double z = 2.0, z1 = a + o, z2 = C * (a * a + o * o);
             const Vector centre = vector_of(devices.centre[row][one.index]);
+            const double a = 1 / one.near, l = 1 / lead.near;
             const double base = length_between(centre, at_lead);
             const double near = from_segment(p, at_lead, centre) - r;
+            double z = 2.0, z1 = a + l, z2 = C * (a * a + l * l); // of u - that of the lead
             if (near > 0) {
                 z = std::min(z, base / near), z1 = std::min(z1, C * base / (near * near));
                 z2 = std::min(z2, 3 * base / (near * near * near));
             }
-            const double weight = one.scale * a * a, s = std::sqrt(std::max(0.0, 1 - square(dot(one.u, v))));
+            const auto size = [&](double cosine, double first) {
+                return std::min(1.0, std::abs(cosine) + first * r);
+            };
+            const double weight = one.scale * a * a;
             if (one.has_stripes) {
-                const double t = 1 / one.near_rho, turn = t + o;
-                const double turn2 = C * t * t + 2 * o * (o + t);
-                const double first = std::min(turn, z1 + z * t + off * turn);
-                const double second = std::min(turn2, z2 + 2 * z1 * t + C * z * t * t + off * turn2);
-                const double size = std::min(1.0, std::abs(dot(one.m, v)) + first * r);
-                most.add(weight, a, size, first, second, turn, turn2);
+                if (&one == &lead) {
+                    most.add(weight, a, size(dot(one.m, v), 0.0), {}, {});
+                    continue;
+                }
+                const double t = 1 / one.near_rho, t2 = C * t * t;
+                const std::array<double, 2> turn = {t + o, t2 + 2 * o * t + o2 + o * o};
+                const double first = std::min(turn[0], z1 + z * t + off * turn[0]);
+                const double second = std::min(turn[1], z2 + 2 * z1 * t + z * t2 + off * turn[1]);
+                most.add(weight, a, size(dot(one.m, v), first), {first, second}, turn);
                 continue;
             }
-            const double first = std::min(a + o, z1 + z * o), second = z2 + 2 * o * (z1 + z * o);
-            most.add(weight, a, std::min(1.0, s + first * r), first, second, first, second);
+            const double cosine = dot(one.u, v), sine = std::sqrt(std::max(0.0, 1 - cosine * cosine));
+            const std::array<double, 2> turn = {std::min(a + o, z1 + z * o),
+                                                z2 + 2 * o * z1 + z * (o2 + o * o)};
+            most.add(weight, a, size(sine, turn[0]), turn, turn);
             if (one.along > 0)
-                most.add(one.along * a * a, a, std::min(1.0, std::abs(dot(one.u, v)) + first * r),
-                         first, second, first, second);
+                most.add(one.along * a * a, a, size(cosine, turn[0]), turn, turn);
         }
+        const std::array<double, 2> turn = {o, o2 + o * o};
         if (along_normal)
-            most.add(1.0, 0.0, std::min(1.0, std::abs(dot(normal, v)) + o * r), o, 2 * o * o, o, 2 * o * o);
+            most.add(1.0, 0.0, std::min(1.0, std::abs(dot(normal, v)) + o * r), turn, turn);
         const auto form = [&](const Symmetric &matrix) {
             double total = 0.0;
             for (int l = 0; l < 3; l++)
@@ -296,22 +315,23 @@ struct Uncertainty {
             return total;
         };
         // Length of the parts of both derivatives of N v that are across v.
-        double turn = 0.0;
+        double across2 = 0.0;
         for (const Symmetric &matrix : by)
             for (int l = 0; l < 3; l++) {
                 double across = -form(matrix) * v[l];
                 for (int m = 0; m < 3; m++) across += matrix[l][m] * v[m];
-                turn += across * across;
+                across2 += across * across;
             }
         const double value = eigen.values[0], x = form(by[0]), y = form(by[1]);
-        const double rest = most.bend * r * r / 2, change = most.change * r;
-        const double rise = std::min(length2(x, y) * r + rest, change);
-        if (value + rise < 0) return FAILS;
-        const double side = std::min(std::sqrt(turn) * r + most.side * r * r / 2, change);
-        const double gap = eigen.values[1] - value - change - rise;
+        const double rest = most.bend * r * r / 2;
+        const double high = value + length2(x, y) * r + rest;
+        const double side = std::sqrt(across2) * r + most.side * r * r / 2;
+        const double fall = (1 - least) + most.turn * r; // N >= least N(0) - fall
+        const double gap = least * eigen.values[1] - fall - high;
         const double loss = gap > 0 ? side * side / gap : INFINITE;
-        if (!(rest + loss / 2 < change)) return {value, 0.0, 0.0, change};
-        return {value - loss / 2, x, y, rest + loss / 2};
+        const double low = least * value - fall, doubt = (high - low) / 2;
+        if (rest + loss / 2 < doubt) return {value - loss / 2, x, y, rest + loss / 2};
+        return std::isfinite(doubt) ? Value{(high + low) / 2, 0.0, 0.0, doubt} : UNKNOWN;
     }
 
     static double square(double x) { return x * x; }
