@@ -307,16 +307,12 @@ class Uncertainty(InOneLine):
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
-        return [self._cut(n_rows, is_closed=True)]
-
-    def _cut(self, n_rows: int, *, is_closed: bool) -> Cut:
-        """The cut by the closed form of two devices, or by eigenvalues always."""
         names, ndims = ("eyes", "stripes", "noise", "ranges"), (2, 2, 1, 1)
         arrays = [
             _rows(name, getattr(self, name), n_rows, ndim)
             for name, ndim in zip(names, ndims, strict=True)
         ]
-        return Cut("uncertainty", (tuple(arrays), self.limit, self.along == "normal", is_closed))
+        return [Cut("uncertainty", (tuple(arrays), self.limit, self.along == "normal"))]
 
 
 class PixelDensity(NamedTuple):
