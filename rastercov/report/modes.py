@@ -171,9 +171,9 @@ def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
 
 
 def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
-    """Pixel densities, (F,), in px/m unless they have a unit, 0 for none.
+    """Pixel densities, (F,), in px/m unless they have a unit, 0 for none, by factors.
 
-    The ends are those of 2 and 98 % of the area.
+    The ends are those of 2 and 98 % of the area. Deviations are painted so, too.
     """
     given, unit = density if isinstance(density, OfUnit) else OfUnit(density, "px/m")
     values = np.asarray(given, np.float64)
@@ -292,6 +292,9 @@ MODES: dict[str, Mode] = {
         "Missing device", "Device of a rig for which each part is not measured.", by_camera
     ),
     "weak": Mode("Weak zones", "Parts with too few views, small angle, or coarse.", by_weakness),
+    "uncertainty": Mode(
+        "Uncertainty", "Largest standard deviation of what rigs measure of each part.", by_density
+    ),
     "lux": Mode(
         "Illuminance", "Light at the middle of each face, by the lamps of the cell.", by_illuminance
     ),
