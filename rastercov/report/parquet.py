@@ -207,8 +207,8 @@ def write_areas(
     """Write a table of the task faces: Parquet, a row for each face and number of views.
 
     Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
-    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64). With uncertainties,
-    (2, F), `uncertainty_um` and `uncertainty_bound_um`, NaN where no rig covers anything.
+    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64). With
+    uncertainties, (2, F), `uncertainty_um` and `uncertainty_bound_um`, NaN where there is none.
     """
     faces = np.flatnonzero(mesh.task_mask)
     k = len(covered.area)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from exact_views import SEEDS
 from hypothesis import given, settings
@@ -11,11 +12,18 @@ from surface_cases import hostile_scene, in_regions, room, whole
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera.rule import rule_of
+from rastercov.coverage.area.criteria import deviations
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.frames import frames_of, to_plane, to_world
 from rastercov.coverage.area.sensors import is_certain
+from rastercov.coverage.reasons import Reason
 from rastercov.reference.regions import points_on
+from rastercov.report.coverage import Options, network_of, run
+from rastercov.report.modes import FIRST, MODES
+from rastercov.report.parquet import write_areas
+from rastercov.viewer.scene import open_mesh
+from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.native
 
@@ -163,9 +171,9 @@ def random_uncertainty(rng, n, size=1.0, centre=(0, 0, 0)):
     stripes = rng.normal(size=(n, 3)) * (rng.uniform(size=(n, 1)) < 0.4)
     ranges = np.where(rng.uniform(size=n) < 0.3, size * 10 ** rng.uniform(-4, -3, n), 0.0)
     ranges[stripes.any(axis=1)] = 0.0
-    base = 10 ** rng.uniform(-3, 0.5)
+    spread = 10 ** rng.uniform(-3, 0.5) * rng.normal(size=(n, 3))
     return rc.Uncertainty(
-        centre + size * (rng.normal(size=3) + base * rng.normal(size=(n, 3))), size * 10 ** rng.uniform(-4, -2.5),
+        centre + size * (rng.normal(size=3) + spread), size * 10 ** rng.uniform(-4, -2.5),
         10 ** rng.uniform(-4, -3.7, n), stripes, ranges * (n > 2),
         "normal" if rng.integers(3) == 0 else "worst",
     )  # fmt: skip
@@ -421,3 +429,67 @@ def test_what_the_uncertainty_alone_loses_is_said_apart():
     worst = {entry["condition"]: entry.get("worst_um") for entry in strict["by_device"]}
     assert worst["the uncertainty"] == pytest.approx(237, rel=1e-3)
     assert 255 < loose["by_device"][-1]["worst_um"] < 265
+
+
+def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
+    mesh, rig = ball(), head(270e-6)
+    places = rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0))
+    both = rig.poses(places)
+    found = rc.evaluate(mesh, rig, both, by="area", fields=())
+    um, bound = found.apart.uncertainty_um
+    seen = rc.regions(mesh, rig, both)
+    points, face = points_on(mesh, 20_000)
+    worst = np.zeros(mesh.n_faces)
+    for row in range(2):
+        placed = both.world_from_camera[2 * row : 2 * row + 2]
+        own = rc.Uncertainty(placed[:, :3, 3], 1.0, 0.2 / 2200)
+        at = in_regions(seen, row, points, face)
+        least = np.linalg.eigvalsh(information(own, points[at], mesh.normals[face[at]]))[:, 0]
+        np.maximum.at(worst, face[at], 1e6 / np.sqrt(least))
+    assert (bound >= 0).all()
+    assert (bound <= 1.001e-3 * um).all()
+    assert (worst <= (um + bound) * (1 + 1e-9)).all()
+    assert (um[worst > 0] <= 270).all()
+    assert (worst[worst > 0] >= 0.93 * um[worst > 0]).mean() > 0.95
+    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.apart.uncertainty_um)
+    table = pq.read_table(tmp_path / "areas.parquet").to_pydict()
+    assert np.array_equal(table["uncertainty_um"], np.where(um > 0, um, np.nan), equal_nan=True)
+    assert np.array_equal(np.isnan(table["uncertainty_bound_um"]), um == 0)
+
+
+def test_pages_map_the_uncertainty(tmp_path):
+    mesh, rig = ball(), head(270e-6)
+    both = rig.poses(rc.look_at(eyes=[(0, 0.05, -0.6)], targets=(0, 0, 0)))
+    run(mesh, rig, both, rc.Task(), tmp_path / "r", Options(pictures=1))
+    assert (tmp_path / "r" / "uncertainty.png").exists()
+    mode = MODES["uncertainty"]
+    assert mode.words in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    found = rc.evaluate(mesh, rig, both, by="area", fields=())
+    own = network_of(found, found.summary()).values["uncertainty"]
+    painted = mode.paint(mesh, own)
+    assert painted.scale["unit"] == "um"
+    assert painted.scale["is_log"]
+    is_measured = painted.levels >= FIRST
+    assert np.array_equal(is_measured, found.covered.area[0] > 0)
+
+
+def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
+    mesh, rig = ball(), head(270e-6)
+    both = rig.poses(rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0)))
+    views = rc.Views(rig, both, images=list("abcd"))
+    session = Session(open_mesh(mesh, views, rc.Task(), "heads"))
+    assert "uncertainty" in session.scene.modes
+    figures = session.figures()
+    own, reason = figures.values["uncertainty"](), figures.failing[0]
+    assert np.array_equal(own.values > 0, reason == Reason.COVERED)
+    centres = mesh.centroids
+    for at in (0, 2):
+        placed = both.world_from_camera[at : at + 2]
+        least = deviations(rig.gates[0], placed[:, :3, 3], placed[:, :3, 1], centres)
+        inside = own.values[own.values > 0] >= 1e6 * least[own.values > 0]
+        assert inside.any()
+    session.close()
+    free = rc.Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rc.All())
+    session = Session(open_mesh(mesh, rc.Views(free, both, images=list("abcd")), rc.Task(), "a"))
+    assert "uncertainty" not in session.scene.modes
+    session.close()
