@@ -153,15 +153,14 @@ class NetworkPage:
         found = values_of(self.network, self.covered, self.labels, covered, need)
         if self.timed is not None:
             found = {"time": self.timed.share_of_time()} | found
-        found |= {"device": devices} if (devices := self._devices()) else {}
-        if self.uncertainty_um is not None:
-            found["uncertainty"] = OfUnit(self.uncertainty_um[0], "um")
-        return found | ({"lux": light} if (light := self._light()) else {})
+        um = self.uncertainty_um
+        deviation = None if um is None else OfUnit(um[0], "um")
+        more = {"device": self._devices(), "uncertainty": deviation, "lux": self._light()}
+        return found | {name: own for name, own in more.items() if own is not None}
 
     def _light(self) -> OfLight | None:
         """Illuminance of each face, where there are lamps."""
-        lamps = lamps_of(self.camera)
-        values = None if lamps is None else illuminance_of_faces(self.mesh, self.camera)
+        lamps, values = lamps_of(self.camera), illuminance_of_faces(self.mesh, self.camera)
         if lamps is None or values is None:
             return None
         task = self.network.task

@@ -116,8 +116,8 @@ class Scene:
         is_site = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))) >= LEAST_SITE
         has_levels = is_site and self.start.unit == "m"
         gates = self.start.gates.values()
-        known = {"level": has_levels, "device": bool(gates)}
-        known["uncertainty"] = any(gate.has_deviation for gate in gates)
+        is_certain = any(gate.has_deviation for gate in gates)
+        known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property

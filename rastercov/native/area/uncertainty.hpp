@@ -63,11 +63,8 @@ struct Eigen {
                         v[k][p] = c * av - s * bv, v[k][q] = s * av + c * bv;
                     }
                 }
-        int order[3] = {0, 1, 2};
-        for (int i = 0; i < 2; i++)
-            for (int k = 0; k < 2 - i; k++)
-                if (a[order[k]][order[k]] > a[order[k + 1]][order[k + 1]])
-                    std::swap(order[k], order[k + 1]);
+        std::array<int, 3> order = {0, 1, 2};
+        std::sort(order.begin(), order.end(), [&](int i, int k) { return a[i][i] < a[k][k]; });
         for (int k = 0; k < 3; k++) {
             values[k] = a[order[k]][order[k]];
             first[k] = v[k][order[0]];
