@@ -206,8 +206,8 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     """
     found = by_density(mesh, OfUnit(light.values, light.unit))
     levels, palette = found.levels.copy(), found.palette.copy()
-    lit, task, entries = light.values > 0, mesh.task_mask, list(found.legend)
-    entries = [each for each in entries if each["label"] != "not covered"]
+    lit, task = light.values > 0, mesh.task_mask
+    entries = [each for each in found.legend if each["label"] != "not covered"]
     total = max(float(mesh.areas[task].sum()), np.finfo(float).tiny)
     most = math.inf if light.most is None else light.most
     rows = {

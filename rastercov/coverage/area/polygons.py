@@ -70,15 +70,6 @@ def centroids(xy: FloatArray, starts: IntArray, areas: FloatArray) -> FloatArray
     return found
 
 
-def quarters(triangles: FloatArray) -> FloatArray:
-    """(4 N, 3, 2) quarters of triangles (N, 3, 2) by the middles of their sides."""
-    a, b, c = (triangles[:, at] for at in range(3))
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    found: FloatArray = np.stack([np.stack(each, axis=1) for each in parts], axis=1)
-    return found.reshape(-1, 3, 2)
-
-
 def even_points(n: int) -> tuple[FloatArray, FloatArray]:
     """Coordinates x, y >= 0, x + y <= 1 of n points, evenly over the triangle.
 

@@ -25,7 +25,7 @@ from rastercov.coverage.area.criteria import (
 )
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.light import Light, Lit, lit_within
-from rastercov.coverage.area.polygons import following, quarters
+from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
@@ -35,6 +35,11 @@ IntArray = NDArray[np.int64]
 
 MOST_HALVINGS = 8
 """Of triangles in which the largest deviation is looked for."""
+QUARTERS = np.array([
+    [(2, 0, 0), (1, 1, 0), (1, 0, 1)], [(1, 1, 0), (0, 2, 0), (0, 1, 1)],
+    [(1, 0, 1), (0, 1, 1), (0, 0, 2)], [(1, 1, 0), (0, 1, 1), (1, 0, 1)],
+]) / 2  # fmt: skip
+"""Corners of the quarters of a triangle by its corners."""
 
 
 def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
@@ -265,7 +270,7 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
         ends = ~is_open if halving < MOST_HALVINGS else np.ones(len(face), np.bool_)
         np.maximum.at(found[1], face[ends], most[ends])
         row, face = (np.repeat(each[is_open], 4) for each in (row, face))
-        triangles = quarters(triangles[is_open])
+        triangles = np.einsum("qij,njk->nqik", QUARTERS, triangles[is_open]).reshape(-1, 3, 2)
     found[1] = found.max(axis=0)
     return found
 
