@@ -173,7 +173,7 @@ def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
 def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     """Pixel densities, (F,), in px/m unless they have a unit, 0 for none, by factors.
 
-    The ends are those of 2 and 98 % of the area. Deviations are painted so, too.
+    The ends are those of 2 and 98 % of the area.
     """
     given, unit = density if isinstance(density, OfUnit) else OfUnit(density, "px/m")
     values = np.asarray(given, np.float64)
@@ -188,6 +188,12 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)
     return _on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
+
+
+def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
+    """Standard deviations by factors, the least in the colour of what is covered."""
+    found = by_density(mesh, deviation)
+    return replace(found, palette=np.concatenate([found.palette[:FIRST], found.palette[:1:-1]]))
 
 
 class OfLight(NamedTuple):
@@ -293,7 +299,7 @@ MODES: dict[str, Mode] = {
     ),
     "weak": Mode("Weak zones", "Parts with too few views, small angle, or coarse.", by_weakness),
     "uncertainty": Mode(
-        "Uncertainty", "Largest standard deviation of what rigs measure of each part.", by_density
+        "Uncertainty", "Largest standard deviation of what rigs measure of each part.", by_deviation
     ),
     "lux": Mode(
         "Illuminance", "Light at the middle of each face, by the lamps of the cell.", by_illuminance
