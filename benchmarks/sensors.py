@@ -240,6 +240,8 @@ def criteria(report: Report, mesh: rc.Mesh, n: int) -> None:
     off = np.einsum("ni,ni->n", half, normals) / np.linalg.norm(half, axis=1)
     w, c = 1 / (1e-4 * d[:2]) ** 2, np.einsum("ni,ni->n", u[0], u[1])
     least = (w[0] + w[1] - np.sqrt((w[0] + w[1]) ** 2 - 4 * w[0] * w[1] * (1 - c**2))) / 2
+    across = np.eye(3) - u[..., None] * u[..., None, :]
+    three = (across / (1e-4 * d[..., None, None]) ** 2).sum(axis=0)
     cases = {
         "6 lx of a lamp": (one, rc.Illuminance(places[:1], 6, 50), sees[0] & (light[0] >= 6)),
         "6 lx, cos": (one, rc.Illuminance(places[:1], 6, 50, down, 1),
@@ -252,6 +254,9 @@ def criteria(report: Report, mesh: rc.Mesh, n: int) -> None:
                                        sees[0] & sees[1] & (off <= np.cos(np.radians(12)))),
         "uncertainty of 0.6 mm": (both, rc.Uncertainty(places[:2], 6e-4, 1e-4),
                                   sees[0] & sees[1] & (least >= 6e-4**-2)),
+        "uncertainty of 0.4 mm by three": (
+            lit.at_least(3), rc.Uncertainty(places, 4e-4, 1e-4),
+            sees.all(axis=0) & (np.linalg.eigvalsh(three)[:, 0] >= 4e-4**-2)),
     }  # fmt: skip
     for name, (regions, criterion, truth) in cases.items():
         regions.where(criterion)

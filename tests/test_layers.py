@@ -91,19 +91,19 @@ BUDGET = {
     "camera": 6_150,
     "cli": 1_580,
     "cluster": 652,
-    "coverage": 5_270,
+    "coverage": 5_290,
     "exact": 760,
     "mesh": 5_250,
     "native": 44,
     "placement": 8_105,
     "raster": 2_350,
-    "report": 4_190,
-    "viewer": 1_790,
+    "report": 4_210,
+    "viewer": 1_798,
 }
 MOST_FILES = 249
 # Code lines of C++ in native/, without blank lines, comments, includes and texts: the border,
 # vectors and loops.
-BUDGET_OF_CPP = 14_750
+BUDGET_OF_CPP = 14_777
 MOST_LINES_OF_CPP_FILE = 600
 
 

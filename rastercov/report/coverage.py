@@ -76,7 +76,7 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
-from rastercov.report.network_page import NetworkPage
+from rastercov.report.network_page import OF_SENSORS, NetworkPage
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
 
@@ -100,7 +100,7 @@ EVALUATION = ReportKind(
     "evaluate",
     re.compile(
         r"(coverage|areas|frames)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
-        r"|(contact_sheet|overview|zones|time|frames)\.png|(pose|faces)_\d+\.png"
+        r"|(contact_sheet|overview|zones|time|frames|uncertainty|lux)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -277,7 +277,8 @@ def _write(
             if has_parquet():
                 from rastercov.report.parquet import write_areas
 
-                write_areas(folder.file("areas.parquet"), mesh, areas.covered)
+                um = found.apart.uncertainty_um
+                write_areas(folder.file("areas.parquet"), mesh, areas.covered, um)
             if timed is not None and has_parquet():
                 from rastercov.report.parquet import write_frames
 
@@ -364,7 +365,7 @@ def _draw_network(
     images = drawn | ({} if sheet is None else {"contact_sheet": sheet})
     page = _page_of(shown, summary, images, has_view=shown.view is not None)
     with interrupts_held():
-        wanted = ("overview", "zones", "time", "frames")
+        wanted = ("overview", "zones", "time", "frames", *OF_SENSORS)
         for name in wanted if shown.areas is not None else ("overview",):
             if name in drawn:
                 save_picture(drawn[name], folder.file(f"{name}.png"))
@@ -420,6 +421,7 @@ def network_of(
         found.network, found.network.covered, np.full(mesh.n_faces, found.task.views), summary,
         areas, None if areas is None else areas.zones(), parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
+        uncertainty_um=found.apart.uncertainty_um,
     )  # fmt: skip
 
 

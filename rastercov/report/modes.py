@@ -171,7 +171,7 @@ def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
 
 
 def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
-    """Pixel densities, (F,), in px/m unless they have a unit, 0 for none.
+    """Pixel densities, (F,), in px/m unless they have a unit, 0 for none, by factors.
 
     The ends are those of 2 and 98 % of the area.
     """
@@ -190,6 +190,12 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     return _on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
+def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
+    """Standard deviations by factors, the least in the colour of what is covered."""
+    found = by_density(mesh, deviation)
+    return replace(found, palette=np.concatenate([found.palette[:FIRST], found.palette[:1:-1]]))
+
+
 class OfLight(NamedTuple):
     """Illuminances of faces, (F,), their unit, and the limits of the task."""
 
@@ -206,8 +212,8 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     """
     found = by_density(mesh, OfUnit(light.values, light.unit))
     levels, palette = found.levels.copy(), found.palette.copy()
-    lit, task, entries = light.values > 0, mesh.task_mask, list(found.legend)
-    entries = [each for each in entries if each["label"] != "not covered"]
+    lit, task = light.values > 0, mesh.task_mask
+    entries = [each for each in found.legend if each["label"] != "not covered"]
     total = max(float(mesh.areas[task].sum()), np.finfo(float).tiny)
     most = math.inf if light.most is None else light.most
     rows = {
@@ -292,6 +298,9 @@ MODES: dict[str, Mode] = {
         "Missing device", "Device of a rig for which each part is not measured.", by_camera
     ),
     "weak": Mode("Weak zones", "Parts with too few views, small angle, or coarse.", by_weakness),
+    "uncertainty": Mode(
+        "Uncertainty", "Largest standard deviation of what rigs measure of each part.", by_deviation
+    ),
     "lux": Mode(
         "Illuminance", "Light at the middle of each face, by the lamps of the cell.", by_illuminance
     ),

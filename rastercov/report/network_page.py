@@ -40,7 +40,7 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
-from rastercov.report.modes import OfCameras, OfLight, mode_picture, of_devices
+from rastercov.report.modes import MODES, OfCameras, OfLight, OfUnit, mode_picture, of_devices
 from rastercov.report.over_time import curve_points, frames_picture, time_picture
 from rastercov.report.overview import (
     Overview,
@@ -64,10 +64,13 @@ MOST_CLOSE_UPS = 3
 """Zones with a picture of their own."""
 OF_A_FACE = ("drawn_pixels", "incidence", "pixel_density", "facing_density")
 """Figures of a face that its advice wants."""
+OF_SENSORS = ("uncertainty", "lux")
+"""Modes with a picture of their own."""
 ALTERNATIVES = {
     "overview": "The surface in the colours of its cameras, from two sides",
     "time": "Share of the time in which each part is covered, from two sides",
     "frames": "Frames side by side, with what is covered in each",
+    **{name: MODES[name].words for name in OF_SENSORS},
     "zones": "Dead zones by number and reason, from two sides",
     "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
 }
@@ -104,6 +107,8 @@ class NetworkPage:
         Of lengths, as of `rastercov.base.format.area`.
     level : int or None
         Of the tree of groups in the table of parts, as of `coverage.parts.entries_at`.
+    uncertainty_um : (2, F) float64, or None
+        As of `ByCamera`.
     """
 
     title: str
@@ -123,6 +128,7 @@ class NetworkPage:
     unit: str = "m"
     level: int | None = None
     together: NDArray[np.int64] | None = None
+    uncertainty_um: FloatArray | None = None
 
     @property
     def eyes(self) -> FloatArray:
@@ -147,13 +153,14 @@ class NetworkPage:
         found = values_of(self.network, self.covered, self.labels, covered, need)
         if self.timed is not None:
             found = {"time": self.timed.share_of_time()} | found
-        found |= {"device": devices} if (devices := self._devices()) else {}
-        return found | ({"lux": light} if (light := self._light()) else {})
+        um = self.uncertainty_um
+        deviation = None if um is None else OfUnit(um[0], "um")
+        more = {"device": self._devices(), "uncertainty": deviation, "lux": self._light()}
+        return found | {name: own for name, own in more.items() if own is not None}
 
     def _light(self) -> OfLight | None:
         """Illuminance of each face, where there are lamps."""
-        lamps = lamps_of(self.camera)
-        values = None if lamps is None else illuminance_of_faces(self.mesh, self.camera)
+        lamps, values = lamps_of(self.camera), illuminance_of_faces(self.mesh, self.camera)
         if lamps is None or values is None:
             return None
         task = self.network.task
@@ -291,6 +298,8 @@ class NetworkPage:
             tasks[f"zone_{row + 1}"] = partial(
                 zone_close_up, zones, said, row, poses, reasons=reasons
             )
+        for name in (each for each in OF_SENSORS if each in self.values):
+            tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
         if self.timed is not None:
             tasks |= {"time": partial(time_picture, self.timed)}
             tasks |= {"frames": partial(frames_picture, self.timed)}

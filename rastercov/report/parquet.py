@@ -201,11 +201,14 @@ def group_names(mesh: Mesh, faces: NDArray[np.int64]) -> Any:
     return pa.DictionaryArray.from_arrays(mesh.face_group[faces].astype(np.int32), names)
 
 
-def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
+def write_areas(
+    path: Path, mesh: Mesh, covered: Covered, uncertainty_um: NDArray[np.float64] | None = None
+) -> None:
     """Write a table of the task faces: Parquet, a row for each face and number of views.
 
     Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
-    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64).
+    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64). With
+    uncertainties, (2, F), `uncertainty_um` and `uncertainty_bound_um`, NaN where there is none.
     """
     faces = np.flatnonzero(mesh.task_mask)
     k = len(covered.area)
@@ -217,6 +220,9 @@ def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
         "bound_m2": np.repeat(covered.bound[faces], k),
         "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
     }
+    if uncertainty_um is not None:
+        known = np.where(uncertainty_um[0] > 0, uncertainty_um, np.nan)[:, faces].repeat(k, axis=1)
+        columns |= {"uncertainty_um": known[0], "uncertainty_bound_um": known[1]}
     write_columns(path, columns)
 
 

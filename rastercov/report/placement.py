@@ -157,4 +157,5 @@ def network_of(
         content["network"] | figures,
         areas, None if areas is None else areas.zones(views_by_group(plan, asked)), parts,
         cameras.covers, together=together,
+        uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
     )  # fmt: skip

@@ -22,7 +22,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
 from rastercov.coverage.advice import advice, depth_in_words
-from rastercov.coverage.area.criteria import baseline_holds
+from rastercov.coverage.area.criteria import baseline_holds, deviations
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated_reasons, is_certain
@@ -53,6 +53,7 @@ from rastercov.viewer.rig_state import RigState, Station
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 MOST_BYTES = 1 << 30
 """Memory for rows that the present state does not need."""
@@ -207,6 +208,7 @@ class NetworkFigures:
             "level": lambda: self._best("facing"),
             "angle": self.widest_angle,
             "device": self._devices,
+            "uncertainty": lambda: OfUnit(1e6 * self._judged[2], "um"),
         }
 
     @cached_property
@@ -223,35 +225,44 @@ class NetworkFigures:
         return OfCameras(row, [each.name for each in on], every[[place[each.id] for each in on]])
 
     @cached_property
-    def failing(self) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[str, ...]]:
-        """Reason of each face for the rig that comes nearest, its device, and their names.
+    def _judged(self) -> tuple[IntArray, IntArray, FloatArray, tuple[str, ...]]:
+        """Reasons of each face for each of R rigs, devices, both (R, F), deviations, and names.
 
-        Rows of `REASONS`, (F,), and of the names; -1 for no device. Each device is judged by its
-        reason of the face, and the angle is that at its centroid.
+        Rows of `REASONS`, and of the names; -1 for no device. Each device is judged by its reason
+        of the face, and the angle and uncertainty are those at its centroid. The deviation, (F,),
+        is the largest at the corners by rigs that measure the face, metres; 0 for none.
         """
-        mesh = self.mesh
-        if not self.state.gates:
-            return np.zeros(mesh.n_faces, np.intp), np.full(mesh.n_faces, -1), ()
-        rig, poses, stations = self.state.of_rules()
-        if not stations:
-            return np.zeros(mesh.n_faces, np.intp), np.full(mesh.n_faces, -1), ()
+        mesh, worst = self.mesh, np.zeros(self.mesh.n_faces)
+        rig, poses, stations = self.state.of_rules() if self.state.gates else (None, None, [])
+        if rig is None or poses is None or not stations:
+            return np.zeros((1, mesh.n_faces), int), np.full((1, mesh.n_faces), -1), worst, ()
         place = {each.id: row for row, each in enumerate(self.state.on)}
         own = np.array([self.rows[place[each.id]].reason for each in stations])
-        reason, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
-        reason, device = reason.astype(np.intp), poses.camera[row].astype(np.intp)
+        found, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
+        reason, device = found.astype(np.int64), poses.camera[row].astype(np.int64)
         for at, lead in enumerate(led_by(rig, poses).tolist()):
             gate = rig.gates[int(poses.camera[lead])]
-            eyes = poses.world_from_camera[lead : lead + gate.n, :3, 3]
-            is_bad = (reason[at] == Reason.COVERED) & ~baseline_holds(gate, eyes, mesh.centroids)
-            reason[at, is_bad], device[at, is_bad] = BASELINE, -1
+            placed = poses.world_from_camera[lead : lead + gate.n]
+            holds = baseline_holds(gate, placed[:, :3, 3], mesh.centroids)
+            reason[at, is_bad := (reason[at] == Reason.COVERED) & ~holds] = BASELINE
+            device[at, is_bad] = -1
             if gate.has_deviation:
-                placed = poses.world_from_camera[lead : lead + gate.n]
-                is_bad = ~is_certain(gate, placed, mesh.centroids)
-                is_bad &= reason[at] == Reason.COVERED
-                reason[at, is_bad], device[at, is_bad] = UNCERTAIN, -1
+                holds = is_certain(gate, placed, mesh.centroids)
+                reason[at, is_bad := (reason[at] == Reason.COVERED) & ~holds] = UNCERTAIN
+                device[at, is_bad] = -1
+                faces = np.flatnonzero(reason[at] == Reason.COVERED)
+                corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
+                most = deviations(gate, placed[:, :3, 3], placed[:, :3, 1], corners)
+                worst[faces] = np.maximum(worst[faces], most.reshape(-1, 3).max(axis=1, initial=0))
+        return reason, device, worst, rig.names
+
+    @property
+    def failing(self) -> tuple[IntArray, IntArray, tuple[str, ...]]:
+        """Reason of each face for the rig that comes nearest, its device, (F,), and their names."""
+        reason, device, _, names = self._judged
         order = np.where(reason >= BASELINE, Reason.COVERED - 0.5, reason)
-        best, every = order.argmax(axis=0), np.arange(mesh.n_faces)
-        return reason[best, every], device[best, every], rig.names
+        best, every = order.argmax(axis=0), np.arange(self.mesh.n_faces)
+        return reason[best, every], device[best, every], names
 
     def _devices(self) -> OfCameras:
         """The device for which each face is not measured."""

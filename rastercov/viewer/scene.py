@@ -115,7 +115,9 @@ class Scene:
         """Ways to colour the faces; DORI levels are of scenes in which people may be."""
         is_site = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))) >= LEAST_SITE
         has_levels = is_site and self.start.unit == "m"
-        known = {"level": has_levels, "device": bool(self.start.gates)}
+        gates = self.start.gates.values()
+        is_certain = any(gate.has_deviation for gate in gates)
+        known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from exact_views import SEEDS
 from hypothesis import given, settings
@@ -11,11 +12,18 @@ from surface_cases import hostile_scene, in_regions, room, whole
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera.rule import rule_of
+from rastercov.coverage.area.criteria import deviations
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.frames import frames_of, to_plane, to_world
 from rastercov.coverage.area.sensors import is_certain
+from rastercov.coverage.reasons import Reason
 from rastercov.reference.regions import points_on
+from rastercov.report.coverage import Options, network_of, run
+from rastercov.report.modes import FIRST, MODES
+from rastercov.report.parquet import write_areas
+from rastercov.viewer.scene import open_mesh
+from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.native
 
@@ -163,8 +171,9 @@ def random_uncertainty(rng, n, size=1.0, centre=(0, 0, 0)):
     stripes = rng.normal(size=(n, 3)) * (rng.uniform(size=(n, 1)) < 0.4)
     ranges = np.where(rng.uniform(size=n) < 0.3, size * 10 ** rng.uniform(-4, -3, n), 0.0)
     ranges[stripes.any(axis=1)] = 0.0
+    spread = 10 ** rng.uniform(-3, 0.5) * rng.normal(size=(n, 3))
     return rc.Uncertainty(
-        centre + size * rng.normal(size=(n, 3)), size * 10 ** rng.uniform(-4, -2.5),
+        centre + size * (rng.normal(size=3) + spread), size * 10 ** rng.uniform(-4, -2.5),
         10 ** rng.uniform(-4, -3.7, n), stripes, ranges * (n > 2),
         "normal" if rng.integers(3) == 0 else "worst",
     )  # fmt: skip
@@ -183,25 +192,21 @@ def test_slopes_and_doubts_hold_on_random_pieces():
         off = r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
         off[1::2] *= np.sqrt(rng.uniform(size=(20, 50, 1)))
         truth = holds(criterion, to_world(mesh, face, xy), mesh.normals)
-        for is_closed in (True, False):
-            own = criterion._cut(1, is_closed=is_closed)
-            plain = values_of(mesh, own, face, xy)
-            assert (np.sign(plain[:, 0]) == np.sign(truth))[np.abs(truth) > 1e-9].all()
-            here = values_of(mesh, own, face, xy, radius=r)
-            there = np.array([values_of(mesh, own, face, xy + each)[:, 0] for each in off])
-            sure = here[:, 3] == 0
-            assert (np.sign(there[:, sure]) == np.sign(here[sure, 0])).all()
-            known = np.isfinite(here[:, 3]) & ~sure
-            # Beyond the spheres of the closed form a value is of sign alone.
-            there = np.where(there == -1.0, np.nan, there)
-            linear = here[:, 0] + np.einsum("nki,ki->nk", off, here[:, 1:3])
-            error = np.abs(there - linear)[:, known]
-            scale = 1 + np.abs(there[:, known]) + np.abs(linear[:, known])
-            rounding = 1e-11 * np.nan_to_num(scale)
-            assert (np.nan_to_num(error) <= here[known, 3] + rounding).all()
-            share = np.nan_to_num(error) / np.maximum(here[known, 3], 100 * rounding)
-            tight.append(share.max(initial=0.0))
-    assert max(tight) > 0.1
+        cut = criterion._cuts(1)[0]
+        plain = values_of(mesh, cut, face, xy)
+        matrices = information(criterion, to_world(mesh, face, xy), mesh.normals)
+        scale = 1 + criterion.limit**2 * np.linalg.norm(matrices, axis=(1, 2))
+        assert (np.abs(plain[:, 0] - truth) <= 1e-12 * scale).all()
+        here = values_of(mesh, cut, face, xy, radius=r)
+        there = np.array([values_of(mesh, cut, face, xy + each)[:, 0] for each in off])
+        known = np.isfinite(here[:, 3])
+        linear = here[:, 0] + np.einsum("nki,ki->nk", off, here[:, 1:3])
+        error = np.abs(there - linear)[:, known]
+        rounding = 1e-12 * (scale[known] + np.abs(linear[:, known]))
+        assert (error <= here[known, 3] + rounding).all()
+        share = error / np.maximum(here[known, 3], 100 * rounding)
+        tight.append(share.max(initial=0.0))
+    assert max(tight) > 0.4
 
 
 @pytest.mark.parametrize("stripes", [False, True])
@@ -221,23 +226,45 @@ def test_regions_are_as_by_points(n, along, stripes):
     assert 0.02 < found.area.sum() / mesh.areas.sum() < 0.98
 
 
+@pytest.mark.parametrize(("n", "along", "has_stripes"), [
+    (3, "worst", False), (4, "worst", True), (6, "normal", True),
+])  # fmt: skip
+def test_bounds_are_narrow_where_a_device_is_much_nearer_than_others(n, along, has_stripes):
+    mesh, _, poses = room()
+    points, face = points_on(mesh, 500)
+    stripes = np.zeros((n, 3))
+    stripes[-1] = np.array((0.1, 0.2, 1.0)) * has_stripes
+    every = rc.Uncertainty(poses[:n, :3, 3], 1.0, 1e-4, stripes, along=along)
+    normals = mesh.normals[face]
+    covariance = np.linalg.inv(information(every, points, normals))
+    variance = (
+        np.linalg.eigvalsh(covariance)[:, -1] if along == "worst"
+        else np.einsum("ni,nij,nj->n", normals, covariance, normals)
+    )  # fmt: skip
+    limit = float(np.median(variance) ** 0.5)
+    found = whole(mesh).where(replace(every, limit=limit))
+    assert found.bound.sum() <= 1e-3 * mesh.areas.sum()
+    truth = variance <= limit**2
+    e = found.bound.sum() / mesh.areas.sum() * len(points)
+    assert (in_regions(found, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
+
+
 @pytest.mark.slow
 @settings(max_examples=100)
 @given(seed=SEEDS)
-def test_pairs_in_hostile_scenes_are_as_by_points(seed):
-    mesh, _, pose = hostile_scene(seed)
+def test_devices_in_hostile_scenes_are_as_by_points(seed):
+    mesh = hostile_scene(seed)[0]
     rng, size = np.random.default_rng(seed), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    eyes = pose[:3, 3] + size * rng.normal(size=(2, 3)) * 10 ** rng.uniform(-1, 0.3)
-    axes = np.array([(0, 0, 0), rng.normal(size=3) * (seed % 3 == 0)])
-    points, face = points_on(mesh, 500)
+    points, face = points_on(mesh, 1000)
     if not len(points):
         return
-    criterion = rc.Uncertainty(eyes, size * 10 ** rng.uniform(-4, -3), [1e-4, 2e-4], axes)
+    criterion = random_uncertainty(rng, 2 + seed % 4, size, mesh.bounds.mean(axis=0))
     with np.errstate(all="ignore"):
-        truth = holds(criterion, points, mesh.normals[face]) >= 0
+        truth = holds(criterion, points, mesh.normals[face])
     found = whole(mesh).where(criterion)
     e = found.bound.sum() / mesh.areas.sum() * len(points)
-    assert (in_regions(found, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
+    is_off = in_regions(found, 0, points, face) != (truth >= 0)
+    assert is_off.sum() <= 2 + e + 6 * np.sqrt(e)
 
 
 def test_only_devices_that_see_a_piece_count():
@@ -402,3 +429,63 @@ def test_what_the_uncertainty_alone_loses_is_said_apart():
     worst = {entry["condition"]: entry.get("worst_um") for entry in strict["by_device"]}
     assert worst["the uncertainty"] == pytest.approx(237, rel=1e-3)
     assert 255 < loose["by_device"][-1]["worst_um"] < 265
+
+
+def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
+    mesh, rig = ball(), head(270e-6)
+    places = rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0))
+    both = rig.poses(places)
+    found = rc.evaluate(mesh, rig, both, by="area", fields=())
+    um, bound = found.apart.uncertainty_um
+    seen = rc.regions(mesh, rig, both)
+    points, face = points_on(mesh, 20_000)
+    worst = np.zeros(mesh.n_faces)
+    for row in range(2):
+        placed = both.world_from_camera[2 * row : 2 * row + 2]
+        own = rc.Uncertainty(placed[:, :3, 3], 1.0, 0.2 / 2200)
+        at = in_regions(seen, row, points, face)
+        least = np.linalg.eigvalsh(information(own, points[at], mesh.normals[face[at]]))[:, 0]
+        np.maximum.at(worst, face[at], 1e6 / np.sqrt(least))
+    assert (bound >= 0).all()
+    assert (bound <= 1.001e-3 * um).all()
+    assert (worst <= (um + bound) * (1 + 1e-9)).all()
+    assert (um[worst > 0] <= 270).all()
+    assert (worst[worst > 0] >= 0.93 * um[worst > 0]).mean() > 0.95
+    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.apart.uncertainty_um)
+    table = pq.read_table(tmp_path / "areas.parquet").to_pydict()
+    assert np.array_equal(table["uncertainty_um"], np.where(um > 0, um, np.nan), equal_nan=True)
+    assert np.array_equal(np.isnan(table["uncertainty_bound_um"]), um == 0)
+
+
+def test_pages_map_the_uncertainty(tmp_path):
+    mesh, rig = ball(), head(270e-6)
+    both = rig.poses(rc.look_at(eyes=[(0, 0.05, -0.6)], targets=(0, 0, 0)))
+    run(mesh, rig, both, rc.Task(), tmp_path / "r", Options(pictures=1))
+    assert (tmp_path / "r" / "uncertainty.png").exists()
+    mode = MODES["uncertainty"]
+    assert mode.words in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    found = rc.evaluate(mesh, rig, both, by="area", fields=())
+    own = network_of(found, found.summary()).values["uncertainty"]
+    painted = mode.paint(mesh, own)
+    assert painted.scale["unit"] == "um"
+    assert painted.scale["is_log"]
+    is_measured = painted.levels >= FIRST
+    assert np.array_equal(is_measured, found.covered.area[0] > 0)
+
+
+def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
+    mesh, rig = ball(), head(270e-6)
+    both = rig.poses(rc.look_at(eyes=[(0, 0.05, -0.6)], targets=(0, 0, 0)))
+    session = Session(open_mesh(mesh, rc.Views(rig, both, images=list("ab")), rc.Task(), "heads"))
+    assert "uncertainty" in session.scene.modes
+    figures, placed = session.figures(), both.world_from_camera
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3)
+    found = deviations(rig.gates[0], placed[:, :3, 3], placed[:, :3, 1], corners)
+    truth = np.where(figures.failing[0] == Reason.COVERED, found.reshape(-1, 3).max(axis=1), 0.0)
+    assert figures.values["uncertainty"]().values == pytest.approx(1e6 * truth)
+    assert 0 < np.count_nonzero(truth) < mesh.n_faces
+    session.close()
+    free = rc.Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rc.All())
+    session = Session(open_mesh(mesh, rc.Views(free, both, images=list("ab")), rc.Task(), "a"))
+    assert "uncertainty" not in session.scene.modes
+    session.close()

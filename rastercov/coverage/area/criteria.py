@@ -117,14 +117,9 @@ class Illuminance(InOneLine):
     is_least: bool = True
 
     def __post_init__(self) -> None:
-        _set(self, positions=_points("positions", self.positions, (-1, 3)))
-        shape = self._positions.shape
-        if not 1 <= shape[-2] <= MOST_DEVICES:
-            raise ConfigError(f"positions must be of 1 to {MOST_DEVICES} lamps, got {shape[-2]}")
-        axes = _like("axes", self.axes, shape)
-        lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
-        if not (lengths > 0).all():
-            raise ConfigError("axes must be directions, got one of length 0")
+        _set(self, positions=_devices("positions", self.positions, "lamps"))
+        shape = np.shape(self.positions)
+        axes = _directions(_like("axes", self.axes, shape))
         intensities = _like("intensities", self.intensities, shape[:-1])
         exponents = _like("exponents", self.exponents, shape[:-1])
         if not (intensities >= 0).all():
@@ -137,27 +132,18 @@ class Illuminance(InOneLine):
         table = _like("table", self.table, shape[:-1])
         if not np.isin(table, np.arange(-1, len(tables))).all():
             raise ConfigError(f"table must be a row of {len(tables)} tables, or -1, got {table}")
-        _set(self, axes=axes / lengths, intensities=intensities, exponents=exponents)
+        _set(self, axes=axes, intensities=intensities, exponents=exponents)
         _set(self, tables=tables, table=table.astype(np.int64), is_least=_is_least(self))
         _set(self, limit=_positive("limit", self.limit))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
         sign = 1.0 if self.is_least else -1.0
-        names = ("positions", "axes", "intensities", "exponents", "table")
-        ndims = (2, 2, 1, 1, 1)
-        arrays = [
-            _rows(name, getattr(self, name), n_rows, ndim)
-            for name, ndim in zip(names, ndims, strict=True)
-        ]
+        arrays = _arrays(self, n_rows, positions=2, axes=2, intensities=1, exponents=1, table=1)
         starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
         knots = np.concatenate([np.empty((0, 4)), *self.tables])
         lamps = (*arrays, knots, starts.astype(np.int64))
         return [Cut("light", (lamps, sign, sign * self.limit))]
-
-    @property
-    def _positions(self) -> FloatArray:
-        return np.asarray(self.positions)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,16 +176,12 @@ class Highlight(InOneLine):
 
     def __post_init__(self) -> None:
         _set(self, eyes=_points("eyes", self.eyes, (3,)))
-        _set(self, positions=_points("positions", self.positions, (-1, 3)))
-        n = np.asarray(self.positions).shape[-2]
-        if not 1 <= n <= MOST_DEVICES:
-            raise ConfigError(f"positions must be of 1 to {MOST_DEVICES} lamps, got {n}")
+        _set(self, positions=_devices("positions", self.positions, "lamps"))
         _set(self, degrees=_angle("degrees", self.degrees, 90), is_least=_is_least(self))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
-        eyes = _rows("eyes", self.eyes, n_rows, 1)
-        lamps = _rows("positions", self.positions, n_rows, 2)
+        eyes, lamps = _arrays(self, n_rows, eyes=1, positions=2)
         sign, cosine = 1.0 if self.is_least else -1.0, math.cos(math.radians(self.degrees))
         return [
             Cut("highlight", (eyes, lamps[:, at].copy(), at, sign, cosine))
@@ -235,16 +217,13 @@ class BeamDensity(InOneLine):
 
     def __post_init__(self) -> None:
         _set(self, centres=_points("centres", self.centres, (3,)))
-        axes = _points("axes", self.axes, (3,))
-        lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
-        if not (lengths > 0).all():
-            raise ConfigError("axes must be directions, got one of length 0")
+        axes = _directions(_points("axes", self.axes, (3,)))
         step = _positive("step_deg", _angle("step_deg", self.step_deg, 90))
-        _set(self, axes=axes / lengths, step_deg=step, limit=_positive("limit", self.limit))
+        _set(self, axes=axes, step_deg=step, limit=_positive("limit", self.limit))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
-        arrays = [_rows(name, getattr(self, name), n_rows, 1) for name in ("centres", "axes")]
+        arrays = _arrays(self, n_rows, centres=1, axes=1)
         scale = np.full(n_rows, math.radians(self.step_deg) ** -2)
         return [Cut("beams", (*arrays, scale, np.full(n_rows, self.limit)))]
 
@@ -289,9 +268,7 @@ class Uncertainty(InOneLine):
     along: str = "worst"
 
     def __post_init__(self) -> None:
-        eyes = _points("eyes", self.eyes, (-1, 3))
-        if not 1 <= eyes.shape[-2] <= MOST_DEVICES:
-            raise ConfigError(f"eyes must be of 1 to {MOST_DEVICES} devices, got {eyes.shape[-2]}")
+        eyes = _devices("eyes", self.eyes, "devices")
         noise, ranges = (
             _like(name, getattr(self, name), eyes.shape[:-1]) for name in ("noise", "ranges")
         )
@@ -307,16 +284,8 @@ class Uncertainty(InOneLine):
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
-        return [self._cut(n_rows, is_closed=True)]
-
-    def _cut(self, n_rows: int, *, is_closed: bool) -> Cut:
-        """The cut by the closed form of two devices, or by eigenvalues always."""
-        names, ndims = ("eyes", "stripes", "noise", "ranges"), (2, 2, 1, 1)
-        arrays = [
-            _rows(name, getattr(self, name), n_rows, ndim)
-            for name, ndim in zip(names, ndims, strict=True)
-        ]
-        return Cut("uncertainty", (tuple(arrays), self.limit, self.along == "normal", is_closed))
+        devices = _arrays(self, n_rows, eyes=2, stripes=2, noise=1, ranges=1)
+        return [Cut("uncertainty", (devices, self.limit, self.along == "normal"))]
 
 
 class PixelDensity(NamedTuple):
@@ -418,6 +387,22 @@ def _points(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     return finite_points(name, values, (-1, *shape) if ndim > len(shape) else shape, words)
 
 
+def _devices(name: str, values: ArrayLike, noun: str) -> FloatArray:
+    """Places of devices of which a set has a bit each."""
+    found = _points(name, values, (-1, 3))
+    if not 1 <= found.shape[-2] <= MOST_DEVICES:
+        raise ConfigError(f"{name} must be of 1 to {MOST_DEVICES} {noun}, got {found.shape[-2]}")
+    return found
+
+
+def _directions(axes: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
+    if not (lengths > 0).all():
+        raise ConfigError("axes must be directions, got one of length 0")
+    found: FloatArray = axes / lengths
+    return found
+
+
 def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Finite numbers, broadcast to a shape."""
     given = np.asarray(values) if np.ndim(values) <= len(shape) else np.empty(0)
@@ -439,6 +424,13 @@ def _rows(name: str, values: ArrayLike, n_rows: int, ndim: int = 2) -> Any:
             f"{name} must have one row for each of {n_rows} rows of regions, got {len(array)}"
         )
     return np.ascontiguousarray(array)
+
+
+def _arrays(criterion: Any, n_rows: int, **ndims: int) -> tuple[Any, ...]:
+    """Fields of a criterion for each row of regions, by their numbers of dimensions in one."""
+    return tuple(
+        _rows(name, getattr(criterion, name), n_rows, ndim) for name, ndim in ndims.items()
+    )
 
 
 def _table(values: Any) -> FloatArray:

@@ -303,6 +303,11 @@ def _rule_without(gate: Gate, device: int | None) -> Gate:
     return gate._replace(least_deg=0.0, most_deg=180.0) if device == ANGLE else gate.without(device)
 
 
+def _worst_um(worst: NDArray[np.float64]) -> dict[str, float]:
+    low, high = (1e6 * float(each.max(initial=0.0)) for each in worst)
+    return {"worst_um": low, "worst_bound_um": high - low}
+
+
 class ByCamera:
     """Figures of each camera alone; of no camera where there is one, or too many.
 
@@ -320,9 +325,9 @@ class ByCamera:
 
     Attributes
     ----------
-    worst : dict of int to (F,) float64
+    worst : dict of int to (2, F) float64
         Largest standard deviation of what a rig with a limit of it covers of each face, in any
-        pose, by its first camera, metres; see `worst_deviations`.
+        pose, by its first camera, metres, from below and above; see `worst_deviations`.
     """
 
     def __init__(
@@ -357,7 +362,12 @@ class ByCamera:
         return bool(self._networks)
 
     def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Those of some faces, (F,) bool, that no camera needs regions of any more."""
+        """Those of some faces, (F,) bool, that no camera needs regions of any more.
+
+        None where the largest deviation in any pose is asked for.
+        """
+        if any(gate.has_deviation for gate, _ in self._rigs.values()):
+            return np.zeros_like(closed)
         further = (areas for _, own in self._rigs.values() for areas in own.values())
         for areas in (*self._areas.values(), *further, *self._seen):
             closed = closed & areas.closed
@@ -398,6 +408,18 @@ class ByCamera:
         if batch.regions is not None:
             self.add(batch.regions, batch.poses)
 
+    @property
+    def uncertainty_um(self) -> NDArray[np.float64] | None:
+        """(2, F) largest standard deviation of what rigs cover of each face, and its bound, um.
+
+        The true one is at most the bound above it. 0 where nothing is covered; None without a rig
+        that has a limit of it.
+        """
+        if not self.worst:
+            return None
+        low, high = 1e6 * np.max(list(self.worst.values()), axis=0)
+        return np.array([low, high - low])
+
     def summary(self) -> list[dict[str, Any]]:
         """Figures of each camera, ready for JSON."""
         found = []
@@ -414,7 +436,7 @@ class ByCamera:
         `sees` is what it covers by itself. `missed` is what the rig would cover besides, did this
         device cover everything: what is lost by it alone, by its shadow, and out of its image or
         its thresholds. Those without a name are the angle between their rays, and the uncertainty,
-        with `worst_um`, the largest of what is covered.
+        with `worst_um`, the largest of what is covered, and by how much it may be larger.
         """
         found = []
         for first, (gate, without) in self._rigs.items():
@@ -432,7 +454,7 @@ class ByCamera:
                 found.append({
                     "device": None if own is None else self.names[first + device],
                     "condition": CONDITIONS[-1 - device] if device < 0 else None,
-                    **({"worst_um": 1e6 * float(self.worst[first].max(initial=0.0))}
+                    **(_worst_um(self.worst[first])
                        if device == UNCERTAINTY and first in self.worst else {}),
                     "sees": own and {name: own[name] for name in OF_DEVICE},
                     "missed": {

@@ -23,13 +23,23 @@ from rastercov.coverage.area.criteria import (
     deviations,
     uncertainty_of,
 )
+from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.light import Light, Lit, lit_within
+from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+MOST_HALVINGS = 8
+"""Of triangles in which the largest deviation is looked for."""
+QUARTERS = np.array([
+    [(2, 0, 0), (1, 1, 0), (1, 0, 1)], [(1, 1, 0), (0, 2, 0), (0, 1, 1)],
+    [(1, 0, 1), (0, 1, 1), (0, 0, 2)], [(1, 1, 0), (0, 1, 1), (1, 0, 1)],
+]) / 2  # fmt: skip
+"""Corners of the quarters of a triangle by its corners."""
 
 
 def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
@@ -227,19 +237,41 @@ def gated_reasons(
 
 
 def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArray:
-    """(F,) largest standard deviation at the corners of what rigs cover of each face, m.
+    """(2, F) largest standard deviation of what rigs cover of each face, from below and above, m.
 
-    `covered` is `through` of `regions`, those of single cameras.
+    The first is that of some point, and the second at most 1.001 times as much, or what is certain
+    of triangles of 2^-`MOST_HALVINGS` of a piece. 0 where nothing is covered. `covered` is
+    `through` of `regions`, those of single cameras.
     """
-    found = np.zeros(covered.mesh.n_faces)
+    mesh, found = covered.mesh, np.zeros((2, covered.mesh.n_faces))
     if regions.columns is None:
         return found
-    n = np.diff(covered.starts)
-    rig, face, points = np.repeat(covered.pose, n), np.repeat(covered.face, n), covered.points()
-    eyes, columns = (each.reshape(-1, gate.n, 3) for each in (regions.eyes, regions.columns))
-    for row in np.unique(rig).tolist():  # 1 us a corner
-        own = rig == row
-        np.maximum.at(found, face[own], deviations(gate, eyes[row], columns[row], points[own]))
+    placed = (each.reshape(-1, gate.n, 3) for each in (regions.eyes, regions.columns))
+    (cut,) = uncertainty_of(gate, *placed)._cuts(len(covered.pose_ids))
+    counts = np.diff(covered.starts)
+    row, face = (np.repeat(each, counts).astype(np.int64) for each in (covered.pose, covered.face))
+    fan = covered.xy[np.repeat(covered.starts[:-1], counts)], covered.xy
+    triangles = np.stack([*fan, covered.xy[following(covered.starts)]], axis=1)
+
+    def deviation(value: FloatArray) -> FloatArray:
+        """That of the least eigenvalue of the criterion, g + 1 = (limit / deviation)^2."""
+        return np.asarray(gate.most_deviation / np.sqrt(1 + np.maximum(value, 0.0)))
+
+    for halving in range(MOST_HALVINGS + 1):  # a few us a triangle
+        centre = triangles.mean(axis=1)
+        off = triangles - centre[:, None]
+        radius = np.linalg.norm(off, axis=2).max(axis=1, initial=0.0)
+        value = values_of(mesh, cut, face, centre, row=row, radius=radius)
+        linear = np.einsum("nki,ni->nk", off, value[:, 1:3])
+        at = triangles[np.arange(len(face)), linear.argmin(axis=1)]
+        np.maximum.at(found[0], face, deviation(values_of(mesh, cut, face, at, row=row)[:, 0]))
+        most = deviation(value[:, 0] + linear.min(axis=1) - value[:, 3])
+        is_open = most > 1.001 * found[0, face]
+        ends = ~is_open if halving < MOST_HALVINGS else np.ones(len(face), np.bool_)
+        np.maximum.at(found[1], face[ends], most[ends])
+        row, face = (np.repeat(each[is_open], 4) for each in (row, face))
+        triangles = np.einsum("qij,njk->nqik", QUARTERS, triangles[is_open]).reshape(-1, 3, 2)
+    found[1] = found.max(axis=0)
     return found
 
 

@@ -3,7 +3,8 @@
 // Within r of the centre c of a piece, |g(p) - g(c) - g'(c) (p - c)| <= doubt, such as K r^2 / 2
 // with K >= |g''| there. So the half plane where the linear part is at least the doubt is kept,
 // that where it is below minus the doubt dropped; the band between is halved across its longest
-// extent until its mean width is below `width`.
+// extent until its mean width is below `width`. All parts of one depth come before their halves, so
+// that what is left at MOST_CUTS is thin.
 //
 // A criterion, see area/criteria.hpp, says what g is at a point of the plane of a face:
 //
@@ -58,12 +59,13 @@ class Cutter {
     template <class Criterion, class Keep>
     double cut(const Array<const double, Any, 2> &piece, const Criterion &g, double width,
                Keep keep) {
-        stack.clear();
+        halves.clear();
         push(piece, piece.rows());
         double undecided = 0.0;
-        for (int64_t cuts = 0; !stack.empty(); cuts++) {
-            Part part = stack.back();
-            stack.pop_back();
+        for (int64_t cuts = 0; !(parts.empty() && halves.empty()); cuts++) {
+            if (parts.empty()) std::swap(parts, halves);
+            Part part = parts.back();
+            parts.pop_back();
             const Points corners = part.corners();
             const double area = twice_area(corners, part.n) / 2;
             if (!(area > 0)) continue;
@@ -109,7 +111,7 @@ class Cutter {
         int64_t n;
         Points corners() { return {xy.data(), {PIECE_ROOM, 2}}; }
     };
-    std::vector<Part> stack;
+    std::vector<Part> parts, halves; // of one depth, and of the next
     std::array<double, PIECE_ROOM * 2> spare;
 
     Points spare_points() { return {spare.data(), {PIECE_ROOM, 2}}; }
@@ -126,18 +128,18 @@ class Cutter {
         return part.n >= 3;
     }
 
-    // Puts a polygon on the stack, in parts of at most MOST_CORNERS corners.
+    // Adds a polygon to the halves, in parts of at most MOST_CORNERS corners.
     template <class Source> void push(const Source &polygon, int64_t n) {
         for (int64_t first = 1; first + 1 < n;) {
-            stack.emplace_back();
+            halves.emplace_back();
             const int64_t m = exact::corners_of_part(first, n);
-            exact::copy_part(polygon, first, m, stack.back().corners());
-            stack.back().n = m;
+            exact::copy_part(polygon, first, m, halves.back().corners());
+            halves.back().n = m;
             first += m - 2;
         }
     }
 
-    // Puts both halves of a part on the stack, divided across its longest extent.
+    // Adds both halves of a part, divided across its longest extent.
     void halve(Part &part) {
         const Points corners = part.corners();
         double most = -1.0, x = 0.0, y = 0.0, u = 0.0, v = 0.0;

@@ -9,17 +9,17 @@
 // and C = (sum M_i)^-1. C <= s^2 in all directions is M >= I / s^2, and n^T C n <= s^2 along the
 // normal is M >= n n^T / s^2 by Schur's complement. So g is the least eigenvalue of s^2 M - Q.
 //
-// With v the eigenvector at the middle, q = v^T (s^2 M - Q) v is smooth and not below g. Let E be
-// the change of s^2 M within r, |E| <= e = L r, and D the gap to the next eigenvalue. In the basis
-// of v the matrix is (q b; b^T B) with |b| <= f = |P (M' v)| r + K r^2 / 2, P across v, and B >= q
-// + D - 2 e, so that g >= q - f^2 / (D - 2 e). Also |g - g(0)| <= e, whatever the gap.
+// Near one of the devices M is large and turns fast, and its least eigenvalue, by the others, is
+// neither. So it is taken in a frame that turns with the nearest device, the lead: with its ray u,
+// or its stripe, see `Frame`. There N = s^2 M, the directions y of the lead stand still, and those
+// of others turn by the difference of the rays only, z = u - u_lead: for a base b and all distances
+// at least m it is |z| <= b / m, |z'| <= C b / m^2 and |z''| <= 3 b / m^3.
 //
-// Of two devices in all directions, rays of both, or rays and stripes, g has the sign of
-//
-//   (1 - A) (1 - B) - T,  A = (sigma d / s)^2, B likewise, T = (u . v)^2 or 1 - (u . m)^2,
-//
-// where A and B are below 1, and is negative elsewhere: (trace, det) = (w + w', w w' (1 - T)). That
-// needs no gap, and loses no digits where rays are nearly parallel.
+// With v the eigenvector at the middle, q = v^T (N - Q) v is smooth and not below g. In the basis
+// of v the matrix is (q f; f^T B), and g >= q - f^2 / (least B - q). All weights of N fall within r
+// to the share c at least, so that B >= c B(0) - (1 - c) - T r, T a bound of what turns; g
+// likewise. The least eigenvalue of one device, 0, has v = u, so that v x y is small for all y
+// where bases are: bounds of q'' and f'' have it as a factor, see `Most`.
 //
 // Sources: M. Henry, J. Christian. LOSTU: Fast, Scalable, and Uncertainty-Aware Triangulation.
 // 2023. F. Blais. Review of 20 Years of Range Sensor Development. 2004. S. Soudarissanane et al.
@@ -31,6 +31,7 @@
 
 namespace rastercov::area {
 
+constexpr double SQRT2 = 1.4142135623730952; // rounded up
 constexpr Value FAILS = {-1.0, 0.0, 0.0, 0.0};
 
 using Symmetric = std::array<std::array<double, 3>, 3>;
@@ -45,7 +46,8 @@ struct Eigen {
         for (int sweep = 0; sweep < 12; sweep++)
             for (int p = 0; p < 2; p++)
                 for (int q = p + 1; q < 3; q++) {
-                    if (a[p][q] == 0) continue;
+                    const double size = std::abs(a[p][p]) + std::abs(a[q][q]);
+                    if (std::abs(a[p][q]) <= 1e-18 * size) continue;
                     const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
                     const double sign = theta < 0 ? -1.0 : 1.0;
                     const double t = sign / (std::abs(theta) + std::sqrt(theta * theta + 1));
@@ -61,11 +63,8 @@ struct Eigen {
                         v[k][p] = c * av - s * bv, v[k][q] = s * av + c * bv;
                     }
                 }
-        int order[3] = {0, 1, 2};
-        for (int i = 0; i < 2; i++)
-            for (int k = 0; k < 2 - i; k++)
-                if (a[order[k]][order[k]] > a[order[k + 1]][order[k + 1]])
-                    std::swap(order[k], order[k + 1]);
+        std::array<int, 3> order = {0, 1, 2};
+        std::sort(order.begin(), order.end(), [&](int i, int k) { return a[i][i] < a[k][k]; });
         for (int k = 0; k < 3; k++) {
             values[k] = a[order[k]][order[k]];
             first[k] = v[k][order[0]];
@@ -86,15 +85,16 @@ struct Uncertainty {
     Devices devices;
     int64_t row, set;
     double limit;
-    bool along_normal, is_closed;
+    bool along_normal;
 
     // A device seen from a point within r.
     struct Seen {
         Vector u, m;                   // ray, normal of the stripe
         double d, near, rho, near_rho; // distances from the centre and from the axis, less r
-        double scale;                  // (s / sigma)^2
+        double scale, weight;          // (s / sigma)^2, and over d^2
         double along;                  // (s h / s_0)^2, 0 where no range is measured
         bool has_stripes;
+        int64_t index;
     };
 
     bool see(int64_t i, const Vector &p, double r, Seen &out) const {
@@ -103,9 +103,9 @@ struct Uncertainty {
         const double h = std::abs(dot(out.u, normal)), range = devices.range(row, i);
         const double sigma = devices.noise(row, i) / limit;
         out.d = std::sqrt(dot(out.u, out.u)), out.near = out.d - r;
-        out.scale = 1 / (sigma * sigma);
+        out.scale = 1 / (sigma * sigma), out.weight = out.scale / (out.d * out.d);
         out.along = range > 0 ? h * h * (limit / range) * (limit / range) : 0.0;
-        out.has_stripes = dot(a, a) > 0;
+        out.has_stripes = dot(a, a) > 0, out.index = i;
         if (!(out.near > 0)) return false;
         const double along = dot(out.u, a);
         Vector t;
@@ -122,146 +122,191 @@ struct Uncertainty {
         return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
     }
 
-    Value at(double x, double y, double r) const {
-        const Vector p = plane.point(x, y);
-        int64_t chosen[2] = {0, 0}, n = 0, n_stripes = 0;
-        bool has_range = false;
-        for (int64_t i = 0; i < devices.centre.extent(1); i++) {
-            if (!has(set, i)) continue;
-            if (n < 2) chosen[n] = i;
-            const Vector a = vector_of(devices.axis[row][i]);
-            n_stripes += dot(a, a) > 0, has_range = has_range || devices.range(row, i) > 0, n++;
-        }
-        if (is_closed && !along_normal && n == 2 && n_stripes < 2 && !has_range)
-            return of_two(p, r, chosen[0], chosen[1]);
-        return of_all(p, r);
-    }
-
-    Value of_two(const Vector &p, double r, int64_t i, int64_t j) const {
-        Seen one, two;
-        if (!see(i, p, r, one) || !see(j, p, r, two)) return UNKNOWN;
-        if (one.has_stripes) std::swap(one, two), std::swap(i, j);
-        const double a = 1 / one.scale, b = 1 / two.scale; // A = a d^2
-        if (a * one.near * one.near > 1 || b * two.near * two.near > 1) return FAILS;
-        const double big_a = a * one.d * one.d, big_b = b * two.d * two.d;
-        const double da = 2 * a * (one.d + r), db = 2 * b * (two.d + r); // |A'|, |B'|
-        const Vector &v = two.has_stripes ? two.m : two.u;
-        const double c = dot(one.u, v);
-        // Of c = u . v, or u . m.
-        const double across = two.has_stripes ? two.near_rho : two.near;
-        const double both = 1 / one.near + 1 / across;
-        double first = both, second = C * both * both;
-        const double near = std::min(one.near, two.near);
-        const double base =
-            length_between(vector_of(devices.centre[row][i]), vector_of(devices.centre[row][j])) /
-            near;
-        if (!two.has_stripes) {
-            first = std::min(first, 2 * base * base / near);
-            second = std::min(second, (4 * base * base + 2 * C * base) / (near * near));
-        }
-        const double far_a = a * (one.d + r) * (one.d + r), far_b = b * (two.d + r) * (two.d + r);
-        const double curvature = 2 * a * std::max(1.0, far_b - 1) +
-                                 2 * b * std::max(1.0, far_a - 1) + 2 * da * db +
-                                 2 * first * first + 2 * second;
-        const double sign = two.has_stripes ? 1.0 : -1.0;
-        const double rest = two.has_stripes ? 1 - c * c : c * c;
-        const double value = (1 - big_a) * (1 - big_b) - rest;
-        const auto slope_along = [&](const Vector &e) {
-            const double ue = dot(one.u, e), we = dot(two.u, e);
-            Vector du, dv;
-            for (int k = 0; k < 3; k++) du[k] = (e[k] - ue * one.u[k]) / one.d;
-            if (two.has_stripes) dv = turn_of(two, j, e);
-            else
-                for (int k = 0; k < 3; k++) dv[k] = (e[k] - we * two.u[k]) / two.d;
-            return -2 * a * one.d * ue * (1 - big_b) - 2 * b * two.d * we * (1 - big_a) +
-                   sign * 2 * c * (dot(du, v) + dot(one.u, dv));
-        };
-        const Value found = {value, slope_along(plane.x_axis), slope_along(plane.y_axis),
-                             curvature * r * r / 2};
-        if (far_a <= 1 && far_b <= 1) return found;
-        // Where A or B may be 1, what is not certainly negative is halved.
-        const double most = length2(found.along_x, found.along_y) * r + found.doubt;
-        return value + most < 0 ? FAILS : UNKNOWN;
-    }
-
     // Derivative of the normal of the stripe along e.
-    Vector turn_of(const Seen &device, int64_t i, const Vector &e) const {
-        const Vector a = vector_of(devices.axis[row][i]), t = cross(device.m, a);
+    Vector turn_of(const Seen &device, const Vector &e) const {
+        const Vector a = vector_of(devices.axis[row][device.index]), t = cross(device.m, a);
         const double along = dot(a, e), radial = dot(t, e);
         Vector out;
         for (int k = 0; k < 3; k++) out[k] = (e[k] - along * a[k] - radial * t[k]) / device.rho;
         return cross(a, out);
     }
 
-    Value of_all(const Vector &p, double r) const {
-        Symmetric sum = {}, by_x = {}, by_y = {};
-        double first = 0.0, second = 0.0;
+    // How the frame of the lead turns along the axes of the plane, and bounds of it and of its
+    // derivative. With stripes it turns about their axis by 1 / rho at most, and about m by 1 / d.
+    struct Frame {
+        std::array<Vector, 2> spin;
+        double first, second;
+    };
+
+    Frame frame_of(const Seen &lead) const {
+        const double o = 1 / (lead.has_stripes ? lead.near_rho : lead.near);
+        Frame found = {{}, o, (lead.has_stripes ? 2.3 : 1.0) * o * o}; // 2.3^2 > 1 + 2^2 + 1 / 2^2
+        for (int along = 0; along < 2; along++) {
+            const Vector &e = along == 0 ? plane.x_axis : plane.y_axis;
+            Vector &spin = found.spin[along];
+            spin = cross(lead.u, e);
+            for (double &each : spin) each /= lead.d;
+            if (!lead.has_stripes) continue;
+            const Vector a = vector_of(devices.axis[row][lead.index]);
+            const double about_a = dot(lead.m, e) / lead.rho, about_m = dot(lead.m, spin);
+            for (int k = 0; k < 3; k++) spin[k] = about_a * a[k] + about_m * lead.m[k];
+        }
+        return found;
+    }
+
+    // N - Q and its derivatives along the axes of the plane, in a frame.
+    struct Sum {
+        Symmetric whole = {};
+        std::array<Symmetric, 2> by = {};
+    };
+
+    // Adds iso + k y y^T of a device, or of none, to a sum.
+    void include(const Frame &frame, double iso, double k, const Vector &y, const Seen *one,
+                 Sum &out) const {
+        for (int along = 0; along < 2; along++) {
+            const Vector &e = along == 0 ? plane.x_axis : plane.y_axis;
+            const Vector turned = cross(frame.spin[along], y);
+            const double fall = one ? -2 * dot(one->u, e) / one->d : 0.0;
+            Vector dy = {0.0, 0.0, 0.0};
+            if (one && one->has_stripes) dy = turn_of(*one, e);
+            else if (one)
+                for (int l = 0; l < 3; l++) dy[l] = (e[l] - dot(y, e) * y[l]) / one->d;
+            for (int l = 0; l < 3; l++) dy[l] -= turned[l];
+            for (int l = 0; l < 3; l++)
+                for (int m = 0; m < 3; m++) {
+                    const double own = (l == m ? iso : 0.0) + k * y[l] * y[m];
+                    if (along == 0) out.whole[l][m] += own;
+                    out.by[along][l][m] += fall * own + k * (dy[l] * y[m] + y[l] * dy[m]);
+                }
+        }
+    }
+
+    using Both = std::array<double, 2>; // bounds of a first and of a second derivative
+
+    // Bounds within r of q'', of f'', and of what turns in N'.
+    struct Most {
+        double bend = 0.0, side = 0.0, turn = 0.0;
+
+        // Of k y y^T, k <= weight, at least 1 / fall away, or of k (1 - y y^T), for `size` of |v .
+        // y| or |v x y|, `own` of its derivatives and `of_y` of those of y.
+        void add(double weight, double fall, double size, Both own, Both of_y) {
+            const auto [first, second] = own;
+            bend += weight * (6 * size * size * fall * fall + 8 * size * first * fall +
+                              2 * first * first + 2 * size * second);
+            side += weight *
+                    (6 * size * fall * fall + 4 * of_y[0] * fall + of_y[1] + of_y[0] * of_y[0]);
+            turn += weight * of_y[0];
+        }
+    };
+
+    // Adds a device, for an eigenvector v at p.
+    void bound(const Frame &frame, const Seen &lead, const Seen &one, const Vector &v,
+               const Vector &p, double r, Most &most) const {
+        const Vector centre = vector_of(devices.centre[row][one.index]);
+        const Vector at_lead = vector_of(devices.centre[row][lead.index]);
+        const auto size = [&](double value, double first) {
+            return std::min(1.0, std::abs(value) + first * r);
+        };
+        const double a = 1 / one.near, l = 1 / lead.near, o = frame.first;
+        const double base = length_between(centre, at_lead), o2 = frame.second + o * o;
+        const double near = from_segment(p, at_lead, centre) - r;
+        double z = 2.0, z1 = a + l, z2 = C * (a * a + l * l);
+        if (near > 0) {
+            z = std::min(z, base / near), z1 = std::min(z1, C * base / (near * near));
+            z2 = std::min(z2, 3 * base / (near * near * near));
+        }
+        const double weight = one.scale * a * a;
+        if (!one.has_stripes) {
+            const Both turn = {std::min(a + o, z1 + z * o),
+                               std::min(C * a * a + 2 * o * a + o2, z2 + 2 * o * z1 + z * o2)};
+            most.add(weight, a, size(sine(one.u, v), turn[0]), turn, turn);
+            if (one.along > 0)
+                most.add(one.along * a * a, a, size(dot(one.u, v), turn[0]), turn, turn);
+            return;
+        }
+        // v . m is -z . m and what is of v off the ray of the lead.
+        const double t = 1 / one.near_rho, t2 = C * t * t, off = SQRT2 * sine(lead.u, v);
+        const Both turn = {t + o, t2 + 2 * o * t + o2};
+        const Both own = {std::min(turn[0], z1 + z * t + off * turn[0]),
+                          std::min(turn[1], z2 + 2 * z1 * t + z * t2 + off * turn[1])};
+        if (&one == &lead) most.add(weight, a, size(dot(one.m, v), 0.0), {}, {});
+        else most.add(weight, a, size(dot(one.m, v), own[0]), own, turn);
+    }
+
+    Value at(double x, double y, double r) const {
+        const Vector p = plane.point(x, y);
+        std::array<Seen, 64> every;
+        int64_t n = 0, first = 0;
+        double least = 1.0; // share of the weights that is left within r
         for (int64_t i = 0; i < devices.centre.extent(1); i++) {
             if (!has(set, i)) continue;
-            Seen seen;
-            if (!see(i, p, r, seen)) return UNKNOWN;
-            const double w = seen.scale / (seen.d * seen.d), v = seen.along / (seen.d * seen.d);
-            const double k = (seen.scale + seen.along) / (seen.near * seen.near * seen.near);
-            const double turn = seen.has_stripes ? 1 / seen.near_rho : 1 / seen.near;
-            // |M'| and |M''| of d^-2 N, where |N'| <= turn and |N''| <= (2 C + 2) turn^2.
-            first += k * (2 + turn * seen.near);
-            second +=
-                k / seen.near *
-                (6 + 4 * turn * seen.near + (2 * C + 2) * turn * turn * seen.near * seen.near);
-            const Vector &u = seen.has_stripes ? seen.m : seen.u;
-            for (int along = 0; along < 2; along++) {
-                const Vector &e = along == 0 ? plane.x_axis : plane.y_axis;
-                Symmetric &out = along == 0 ? by_x : by_y;
-                const double ue = dot(seen.u, e), fall = -2 * ue / seen.d;
-                Vector du;
-                if (seen.has_stripes) du = turn_of(seen, i, e);
-                else
-                    for (int l = 0; l < 3; l++) du[l] = (e[l] - ue * u[l]) / seen.d;
-                for (int l = 0; l < 3; l++)
-                    for (int m = 0; m < 3; m++) {
-                        const double square = u[l] * u[m], change = du[l] * u[m] + u[l] * du[m];
-                        const double one = l == m ? 1.0 : 0.0;
-                        if (along == 0)
-                            sum[l][m] +=
-                                seen.has_stripes ? w * square : w * (one - square) + v * square;
-                        out[l][m] += seen.has_stripes ? w * (fall * square + change)
-                                                      : w * (fall * (one - square) - change) +
-                                                            v * (fall * square + change);
-                    }
-            }
+            if (!see(i, p, r, every[n])) return UNKNOWN;
+            const double left = every[n].d / (every[n].d + r);
+            least = std::min(least, left * left);
+            if (every[n].weight > every[first].weight) first = n;
+            n++;
         }
-        for (int l = 0; l < 3; l++)
-            for (int m = 0; m < 3; m++)
-                sum[l][m] -= along_normal ? normal[l] * normal[m] : (l == m ? 1.0 : 0.0);
-        const Eigen eigen(sum);
+        if (n == 0) return FAILS;
+        const Seen &lead = every[first];
+        const Frame frame = frame_of(lead);
+        Sum sum;
+        for (int64_t j = 0; j < n; j++) {
+            const Seen &one = every[j];
+            if (one.has_stripes) include(frame, 0.0, one.weight, one.m, &one, sum);
+            else
+                include(frame, one.weight, one.along / (one.d * one.d) - one.weight, one.u, &one,
+                        sum);
+        }
+        if (along_normal) include(frame, 0.0, -1.0, normal, nullptr, sum);
+        else
+            for (int l = 0; l < 3; l++) sum.whole[l][l] -= 1.0;
+        const Eigen eigen(sum.whole);
         const Vector &v = eigen.first;
-        const auto form = [&](const Symmetric &matrix) {
-            double total = 0.0;
-            for (int l = 0; l < 3; l++)
-                for (int m = 0; m < 3; m++) total += v[l] * matrix[l][m] * v[m];
-            return total;
-        };
-        // Length of the parts of both derivatives of M v that are across v.
-        double turn = 0.0;
-        for (const Symmetric *matrix : {&by_x, &by_y})
-            for (int l = 0; l < 3; l++) {
-                double across = -form(*matrix) * v[l];
-                for (int m = 0; m < 3; m++) across += (*matrix)[l][m] * v[m];
-                turn += across * across;
-            }
-        const double rest = second * r * r / 2, change = first * r;
-        const double gap = eigen.values[1] - eigen.values[0] - 2 * change;
-        const double bend = std::min(std::sqrt(turn) * r + rest, change);
-        double doubt = 2 * change;
-        if (gap > 0) doubt = std::min(doubt, rest + bend * bend / gap);
-        return {eigen.values[0], form(by_x), form(by_y), doubt};
+        Most most;
+        for (int64_t j = 0; j < n; j++) bound(frame, lead, every[j], v, p, r, most);
+        if (along_normal) {
+            const Both turn = {frame.first, frame.second + frame.first * frame.first};
+            most.add(1.0, 0.0, std::min(1.0, std::abs(dot(normal, v)) + turn[0] * r), turn, turn);
+        }
+        // Slopes of q along the axes, and lengths of those of N v across v.
+        Both slope = {}, across = {};
+        for (int along = 0; along < 2; along++) {
+            Vector turned;
+            for (int l = 0; l < 3; l++) turned[l] = dot(sum.by[along][l], v);
+            slope[along] = dot(turned, v);
+            for (int l = 0; l < 3; l++) turned[l] -= slope[along] * v[l];
+            across[along] = std::sqrt(dot(turned, turned));
+        }
+        const double value = eigen.values[0], rest = most.bend * r * r / 2;
+        const double high = value + length2(slope[0], slope[1]) * r + rest;
+        const double side = length2(across[0], across[1]) * r + most.side * r * r / 2;
+        const double fall = 1 - least + most.turn * r;
+        const double gap = least * eigen.values[1] - fall - high;
+        const double doubt = rest + (gap > 0 ? side * side / gap / 2 : INFINITE);
+        const double half = (high - least * value + fall) / 2;
+        if (doubt <= half) return {value + rest - doubt, slope[0], slope[1], doubt};
+        return std::isfinite(half) ? Value{high - half, 0.0, 0.0, half} : UNKNOWN;
+    }
+
+    // Sine of the angle between unit vectors.
+    static double sine(const Vector &a, const Vector &b) {
+        const Vector c = cross(a, b);
+        return std::sqrt(dot(c, c));
+    }
+
+    // Distance of a point from the segment between two others.
+    static double from_segment(const Vector &p, const Vector &a, const Vector &b) {
+        const Vector side = less(b, a), to = less(p, a);
+        const double whole = dot(side, side);
+        const double t = whole > 0 ? std::clamp(dot(to, side) / whole, 0.0, 1.0) : 0.0;
+        return length_between(p, {a[0] + t * side[0], a[1] + t * side[1], a[2] + t * side[2]});
     }
 };
 
 struct Uncertainties {
     Devices devices;
     double limit;
-    bool along_normal, is_closed;
+    bool along_normal;
     int64_t rows() const { return devices.centre.rows(); }
     void check() const {
         const auto is_like = [&](const auto &other) {
@@ -272,7 +317,7 @@ struct Uncertainties {
         require(devices.centre.extent(1) <= 64, "devices must be 64 at most");
     }
     Uncertainty of(const Plane &plane, int64_t row, int64_t set) const {
-        return {plane, plane.normal(), devices, row, set, limit, along_normal, is_closed};
+        return {plane, plane.normal(), devices, row, set, limit, along_normal};
     }
 };
 
