@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ from rastercov.cli import options
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
+
+if TYPE_CHECKING:
+    from rastercov.placement.plan.over_time import PlanMotion
 
 AROUND = ("sphere:", "turntable:")
 """Beginnings of poses around a mesh; see `poses_around`."""
@@ -70,23 +73,24 @@ class SceneOptions(NamedTuple):
             raise MeshError("every group is an occluder; leave at least one to be covered")
         return mesh
 
-    def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
-        """The options, the mesh files and the working folder, for the report in a folder."""
-        files = list(map(str, meshes))
-        return {"folder": seen_from(out, Path()), "meshes": files, **self._asdict()}
+    def entries(self, out: Path, meshes: list[Path], motion: Path | None = None) -> dict[str, Any]:
+        """The options, the files and the working folder, for the report in a folder."""
+        files = {"meshes": list(map(str, meshes)), "motion": motion and str(motion)}
+        return {"folder": seen_from(out, Path()), **files, **self._asdict()}
 
 
 def are_arguments(value: Any) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
-    hints = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    hints |= {"motion": str | None} if isinstance(value, dict) and "motion" in value else {}
     is_whole = isinstance(value, dict) and value.keys() == hints.keys()
     return is_whole and all(fits(value[name], hint) for name, hint in hints.items())
 
 
 def read_again(
     result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
-) -> Mesh:
-    """Scene of the entries in a result's folder, whose files have these names.
+) -> "Mesh | PlanMotion":
+    """Scene of the entries in a result's folder, whose meshes have these names, and its motion.
 
     Files that are not where they were are looked for by their names in the working folder, in the
     result's and beside it; `given` ones, in the order of the names or with the same, come first.
@@ -95,6 +99,8 @@ def read_again(
     places = [result.resolve() / kept.pop("folder"), Path.cwd(), result, result.resolve().parent]
     files = [*kept["meshes"], *kept["occluders"], *kept["targets"]]
     files = [file for file in files if Path(file).name in names and file not in shapes.NAMES]
+    motion = kept.pop("motion", None)
+    files += [motion] if motion else []
     found = {path.name: path for path in given}
     if len(given) == len(files):
         found = dict(zip([Path(file).name for file in files], given, strict=True)) | found
@@ -119,7 +125,10 @@ def read_again(
         if isinstance(entries, list):
             kept[name] = [moved(entry) for entry in entries]
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
-    return SceneOptions(**kept).read(meshes)
+    mesh = SceneOptions(**kept).read(meshes)
+    from rastercov.placement.plan.over_time import PlanMotion
+
+    return PlanMotion.read(Path(now[motion]), mesh) if motion else mesh
 
 
 def _is_further(name: str, meshes: list[Path]) -> bool:

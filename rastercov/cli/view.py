@@ -33,6 +33,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 
 if TYPE_CHECKING:
+    from rastercov.placement.plan.over_time import PlanMotion
     from rastercov.viewer.scene import Scene
 
 Sources = Annotated[
@@ -172,7 +173,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
     """
     from rastercov.viewer.scene import mesh_of_place, open_result, run_of, state_of
 
-    def found(names: list[str]) -> Mesh:
+    def found(names: list[str]) -> "Mesh | PlanMotion":
         options = run_of(folder).get("options")
         arguments: Any = options.get("scene") if isinstance(options, Mapping) else None
         if are_arguments(arguments) and given == SceneOptions():

@@ -32,6 +32,7 @@ from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.file import plan_of, read_plan
+from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
@@ -65,6 +66,8 @@ MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
+OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs", "lamps", "ambient", "exposure")
+"""Entries of a plan that its cameras are made of."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -90,6 +93,8 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
+    moving : PlanMotion or None
+        Motion of its bodies, and its question.
     """
 
     title: str
@@ -99,6 +104,7 @@ class Scene:
     pool: "CandidatePool | None" = None
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
+    moving: PlanMotion | None = None
 
     @property
     def has_constraints(self) -> bool:
@@ -321,7 +327,8 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
     notes = rule_notes(cameras or (rig.rig if rig is not None else None))
-    return Scene(plan.name, mesh, start, plan, pool, notes=notes)
+    moving = PlanMotion.of(plan, mesh)
+    return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving)
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
@@ -353,7 +360,7 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     return run
 
 
-def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
+def open_result(folder: Path, load: Callable[[list[str]], Mesh | PlanMotion]) -> Scene:
     """Scene of the folder of a result.
 
     Parameters
@@ -361,7 +368,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     folder : Path
         Of `evaluate`, `place` or `audit`.
     load : callable
-        Gives the mesh; called with the names of its files.
+        Gives the mesh, or its motion; called with the names of the files.
 
     Raises
     ------
@@ -372,7 +379,9 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
-    mesh = _with_roles(load(files), run["scene"])
+    found = load(files)
+    moving = found if isinstance(found, PlanMotion) else None
+    mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.motion.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f"; or give the plan, with --poses {rig_file}" if kind == "place" else ""
         raise ConfigError(
@@ -388,23 +397,24 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
-    return Scene(folder.resolve().name, mesh, start, result=result, notes=notes)
+    title = folder.resolve().name
+    return Scene(title, mesh, start, result=result, notes=notes, moving=moving)
 
 
-def mesh_of_place(folder: Path) -> Mesh | None:
-    """Mesh of the plan in a result of `place`, whose files are where they were; None elsewhere."""
+def mesh_of_place(folder: Path) -> Mesh | PlanMotion | None:
+    """Mesh of the plan in a result of `place`, or its motion; None where files were moved."""
     told = _read(folder / "plan.json") if (folder / "plan.json").is_file() else {}
     if not isinstance(told.get("plan"), Mapping) or not isinstance(told.get("folder"), str):
         return None
     try:
         # Cameras and candidates may have files that are there no more.
         needed = told["plan"].keys() & {"meshes", "targets", "rooms"}
-        bodies = told["plan"].get("bodies") or ()
-        if told["plan"].get("motion") and any(each.get("urdf") for each in bodies):
-            needed |= told["plan"].keys() & {"bodies", "motion"}
+        if told["plan"].get("motion"):
+            needed |= told["plan"].keys() & {"bodies", "motion", "task", *OF_CAMERAS}
         entries = {name: told["plan"][name] for name in needed}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
-        return named_scene(plan)[0]
+        mesh, plan, _ = named_scene(plan)
+        return PlanMotion.of(plan, mesh) or mesh
     except RastercovError:  # such as a file that was moved
         return None
 

@@ -5,14 +5,14 @@ are the cells; where a share of the time is asked for, they are the cells of eve
 by its duration, and the exact share is measured of what is chosen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from rastercov.base.errors import RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
@@ -28,9 +28,10 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.motion_file import load_motion
+from rastercov.mesh.robot import Robot
 from rastercov.placement.matrix import VisibilityMatrix, limits_of
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, describe
-from rastercov.placement.plan.file import Plan, PlanError, lines_of
+from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
 from rastercov.placement.plan.sections import BodyEntry, Entry, MotionSection, Name, Over
 from rastercov.placement.select.problem import Goal, Problem, problem_of, weights_of
 
@@ -39,7 +40,10 @@ CANDIDATES_A_TURN = 32
 
 
 class MotionFile(Entry):
-    """A file of motion for `rastercov evaluate`: bodies, how they move, and for how long to see."""
+    """A file of motion for `rastercov evaluate`: bodies, how they move, and for how long to see.
+
+    Robots, bodies with `urdf`, join the mesh.
+    """
 
     bodies: list[BodyEntry] = Field(default_factory=list)
     """Groups that move together."""
@@ -52,12 +56,6 @@ class MotionFile(Entry):
     views_at: Literal["one time", "any time"] = "one time"
     """Several cameras cover it at one time, or each at whatever times."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if any(body.urdf for body in self.bodies) or self.motion.joints is not None:
-            raise ValueError("urdf and joints are of plans; leave them out")
-        return self
-
 
 @dataclass(frozen=True, eq=False)
 class PlanMotion:
@@ -67,6 +65,8 @@ class PlanMotion:
     ----------
     bodies : str or list of str
         Body of all cameras, or of each.
+    robots : sequence of Robot
+        Whose links are bodies.
     """
 
     motion: Motion
@@ -74,6 +74,7 @@ class PlanMotion:
     views_at: str
     bodies: str | list[str]
     method: str
+    robots: Sequence[Robot] = ()
 
     @classmethod
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
@@ -81,13 +82,14 @@ class PlanMotion:
         motion, task = plan.build_motion(mesh), plan.task
         if motion is None:
             return None
-        return cls(
-            motion, task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
-        )
+        own = task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
+        return cls(motion, *own, plan.robots())
 
     @classmethod
-    def read(cls, path: Path, mesh: Mesh, method: str) -> "PlanMotion":
-        """The motion of a file, TOML as of `MotionFile`, or a table of poses.
+    def read(cls, path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotion":
+        """The motion of a mesh by a file, TOML as of `MotionFile`, or a table of poses.
+
+        The mesh of `motion` has the robots of the file, too.
 
         Raises
         ------
@@ -99,12 +101,16 @@ class PlanMotion:
         try:
             table = read_toml(path)
             own = MotionFile.model_validate(table, context={"folder": path.parent})
-            motion = own.motion.build(mesh, own.bodies, path.parent)
+            robots = robots_of(own.bodies, path.parent, printable(path.name))
+            mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
+            motion = own.motion.build(mesh, own.bodies, robots, path.parent)
         except ValidationError as error:
             raise PlanError(path.name, lines_of(error, table, MotionFile)) from None
+        except PlanError:
+            raise
         except (UnreadableError, RastercovError) as error:
             raise PlanError(printable(path.name), [str(error)]) from None
-        return cls(motion, own.over, own.views_at, own.body, method)
+        return cls(motion, own.over, own.views_at, own.body, method, robots)
 
     def evaluate(self, camera: Cameras, placed: Poses, task: Task) -> OverTime:
         """Coverage over time by cameras."""

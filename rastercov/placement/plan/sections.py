@@ -975,10 +975,14 @@ class MotionSection(Entry):
         self,
         mesh: Mesh,
         bodies: Sequence[BodyEntry],
+        robots: Sequence[Robot],
         folder: Path,
         files: Sequence[MeshEntry] = (),
     ) -> Motion:
-        """The motion of a mesh, of some files; ConfigError or MeshError where there is none."""
+        """The motion of a mesh, of some files; ConfigError or MeshError where there is none.
+
+        Links of robots that no path moves are bodies that stay.
+        """
         tables: dict[str, Any] = {}
         others: dict[str, Any] = {}
 
@@ -997,15 +1001,13 @@ class MotionSection(Entry):
             others = read_motion(folder / self.poses)
             for name, poses in others.pop("bodies").items():
                 add(name, poses)
-        robots = [body for body in bodies if body.urdf is not None]
         if self.joints is not None:
             if len(robots) != 1:
                 raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
-            robot = robots[0].robot(folder)
-            path = robot.read_path(folder / self.joints)
+            path = robots[0].read_path(folder / self.joints)
             if len({*path.duration.tolist()}) > 1:
                 others.setdefault("durations", path.duration)
-            for name, poses in robot.poses(path.joints).items():
+            for name, poses in robots[0].poses(path.joints).items():
                 add(name, poses)
         groups = {body.name: body.groups for body in bodies if body.groups}
         if self.animation is not None:
@@ -1014,9 +1016,9 @@ class MotionSection(Entry):
             groups |= found["groups"]
             for name, poses in found["bodies"].items():
                 add(name, poses)
-        for body in bodies:
-            if body.urdf is None:
-                tables.setdefault(body.name, np.eye(4))
+        still = [body.name for body in bodies if body.urdf is None]
+        for name in [*still, *(link for each in robots for link in each.poses(each.rest))]:
+            tables.setdefault(name, np.eye(4))
         if not tables:
             raise ConfigError("no body moves; give turntable, conveyor, poses, joints or animation")
         return Motion(mesh, tables, groups=groups, **others)
