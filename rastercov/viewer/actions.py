@@ -214,13 +214,17 @@ class OfVariant(Action):
 
 
 class Request(Action):
-    """An edit, and the faces to give back after it."""
+    """An edit, and the faces to give back after it.
+
+    `at` is the time that is shown, see `Scene.placed`.
+    """
 
     revision: int
     mode: str
     options: dict[str, Number | int | bool | str] = {}
     station: int | None = None
     is_drag: bool = False
+    at: list[Number] = []
     # mypy reads no union that is made from a table.
     action: Annotated[Union[(*_FORMS, Step, Constrain, OfVariant)], Field(discriminator="do")]  # type: ignore[valid-type]
 

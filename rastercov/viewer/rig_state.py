@@ -207,6 +207,15 @@ class RigState:
         own = self.station(station)
         return self.with_new(own.camera, own.pose, own.name)
 
+    def carried(self, bodies: Mapping[str, FloatArray]) -> "RigState":
+        """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
+        stations = [
+            replace(each, pose=frozen(bodies[each.camera] @ each.pose))
+            if each.camera in bodies else each
+            for each in self.stations
+        ]  # fmt: skip
+        return replace(self, stations=tuple(stations)) if bodies else self
+
     def without(self, station: int) -> "RigState":
         """Without a station."""
         row = self.row(station)

@@ -4,7 +4,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.errors import ConfigError, PoseError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
@@ -36,7 +37,12 @@ from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
-from rastercov.report.pages import described_camera, described_mesh, described_mode
+from rastercov.report.pages import (
+    described_camera,
+    described_mesh,
+    described_mode,
+    described_motion,
+)
 from rastercov.report.panorama import is_inside
 from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState
@@ -105,6 +111,54 @@ class Scene:
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
     moving: PlanMotion | None = None
+
+    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+        """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
+
+        A time is a frame, and perhaps the joints of robots in place of those that they have there.
+
+        Raises
+        ------
+        ConfigError
+            For a frame that is none, and joints outside their limits.
+        """
+        if self.moving is None:
+            return self.mesh, np.arange(self.mesh.n_faces), {}
+        motion, (frame, *joints) = self.moving.motion, at or (0,)
+        mesh, kept = motion.frame(frame)
+        poses, row = motion.world_from_body[int(frame)], 0
+        if joints:
+            poses = poses.copy()
+            for robot in self.moving.robots:
+                own = joints[row : (row := row + len(robot.joint_names))]
+                for link, pose in robot.poses(own).items():
+                    poses[motion.names.index(link)] = pose[0]
+            mesh, kept = motion._placed(poses, motion.present[int(frame)])
+        return mesh, kept, dict(zip(motion.names, poses, strict=True))
+
+    def carriers(self, cameras: Iterable[str]) -> dict[str, str]:
+        """Body of each camera that is fixed to one."""
+        own = {} if self.moving is None else {name: self.moving.body_of(name) for name in cameras}
+        return {name: body for name, body in own.items() if body != "world"}
+
+    def _moving(self) -> dict[str, Any]:
+        """Motion and joints for the page, ready for JSON."""
+        if self.moving is None:
+            return {}
+        path = self.moving.path
+        n, rest = len(self.moving.motion), [each.rest for each in self.moving.robots]
+        frames = np.tile(np.concatenate([*rest, []]), (n, 1)) if path is None else path.joints
+        joints = [
+            {"name": name, "low": max(low, -math.pi), "high": min(high, math.pi), "words": "",
+             "unit": "m" if kinds[name] == "prismatic" else "°"}
+            for robot in self.moving.robots
+            for kinds in [{each.name: each.kind for each in robot.kinematics.joints}]
+            for name, (low, high) in zip(robot.joint_names, robot.limits.tolist(), strict=True)
+        ]  # fmt: skip
+        return {
+            "motion": described_motion(self.moving.motion),
+            "joints": {"fields": joints, "frames": frames.tolist()},
+        }
 
     @property
     def has_constraints(self) -> bool:
@@ -190,7 +244,7 @@ class Scene:
             "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
-        }
+        } | self._moving()
 
     def _sold(self) -> list[tuple[str, str]]:
         """Name and words of each camera of the catalogue, and of each with a lens that fits."""
@@ -276,8 +330,13 @@ def task_fields() -> list[dict[str, Any]]:
     return found
 
 
-def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> dict[str, Any]:
-    """The state of a rig, ready for JSON; `place` of a station is the constraint it violates."""
+def described_state(
+    scene: Scene, state: RigState, shown: RigState, history: dict[str, Any]
+) -> dict[str, Any]:
+    """The state of a rig, ready for JSON, with the poses that are shown.
+
+    `place` of a station is the constraint it violates.
+    """
     eyes = state.eyes
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
@@ -289,7 +348,7 @@ def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> d
                 "id": each.id, "name": each.name, "camera": each.camera,
                 "pose": each.pose.ravel().tolist(), "is_on": each.is_on, "place": place,
             }
-            for each, place in zip(state.stations, places, strict=True)
+            for each, place in zip(shown.stations, places, strict=True)
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {each["name"]: getattr(state.task, each["name"]) for each in task_fields()},

@@ -33,7 +33,7 @@ from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.measurements import Measurements, NetworkFigures
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station, of_one_camera
 from rastercov.viewer.scene import Scene, distances
-from rastercov.viewer.session import Session, StaleError
+from rastercov.viewer.session import Moment, Session, StaleError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -367,9 +367,10 @@ class Work:
         """Do the work; what hands its result to the session and gives words on it."""
         session = self.session
         with session.lock:
-            state, revision = session.state, session.history.revision
+            revision, moment, before = session.history.revision, session.moment, session.state
+            state = session.shown
         gain: float | None
-        own = Measurements(session.scene.mesh, session.measurements.method)
+        own = Measurements(moment.mesh, moment.measurements.method)
         try:
             if isinstance(asked, Refine):
                 words = f"refine {state.station(asked.station).name}"
@@ -380,7 +381,7 @@ class Work:
                 words = f"place {plural(len(made.stations), 'camera')}"
             else:
                 words = "add the best next camera"
-                candidates = self._candidates(own, state, asked.camera)
+                candidates = self._candidates(own, state, asked.camera, moment)
                 with self._step(words) as progress:
                     made, gain = with_next(own, state, asked.camera, candidates, progress)
         finally:
@@ -389,12 +390,16 @@ class Work:
         def take() -> str:
             if made is state:
                 return f"{words}: no move covers more"
-            session.take(made, words, revision)
+            is_of_plan = isinstance(asked, Place) and session.scene.placement["is_by_plan"]
+            rest = made if is_of_plan else moment.at_rest(made, state, before)
+            session.take(rest, words, revision)
             return f"{words}: done" if gain is None else f"{words}: {area(gain, state.unit)} more"
 
         return take
 
-    def _candidates(self, own: Measurements, state: RigState, camera: str) -> FloatArray:
+    def _candidates(
+        self, own: Measurements, state: RigState, camera: str, moment: Moment
+    ) -> FloatArray:
         """(C, 4, 4) poses that a further camera may have: those of the plan, if it has any."""
         state.camera(camera)
         scene = self.session.scene
@@ -403,6 +408,7 @@ class Work:
             placed = mounts.cameras(scene.pool.candidates.placed)[0]
             names = np.array(mounts.rig.names)[placed.camera]
             if (names == camera).any():
-                of_plan: FloatArray = placed.world_from_camera[names == camera]
+                body = moment.poses.get(scene.carriers([camera]).get(camera, ""), np.eye(4))
+                of_plan: FloatArray = body @ placed.world_from_camera[names == camera]
                 return of_plan
         return tries(own, state, camera, scene.space(state))

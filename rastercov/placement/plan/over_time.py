@@ -28,7 +28,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.motion_file import load_motion
-from rastercov.mesh.robot import Robot
+from rastercov.mesh.robot import JointPath, Robot
 from rastercov.placement.matrix import VisibilityMatrix, limits_of
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, describe
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
@@ -67,6 +67,10 @@ class PlanMotion:
         Body of all cameras, or of each.
     robots : sequence of Robot
         Whose links are bodies.
+    path : JointPath or None
+        Of the one robot.
+    cameras : sequence of str
+        Names of the cameras that the list `bodies` is of.
     """
 
     motion: Motion
@@ -75,6 +79,8 @@ class PlanMotion:
     bodies: str | list[str]
     method: str
     robots: Sequence[Robot] = ()
+    path: JointPath | None = None
+    cameras: Sequence[str] = ()
 
     @classmethod
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
@@ -83,7 +89,9 @@ class PlanMotion:
         if motion is None:
             return None
         own = task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
-        return cls(motion, *own, plan.robots())
+        robots = plan.robots()
+        path = None if plan.motion is None else plan.motion.path(robots, plan.folder)
+        return cls(motion, *own, robots, path, plan.rig.names)
 
     @classmethod
     def read(cls, path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotion":
@@ -104,13 +112,20 @@ class PlanMotion:
             robots = robots_of(own.bodies, path.parent, printable(path.name))
             mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
             motion = own.motion.build(mesh, own.bodies, robots, path.parent)
+            joints = own.motion.path(robots, path.parent)
         except ValidationError as error:
             raise PlanError(path.name, lines_of(error, table, MotionFile)) from None
         except PlanError:
             raise
         except (UnreadableError, RastercovError) as error:
             raise PlanError(printable(path.name), [str(error)]) from None
-        return cls(motion, own.over, own.views_at, own.body, method, robots)
+        return cls(motion, own.over, own.views_at, own.body, method, robots, joints)
+
+    def body_of(self, camera: str) -> str:
+        """Body that carries a camera, by its name."""
+        if isinstance(self.bodies, str):
+            return self.bodies
+        return dict(zip(self.cameras, self.bodies, strict=True)).get(camera, "world")
 
     def evaluate(self, camera: Cameras, placed: Poses, task: Task) -> OverTime:
         """Coverage over time by cameras."""

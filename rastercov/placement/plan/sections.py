@@ -62,7 +62,7 @@ from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.motion import Motion, conveyor, turntable
 from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
-from rastercov.mesh.robot import Robot
+from rastercov.mesh.robot import JointPath, Robot
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
@@ -971,6 +971,14 @@ class MotionSection(Entry):
     steps: Count = 50
     """Frames of the animation, at equal steps of its time."""
 
+    def path(self, robots: Sequence[Robot], folder: Path) -> JointPath | None:
+        """Path of the one robot; None without joints."""
+        if self.joints is None:
+            return None
+        if len(robots) != 1:
+            raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
+        return robots[0].read_path(folder / self.joints)
+
     def build(
         self,
         mesh: Mesh,
@@ -1001,10 +1009,7 @@ class MotionSection(Entry):
             others = read_motion(folder / self.poses)
             for name, poses in others.pop("bodies").items():
                 add(name, poses)
-        if self.joints is not None:
-            if len(robots) != 1:
-                raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
-            path = robots[0].read_path(folder / self.joints)
+        if (path := self.path(robots, folder)) is not None:
             if len({*path.duration.tolist()}) > 1:
                 others.setdefault("durations", path.duration)
             for name, poses in robots[0].poses(path.joints).items():

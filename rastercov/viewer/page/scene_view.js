@@ -91,7 +91,7 @@ export class SceneView {
 
   #showCreases() {
     if (!this.options.hasEdges || this.isLost) return;
-    this.creases ??= creasesOf(this.session.corners, this.session.faceGroups);
+    this.creases ??= creasesOf(this.session.cornersAtRest, this.session.faceGroups);
     this.mesh.setCreases(this.creases);
   }
 

@@ -14,6 +14,9 @@ import { centreOf } from "rastercov/maths.js";
 import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
+/** Name of the rig and the time of a state, which figures are of. */
+export const keyOf = ({ revision, at = [] }) => `${revision} ${at}`;
+
 const KEPT_KEY = "rastercov-kept";
 const KEY_IS_OLD = "the program was started again with another key: open the address that it printed";
 
@@ -32,6 +35,7 @@ export class Session {
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
     this.frame = 0; // of bodies that move
+    this.joints = []; // of robots
   }
 
   on(events, listener) {
@@ -55,7 +59,7 @@ export class Session {
     ]);
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
     this.cornersAtRest = soup.corners;
-    if (scene.motion) this.corners = cornersAt(this, 0);
+    this.#takeTime(state.at ?? []);
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
     scene.modes = modes;
     for (const mode of modes) {
@@ -117,12 +121,32 @@ export class Session {
     this.refresh();
   }
 
-  /** Shows a frame of bodies that move. */
-  setFrame(frame) {
+  /** Frame, and joints of robots where they are not those of the frame. */
+  get at() {
+    if (!this.scene.motion) return [];
+    const own = this.scene.joints?.frames[this.frame] ?? [];
+    return [this.frame, ...(this.joints.every((each, row) => each === own[row]) ? [] : this.joints)];
+  }
+
+  #takeTime([frame = 0, ...joints], placed = null) {
+    const { motion, joints: known } = this.scene;
+    if (!motion) return;
     this.frame = this.server.frame = frame;
-    this.corners = cornersAt(this, frame);
+    this.joints = joints.length ? joints : (known?.frames[frame] ?? []).slice();
+    if (!joints.length || placed) this.corners = cornersAt(this, frame, placed);
     this.emit("time", frame);
-    if (this.modeOf().is_of_frame) this.refresh();
+  }
+
+  /** Shows a frame of bodies that move; ends with its figures. */
+  async setFrame(frame) {
+    this.#takeTime([frame]);
+    if (this.canEdit || this.modeOf().is_of_frame) await this.refresh();
+  }
+
+  /** Shows robots with other joints, which the server moves. */
+  setJoints(joints, isDrag = false) {
+    this.joints = joints;
+    return this.act({ do: "none" }, { isDrag });
   }
 
   setOption(name, value, isDrag = false) {
@@ -169,6 +193,7 @@ export class Session {
           options: this.options[this.mode],
           station: this.chosen,
           is_drag: item.isDrag,
+          at: this.at,
           action: item.action,
         });
         this.#queue.shift();
@@ -208,11 +233,12 @@ export class Session {
   }
 
   #adopt({ json, payload }, action) {
-    const { state, ...figures } = json;
+    const { state, bodies, ...figures } = json;
     const isLater = this.#queue.some((item) => item.action.do === "pose");
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
     this.state = state;
+    if (bodies && String(state.at) === String(this.at)) this.#takeTime(state.at, bodies);
     const added = state.stations.find((station) => !known.has(station.id));
     const isChosenGone = this.chosen !== null && !this.station();
     this.figures = figures;
@@ -236,6 +262,7 @@ export class Session {
     try {
       this.reloads += 1;
       this.state = await this.server.state();
+      this.#takeTime(this.state.at ?? []);
       this.localPoses.clear();
       if (this.chosen !== null && !this.station()) this.chosen = this.state.stations[0]?.id ?? null;
       this.emit("state", this.state);
@@ -270,12 +297,12 @@ export class Session {
     if (this.#isSending || this.isChecking) return;
     this.isChecking = true;
     try {
-      const { revision } = await this.server.ping();
+      const { revision, at = [] } = await this.server.ping();
       const isBack = !this.isConnected;
       if (isBack) this.#setConnected(true);
       if (this.#isSending) return;
       if (isBack) await this.#comeBack(revision);
-      else if (revision !== this.state.revision && this.isIdle && !this.isWorking) {
+      else if (keyOf({ revision, at }) !== keyOf(this.state) && this.isIdle && !this.isWorking) {
         await this.reload("Another tab changed the rig; it is shown here now.");
       }
     } catch (error) {
