@@ -225,26 +225,30 @@ class Scene:
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
-        return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
-            "title": self.title,
-            "unit": self.start.unit,
-            "version": rastercov.__version__,
-            "is_room": self.is_room,
-            "task_fields": task_fields(),
-            "levels": DORI if "level" in self.modes else {},
-            "camera_fields": CAMERA_FIELDS,
-            "catalogue": self._sold() if can_edit else [],
-            "modes": [
-                described_mode(name, MODES[name])
-                | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
-                for name in self.modes
-            ],
-            "constraints": self._constraints() | {"is_kept": is_kept},
-            "can_edit": can_edit,
-            "placement": self.placement,
-            "result": self.result,
-            "notes": list(self.notes),
-        } | self._moving()
+        return (
+            described_mesh(self.mesh, [each.pose for each in self.start.stations])
+            | {
+                "title": self.title,
+                "unit": self.start.unit,
+                "version": rastercov.__version__,
+                "is_room": self.is_room,
+                "task_fields": task_fields(),
+                "levels": DORI if "level" in self.modes else {},
+                "camera_fields": CAMERA_FIELDS,
+                "catalogue": self._sold() if can_edit else [],
+                "modes": [
+                    described_mode(name, MODES[name])
+                    | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
+                    for name in self.modes
+                ],
+                "constraints": self._constraints() | {"is_kept": is_kept},
+                "can_edit": can_edit,
+                "placement": self.placement,
+                "result": self.result,
+                "notes": list(self.notes),
+            }
+            | self._moving()
+        )
 
     def _sold(self) -> list[tuple[str, str]]:
         """Name and words of each camera of the catalogue, and of each with a lens that fits."""

@@ -128,7 +128,7 @@ class Session:
         self.history = History(scene.start)
         self.at: tuple[float, ...] = ()
         self._method, self._moments = method, OrderedDict[tuple[float, ...], Moment]()
-        self._take_time(())
+        self.take_time(())
         self.is_kept = scene.has_constraints
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self.drawing: Drawing | None = None  # under the floor plan
@@ -155,7 +155,7 @@ class Session:
         """The present state with cameras where they are at that time."""
         return self.moment.shown(self.state)
 
-    def _take_time(self, at: tuple[float, ...]) -> None:
+    def take_time(self, at: tuple[float, ...]) -> None:
         """Show a time; what was measured stays for the last `MOST_MOMENTS`."""
         if at not in self._moments:
             made = Moment(self.scene, at, self._method)
@@ -222,7 +222,7 @@ class Session:
         request = request_of(entries)
         with self.lock:
             check_choice("mode", request.mode, OF_A_RIG)
-            self._take_time(tuple(request.at) if self.scene.moving else ())
+            self.take_time(tuple(request.at) if self.scene.moving else ())
             self._edit(request)
             return self.frame(request.mode, request.options, request.station)
 

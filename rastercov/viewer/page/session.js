@@ -140,7 +140,7 @@ export class Session {
   /** Shows a frame of bodies that move; ends with its figures. */
   async setFrame(frame) {
     this.#takeTime([frame]);
-    if (this.canEdit || this.modeOf().is_of_frame) await this.refresh();
+    if (this.server.hasFrames?.(this.mode) ?? true) await this.refresh();
   }
 
   /** Shows robots with other joints, which the server moves. */
