@@ -16,6 +16,7 @@ from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views
 from rastercov.cli import options
@@ -68,6 +69,7 @@ def view(
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     poses: RigOption = None,
     camera_name: options.CameraName = None,
+    lamps: options.LampsOption = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for what the page saves.")
     ] = Path("view"),
@@ -99,6 +101,8 @@ def view(
         check_name(export)
 
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
+    if lamps is not None:
+        scene = scene.lit_by(load_lamps(lamps))
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn([*scene.mesh.warnings, *scene.notes, *doubts])

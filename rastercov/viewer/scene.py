@@ -23,11 +23,12 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
 
 UNITS = {
     "min_pixels": "px", "max_blur": "px", "max_incidence_deg": "deg", "min_angle_deg": "deg",
+    "max_highlight_deg": "deg",
     "min_pixel_density": "px/m", "min_facing_density": "px/m", "min_pixels_per_m2": "px/m²",
 }  # fmt: skip
 """Units of thresholds."""
@@ -66,12 +68,14 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "lux"))
-"""Modes that a rig has values of; weak zones are of an audit, whose page has them."""
+OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "time", "now"))
+"""Modes that a rig has values of; weak zones are of an audit, and times of a result over time."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
+LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
+"""Note on a result that was lit."""
 OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs", "lamps", "ambient", "exposure")
 """Entries of a plan that its cameras are made of."""
 RESULTS = {
@@ -111,6 +115,16 @@ class Scene:
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
     moving: PlanMotion | None = None
+
+    def lit_by(self, lamps: Lamps) -> "Scene":
+        """The same with lamps; ConfigError for those of a plan, and for another unit."""
+        if self.plan is not None:
+            raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
+        start = self.start
+        start = replace(start, lamps=lamps, task=start.task.lit_by(lamps))
+        lamps.carried_by(tuple(start.cameras))
+        notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
+        return replace(self, start=start, notes=notes)
 
     def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
@@ -175,7 +189,9 @@ class Scene:
         """Ways to colour the faces; DORI levels are of scenes in which people may be."""
         is_site = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))) >= LEAST_SITE
         has_levels = is_site and self.start.unit == "m"
+        lamps = self.start.lamps
         known = {"level": has_levels, "device": bool(self.start.gates)}
+        known["lux"] = lamps is not None and not all(lamps.rides)
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
@@ -232,7 +248,7 @@ class Scene:
                 "unit": self.start.unit,
                 "version": rastercov.__version__,
                 "is_room": self.is_room,
-                "task_fields": task_fields(),
+                "task_fields": task_fields(self.start.lamps),
                 "levels": DORI if "level" in self.modes else {},
                 "camera_fields": CAMERA_FIELDS,
                 "catalogue": self._sold() if can_edit else [],
@@ -309,11 +325,13 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def task_fields() -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders."""
+def task_fields(lamps: Lamps | None = None) -> list[dict[str, Any]]:
+    """Thresholds of a task with their limits, for sliders; of light, too, where there are lamps."""
     words, default, found = documented(Task), Task(), []
+    unit = "" if lamps is None else lamps.unit
+    units = UNITS | dict.fromkeys(("min_illuminance", "max_illuminance"), unit)
     for name, hint in annotations_of(Task).items():
-        if name in words:
+        if name in words and (lamps is not None or name not in OF_LIGHT):
             schema = TypeAdapter(hint).json_schema()
             own = schema.get("anyOf", [schema])[0]  # the other one is null
             low = own.get("minimum", own.get("exclusiveMinimum"))
@@ -328,7 +346,7 @@ def task_fields() -> list[dict[str, Any]]:
                     "choices": own.get("enum"),
                     "default": getattr(default, name),
                     "is_optional": "anyOf" in schema,
-                    "unit": UNITS.get(name, ""),
+                    "unit": units.get(name, ""),
                 }
             )
     return found
@@ -355,8 +373,27 @@ def described_state(
             for each, place in zip(shown.stations, places, strict=True)
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
-        "task": {each["name"]: getattr(state.task, each["name"]) for each in task_fields()},
+        "task": {
+            each["name"]: getattr(state.task, each["name"]) for each in task_fields(state.lamps)
+        },
+        "lamps": described_lamps(state.lamps),
     }  # fmt: skip
+
+
+def described_lamps(lamps: Lamps | None) -> list[dict[str, Any]]:
+    """Lamps, ready for JSON; those that ride on cameras have no pose."""
+    own = () if lamps is None else zip(
+        lamps.names, lamps.lamps, lamps.places, lamps.rides, strict=True
+    )  # fmt: skip
+    return [
+        {
+            "id": f"lamp {row}", "row": row, "name": name, "half_angle_deg": lamp.half_angle_deg,
+            "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
+            "points": lamp.lamp_from_point[:, :3, 3].tolist(),
+            "pose": None if rides else place.ravel().tolist(),
+        }
+        for row, (name, lamp, place, rides) in enumerate(own)
+    ]  # fmt: skip
 
 
 def open_plan(path: Path, rig: Views | None = None) -> Scene:
@@ -377,6 +414,9 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         if rig.rig is None and cameras is None:
             raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
         start = state_of(rig, plan.build_task(), cameras)
+        if cameras is not None:
+            places = dict(zip(cameras.names, cameras.rig_from_camera, strict=True))
+            start = replace(start, lamps=cameras.lamps, places={**places, **start.places})
         if cameras is not None:  # those that the rig does not use may be added
             of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
             start = replace(
@@ -460,6 +500,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh | PlanMotion]) ->
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
+    notes += (LAMPS_ASKED,) if "light" in _read(folder / name) else ()
     title = folder.resolve().name
     return Scene(title, mesh, start, result=result, notes=notes, moving=moving)
 

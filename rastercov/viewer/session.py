@@ -126,6 +126,7 @@ class Session:
         self.scene, self.lock = scene, RLock()
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
         self.history = History(scene.start)
+        scene.start.task.check_light(scene.start.lamps)
         self.at: tuple[float, ...] = ()
         self._method, self._moments = method, OrderedDict[tuple[float, ...], Moment]()
         self.take_time(())

@@ -78,7 +78,8 @@ const colourOf = (session, level) => [...session.palette.subarray(3 * level, 3 *
 /** Triangles of the pieces, level of each face beside them, and area by level. */
 function trianglesOf(session, payload) {
   const names = Object.keys(session.scene.reasons);
-  const [covered, occluded, tooFew] = ["covered", "occluded", "too_few_views"].map((name) => names.indexOf(name));
+  const hidden = session.state.lamps?.length ? "unlit" : "occluded"; // what a threshold forgave the whole face
+  const [covered, lost, tooFew] = ["covered", hidden, "too_few_views"].map((name) => names.indexOf(name));
   const data = payload.slice().buffer;
   const n = new Uint32Array(data, 0, 1)[0];
   const faces = new Uint32Array(data, 4, n);
@@ -87,7 +88,7 @@ function trianglesOf(session, payload) {
   const levels = session.levels.slice();
   const level = (face) => {
     if (levels[face] !== covered) return levels[face];
-    return session.state.task.views > 1 ? tooFew : occluded; // what a threshold forgave the whole face
+    return session.state.task.views > 1 ? tooFew : lost;
   };
   const base = levels.slice();
   base.forEach((each, face) => (base[face] = each < names.length ? covered : each));

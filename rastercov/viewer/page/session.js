@@ -81,6 +81,22 @@ export class Session {
     return this.state.stations.find((station) => station.id === id) ?? null;
   }
 
+  /** Lamps whose places may be changed. */
+  get lamps() {
+    return (this.state.lamps ?? []).filter((lamp) => lamp.pose);
+  }
+
+  /** What is chosen: a station, a lamp, or null. */
+  device(id = this.chosen) {
+    return this.station(id) ?? this.lamps.find((lamp) => lamp.id === id) ?? null;
+  }
+
+  /** Puts a camera or a lamp at a pose. */
+  place(device, pose, options = {}) {
+    const action = "row" in device ? { do: "lamp", lamp: device.row, pose } : { do: "pose", station: device.id, pose };
+    return this.act(action, options);
+  }
+
   cameraOf(station) {
     return this.state.cameras[station.camera];
   }
@@ -103,7 +119,7 @@ export class Session {
     if (id === this.chosen) return;
     this.chosen = id;
     this.emit("chosen", id);
-    if (this.modeOf().panel === "camera" && id !== null) this.refresh();
+    if (this.modeOf().panel === "camera" && this.station()) this.refresh();
   }
 
   /** Chooses the next camera of the list, or the one before it. */
@@ -166,8 +182,8 @@ export class Session {
    * @param {object} options isDrag: a step of a gesture that is not over
    */
   act(action, { isDrag = false } = {}) {
-    if (action.do === "pose") {
-      this.localPoses.set(action.station, action.pose);
+    if (isMove(action)) {
+      this.localPoses.set(action.do === "pose" ? action.station : `lamp ${action.lamp}`, action.pose);
       this.emit("poses");
     }
     return new Promise((resolve) => {
@@ -191,7 +207,7 @@ export class Session {
           revision: this.state.revision,
           mode: this.mode,
           options: this.options[this.mode],
-          station: this.chosen,
+          station: this.station()?.id ?? null,
           is_drag: item.isDrag,
           at: this.at,
           action: item.action,
@@ -234,13 +250,13 @@ export class Session {
 
   #adopt({ json, payload }, action) {
     const { state, bodies, ...figures } = json;
-    const isLater = this.#queue.some((item) => item.action.do === "pose");
+    const isLater = this.#queue.some((item) => isMove(item.action));
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
     this.state = state;
     if (bodies && String(state.at) === String(this.at)) this.#takeTime(state.at, bodies);
     const added = state.stations.find((station) => !known.has(station.id));
-    const isChosenGone = this.chosen !== null && !this.station();
+    const isChosenGone = this.chosen !== null && !this.device();
     this.figures = figures;
     if (figures.legend.length === 1) figures.legend[0].hatch = 0; // nothing to tell it from
     this.levels = payload;
@@ -264,7 +280,7 @@ export class Session {
       this.state = await this.server.state();
       this.#takeTime(this.state.at ?? []);
       this.localPoses.clear();
-      if (this.chosen !== null && !this.station()) this.chosen = this.state.stations[0]?.id ?? null;
+      if (this.chosen !== null && !this.device()) this.chosen = this.state.stations[0]?.id ?? null;
       this.emit("state", this.state);
       this.emit("chosen", this.chosen);
       if (words) this.emit("notice", words);
@@ -329,7 +345,7 @@ export class Session {
       this.state = state;
       this.emit("state", state);
       for (const { action, resolve } of waiting) {
-        if (["pose", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
+        if (["pose", "lamp", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
         resolve(null);
       }
       this.refresh();
@@ -391,11 +407,15 @@ export class Session {
   }
 }
 
+/** Whether an act puts a camera or a lamp at a pose. */
+const isMove = (action) => action.do === "pose" || action.do === "lamp";
+
 /** Whether a newer act makes an older one that has not left pointless. */
 function replaces(newer, older) {
   const [a, b] = [newer.action, older.action];
   if (a.do === "none" && b.do === "none") return true;
-  if (!older.isDrag || a.do !== b.do || a.station !== b.station || a.camera !== b.camera) return false;
+  if (!older.isDrag || a.do !== b.do || a.station !== b.station) return false;
+  if (a.camera !== b.camera || a.lamp !== b.lamp) return false;
   const keys = (action) => Object.keys(action.changes ?? {}).join();
   return keys(a) === keys(b);
 }
