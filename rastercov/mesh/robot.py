@@ -214,7 +214,7 @@ class Robot(InOneLine):
         return any(each.column >= 0 for each in self.kinematics.chain(link))
 
     def read_path(self, path: StrPath) -> JointPath:
-        """Configurations of a CSV file: a column a joint, by name, and perhaps `duration` or `time`.
+        """Configurations of a CSV file: a column a joint, and perhaps `duration` or `time`.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, one_line, read_json
 from rastercov.base.format import plural
-from rastercov.base.output import write_bytes, write_text
+from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
 from rastercov.report.pages import MOST_LEVELS, embedded, levels_of
@@ -22,6 +22,7 @@ from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
+LAMPS = "lamps.json"
 DRAWING = "viewer_drawing.json"
 """Drawing under the floor plan."""
 MODES = tuple(name for name in OF_A_RIG if name != "single")
@@ -75,6 +76,8 @@ class Saving:
             if state.stations or drawing is None:
                 for what, text in _texts(state).items():
                     write_bytes(self.out / NAMES[what], text.encode())
+                if state.lamps is not None:
+                    write_json(self.out / LAMPS, state.lamps.to_json())
             if drawing is not None or not self.session.is_drawing_saved:
                 path = path if state.stations else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()

@@ -13,7 +13,8 @@ ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 STEPS = 5
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 PART = rc.shapes.by_name("teapot-5").moved(translation=(0.45, 0.0, 0.0))
-EYES = PART.bounds.mean(axis=0) + [(0.2, -0.5, 0.5), (0.1, 0.3, 0.7)]
+CENTRE = PART.bounds.mean(axis=0)
+EYES = np.add(CENTRE, [(0.2, -0.5, 0.5), (0.1, 0.3, 0.7)])
 POSES = rc.look_at(EYES, PART.bounds.mean(axis=0))
 TASK = rc.Task(max_incidence_deg=75)
 

@@ -15,12 +15,13 @@ from rastercov.coverage.area.failures import failures_of_rows, illuminance_of_fa
 from rastercov.coverage.reasons import NAMES, TOO_DARK, UNLIT
 from rastercov.report.modes import MODES, OfLight
 from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.saving import Saving
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewer.work import Work
 
 CENTRE = PART.bounds.mean(axis=0)
-PLACES = rc.look_at([CENTRE + (0.4, -0.3, 0.5), CENTRE + (-0.2, 0.3, 0.4)], CENTRE)
+PLACES = rc.look_at(np.add(CENTRE, [(0.4, -0.3, 0.5), (-0.2, 0.3, 0.4)]), CENTRE)
 LAMPS = rc.Lamps(
     [rc.Lamp.spot(12, intensity=40), rc.Lamp.area(0.2, intensity=30, points=4)],
     PLACES, ["key", "panel"], ambient=5,
@@ -224,3 +225,31 @@ def test_reasons_of_light_follow_those_of_cameras():
     assert min(NAMES.index(name) for name in ("unlit", "too_dark", "too_bright", "highlight")) > (
         rc.Reason.COVERED
     )
+
+
+def test_saved_lamps_are_read_again(session, tmp_path):
+    acted(session, do="lamp", lamp=1, pose=moved(PLACES[1], (0.1, 0.2, 0.3)))
+    Saving(session, tmp_path).save({"what": "rig"})
+    found = rc.load_lamps(tmp_path / "lamps.json")
+    assert found.to_json() == session.state.lamps.to_json()
+    for text in ("{}", "[]", '{"lamps": [{"kind": 3}]}', '{"lamps": 1}', "{"):
+        (tmp_path / "lamps.json").write_text(text)
+        with pytest.raises(rc.RastercovError, match=r"lamps\.json") as caught:
+            rc.load_lamps(tmp_path / "lamps.json")
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.slow
+def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
+    scene, _, _ = moving_scene(tmp_path, lamps=LAMPS, steps=3)
+    session = Session(scene)
+    Saving(session, tmp_path / "out").save({"what": "report"})
+    said = json.loads((tmp_path / "out" / "report" / "summary.json").read_text())["over_time"]
+    moving = scene.moving
+    rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])
+    found = rc.evaluate_over_time(
+        moving.motion, rig, rc.Poses.of(POSES, camera=[0, 1]), TASK, body=["world", "arm/head"],
+        lamps=LAMPS,
+    )  # fmt: skip
+    assert said["covered"]["percent"] == pytest.approx(100 * found.share(), abs=1e-6)
+    session.close()

@@ -1,4 +1,4 @@
-"""A session of bodies that move: figures are those of the frame, or of the joints, that are shown."""
+"""A session of bodies that move: figures are those of the frame, or joints, that are shown."""
 
 import numpy as np
 import pytest
