@@ -22,7 +22,7 @@ from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import Rig, Views, names_of_poses, with_lamps
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.sensors import tasks_of
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of
@@ -132,7 +132,7 @@ class RigState:
         every = dict(zip(rig.names, tasks_of(rig, task), strict=True))
         tasks = {name: every[name] for name in rig.tasks}
         places = dict(zip(rig.names, rig.rig_from_camera, strict=True))
-        own = {"tasks": tasks, "lamps": rig.lamps, "places": places}
+        own: dict[str, Any] = {"tasks": tasks, "lamps": rig.lamps, "places": places}
         return cls(stations, cameras, task, gates=gates, **own)
 
     def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
@@ -264,13 +264,7 @@ class RigState:
         own = self.lamps
         if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
             raise ConfigError(f"there is no lamp {lamp} to move")
-        places = own.places.copy()
-        places[lamp] = checked_pose(pose)
-        made = Lamps(
-            own.lamps, places, own.names, rides=own.rides, ambient=own.ambient,
-            exposure=own.exposure,
-        )  # fmt: skip
-        return replace(self, lamps=made)
+        return replace(self, lamps=own.at(lamp, checked_pose(pose)))
 
     def with_task(self, task: Task) -> "RigState":
         """With other thresholds; other views are those of all groups."""
@@ -322,7 +316,7 @@ class RigState:
 
 def of_one_camera(task: Task) -> Task:
     """The thresholds that decide what one camera covers, whatever the light."""
-    none = {"min_illuminance": 0.0, "max_illuminance": None, "max_highlight_deg": 0.0}
+    none: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}
     return replace(task, views=1, min_angle_deg=0.0, **none)
 
 

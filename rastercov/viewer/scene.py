@@ -138,8 +138,9 @@ class Scene:
         """
         if self.moving is None:
             return self.mesh, np.arange(self.mesh.n_faces), {}
-        motion, (frame, *joints) = self.moving.motion, at or (0,)
-        mesh, kept = motion.frame(frame)
+        motion, (frame, *joints) = self.moving.motion, at or (0.0,)
+        number: Any = frame  # whole, or refused
+        mesh, kept = motion.frame(number)
         poses, row = motion.world_from_body[int(frame)], 0
         if joints:
             poses = poses.copy()

@@ -22,6 +22,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import inverse
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.job import evaluate
@@ -78,16 +79,18 @@ class Moment:
 
     def shown(self, state: RigState) -> RigState:
         """The state with cameras where bodies carry them."""
-        if self._shown is None or self._shown[0] is not state:
+        kept = self._shown  # which another thread may change
+        if kept is None or kept[0] is not state:
             own = self.scene.carriers(state.cameras)
             bodies = {name: self.poses[body] for name, body in own.items()}
-            self._shown = state, state.carried(bodies)
-        return self._shown[1]
+            self._shown = kept = state, state.carried(bodies)
+        return kept[1]
 
     def at_rest(self, made: RigState, shown: RigState, state: RigState) -> RigState:
         """A state that was made of the one that is shown, with cameras where they are at rest."""
         own = self.scene.carriers(made.cameras)
-        rest = made.carried({name: np.linalg.inv(self.poses[body]) for name, body in own.items()})
+        back = {name: inverse(self.poses[body]) for name, body in own.items()}
+        rest = made.carried(back)
         same = dict(zip(shown.stations, state.stations, strict=True))
         pairs = zip(made.stations, rest.stations, strict=True)
         return replace(rest, stations=tuple(same.get(one, other) for one, other in pairs))

@@ -295,7 +295,7 @@ class Plan(PlanModel):
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
     def robots(self) -> list[Robot]:
-        """Robots of the bodies; PlanError with a line for each that cannot be read."""
+        """Robots of the bodies; PlanError for one that cannot be read."""
         return robots_of(self.bodies, self.folder, self.name)
 
     def build_motion(self, mesh: Mesh) -> Motion | None:
@@ -357,14 +357,12 @@ class Plan(PlanModel):
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Robot]:
     """Robots of those bodies of a file that have a URDF; errors as of `Plan.robots`."""
-    lines, found = list[str](), list[Robot]()
+    found = list[Robot]()
     for row, body in enumerate(bodies):
         try:
             found += [] if body.urdf is None else [body.robot(folder)]
         except RastercovError as error:
-            lines.append(f"bodies[{row}]: {error}")
-    if lines:
-        raise PlanError(name, lines)
+            raise PlanError(name, [f"bodies[{row}]: {error}"]) from None
     return found
 
 

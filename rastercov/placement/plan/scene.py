@@ -94,8 +94,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
-    is_carrying = any(isinstance(each, OnArm) for each in plan.candidates)
-    robots = [] if is_carrying else plan.robots()
+    robots = [] if any(isinstance(each, OnArm) for each in plan.candidates) else plan.robots()
     mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
     mesh, lines = _with_targets(plan, mesh, of_files)
     names = Names((group.name for group in mesh.groups), of_files)

@@ -1010,8 +1010,7 @@ class MotionSection(Entry):
             for name, poses in others.pop("bodies").items():
                 add(name, poses)
         if (path := self.path(robots, folder)) is not None:
-            if len({*path.duration.tolist()}) > 1:
-                others.setdefault("durations", path.duration)
+            others.setdefault("durations", path.duration)
             for name, poses in robots[0].poses(path.joints).items():
                 add(name, poses)
         groups = {body.name: body.groups for body in bodies if body.groups}
@@ -1307,9 +1306,7 @@ class PlanModel(Entry):
             return
         if self.motion is None:
             if self.task.over is not None or self.bodies:
-                raise ValueError(
-                    "task.over and bodies are of a motion; give one, or leave them out"
-                )
+                raise ValueError("task.over and bodies are of a motion; give one, or leave out")
             return
         if isinstance(self.task.views, dict):
             raise ValueError("task.views by group is of a still scene; give one number")
