@@ -403,7 +403,8 @@ class Lamps(InOneLine):
         """The same with another place of a lamp by its row; errors as of the class."""
         places = self.places.copy()
         places[lamp] = place
-        own = {"rides": self.rides, "ambient": self.ambient, "exposure": self.exposure}
+        own: dict[str, Any] = {"rides": self.rides, "ambient": self.ambient}
+        own |= {"exposure": self.exposure}
         return Lamps(self.lamps, places, self.names, **own)
 
     def carried_by(self, cameras: Sequence[str]) -> NDArray[np.bool_]:

@@ -160,19 +160,19 @@ class Scene:
         """Motion and joints for the page, ready for JSON."""
         if self.moving is None:
             return {}
-        path = self.moving.path
-        n, rest = len(self.moving.motion), [each.rest for each in self.moving.robots]
-        frames = np.tile(np.concatenate([*rest, []]), (n, 1)) if path is None else path.joints
-        joints = [
-            {"name": name, "low": max(low, -math.pi), "high": min(high, math.pi), "words": "",
-             "unit": "m" if kinds[name] == "prismatic" else "°"}
-            for robot in self.moving.robots
-            for kinds in [{each.name: each.kind for each in robot.kinematics.joints}]
-            for name, (low, high) in zip(robot.joint_names, robot.limits.tolist(), strict=True)
-        ]  # fmt: skip
+        robots, path, fields = self.moving.robots, self.moving.path, []
+        for robot in robots:
+            kinds = {each.name: each.kind for each in robot.kinematics.joints}
+            for name, limits in zip(robot.joint_names, robot.limits, strict=True):
+                low, high = np.where(np.isfinite(limits), limits, (-math.pi, math.pi)).tolist()
+                unit = "m" if kinds[name] == "prismatic" else "°"
+                fields.append({"name": name, "low": low, "high": high, "words": "", "unit": unit})
+        joints = np.concatenate([*(each.rest for each in robots), []])
+        joints = joints[None] if path is None else path.joints
+        frames = np.broadcast_to(joints, (len(self.moving.motion), joints.shape[1]))
         return {
             "motion": described_motion(self.moving.motion),
-            "joints": {"fields": joints, "frames": frames.tolist()},
+            "joints": {"fields": fields, "frames": frames.tolist()},
         }
 
     @property
