@@ -242,30 +242,27 @@ class Scene:
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
-        return (
-            described_mesh(self.mesh, [each.pose for each in self.start.stations])
-            | {
-                "title": self.title,
-                "unit": self.start.unit,
-                "version": rastercov.__version__,
-                "is_room": self.is_room,
-                "task_fields": task_fields(self.start.lamps),
-                "levels": DORI if "level" in self.modes else {},
-                "camera_fields": CAMERA_FIELDS,
-                "catalogue": self._sold() if can_edit else [],
-                "modes": [
-                    described_mode(name, MODES[name])
-                    | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
-                    for name in self.modes
-                ],
-                "constraints": self._constraints() | {"is_kept": is_kept},
-                "can_edit": can_edit,
-                "placement": self.placement,
-                "result": self.result,
-                "notes": list(self.notes),
-            }
-            | self._moving()
-        )
+        return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
+            "title": self.title,
+            "unit": self.start.unit,
+            "version": rastercov.__version__,
+            "is_room": self.is_room,
+            "task_fields": task_fields(self.start.lamps),
+            "levels": DORI if "level" in self.modes else {},
+            "camera_fields": CAMERA_FIELDS,
+            "catalogue": self._sold() if can_edit else [],
+            "modes": [
+                described_mode(name, MODES[name])
+                | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
+                for name in self.modes
+            ],
+            "constraints": self._constraints() | {"is_kept": is_kept},
+            "can_edit": can_edit,
+            "placement": self.placement,
+            "result": self.result,
+            "notes": list(self.notes),
+            **self._moving(),
+        }
 
     def _sold(self) -> list[tuple[str, str]]:
         """Name and words of each camera of the catalogue, and of each with a lens that fits."""
@@ -360,7 +357,7 @@ def described_state(
 
     `place` of a station is the constraint it violates.
     """
-    eyes = state.eyes
+    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.lamps)]
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         judged = scene.pool.space.judge(eyes)
@@ -374,9 +371,7 @@ def described_state(
             for each, place in zip(shown.stations, places, strict=True)
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
-        "task": {
-            each["name"]: getattr(state.task, each["name"]) for each in task_fields(state.lamps)
-        },
+        "task": {name: getattr(state.task, name) for name in thresholds},
         "lamps": described_lamps(state.lamps),
     }  # fmt: skip
 
@@ -415,14 +410,11 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         if rig.rig is None and cameras is None:
             raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
         start = state_of(rig, plan.build_task(), cameras)
-        if cameras is not None:
-            places = dict(zip(cameras.names, cameras.rig_from_camera, strict=True))
-            start = replace(start, lamps=cameras.lamps, places={**places, **start.places})
         if cameras is not None:  # those that the rig does not use may be added
             of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
-            start = replace(
-                start, cameras=MappingProxyType({**start.cameras, **of_plan, **start.cameras})
-            )
+            every = MappingProxyType({**start.cameras, **of_plan, **start.cameras})
+            places = dict(zip(cameras.names, cameras.rig_from_camera, strict=True))
+            start = replace(start, cameras=every, lamps=cameras.lamps, places=places)
     elif cameras is None:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:

@@ -160,7 +160,8 @@ class Session:
         return self.moment.shown(self.state)
 
     def take_time(self, at: tuple[float, ...]) -> None:
-        """Show a time; what was measured stays for the last `MOST_MOMENTS`."""
+        """Show a time, the first frame for (); the last `MOST_MOMENTS` stay measured."""
+        at = (at or (0.0,)) if self.scene.moving else ()
         if at not in self._moments:
             made = Moment(self.scene, at, self._method)
             if self.at in self._moments:
@@ -226,7 +227,7 @@ class Session:
         request = request_of(entries)
         with self.lock:
             check_choice("mode", request.mode, OF_A_RIG)
-            self.take_time(tuple(request.at) if self.scene.moving else ())
+            self.take_time(tuple(request.at))
             self._edit(request)
             return self.frame(request.mode, request.options, request.station)
 

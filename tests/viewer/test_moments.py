@@ -51,7 +51,7 @@ def test_figures_of_a_time_are_those_of_the_mesh_moved_by_hand(cell):
         assert "bodies" not in head
     head, levels = acted(session, [2, *JOINTS])
     assert_figures(head, levels, *by_hand(robot, JOINTS))
-    assert head["state"]["at"] == (2, *JOINTS) or head["state"]["at"] == [2, *JOINTS]
+    assert head["state"]["at"] == [2, *JOINTS]
     mesh, poses = by_hand(robot, JOINTS)
     exact = rc.unite(rc.regions(mesh, CAMERA, poses, TASK)).share()
     assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-6)
@@ -84,7 +84,7 @@ def test_times_that_are_none_are_refused_and_change_nothing(cell):
         with pytest.raises(ConfigError) as caught:
             acted(session, at)
         assert str(caught.value).isprintable()
-        assert session.at == ()
+        assert session.at == (0.0,)
 
 
 def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
@@ -136,4 +136,4 @@ def test_an_exported_page_has_the_frames(cell):
     session, _, _ = cell
     page = exported(session, ("reason", "views"))
     assert page.count('"reason@') == STEPS
-    assert session.at == ()
+    assert session.at == (0.0,)
