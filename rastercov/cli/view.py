@@ -31,11 +31,10 @@ from rastercov.cli.inputs import (
     read_rig,
 )
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh, shapes
+from rastercov.mesh import shapes
 
 if TYPE_CHECKING:
-    from rastercov.placement.plan.over_time import PlanMotion
-    from rastercov.viewer.scene import Scene
+    from rastercov.viewer.scene import Scene, Shown
 
 Sources = Annotated[
     list[Path],
@@ -175,17 +174,17 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """
-    from rastercov.viewer.scene import mesh_of_place, open_result, run_of, state_of
+    from rastercov.viewer.scene import open_result, run_of, scene_of_place, state_of
 
-    def found(names: list[str]) -> "Mesh | PlanMotion":
+    def found(names: list[str]) -> "Shown":
         options = run_of(folder).get("options")
         arguments: Any = options.get("scene") if isinstance(options, Mapping) else None
         if are_arguments(arguments) and given == SceneOptions():
             return read_again(folder, arguments, names, meshes)
         if meshes:
-            return given.read(meshes)
-        if given == SceneOptions() and (mesh := mesh_of_place(folder)) is not None:
-            return mesh
+            return given.read(meshes), None
+        if given == SceneOptions() and (shown := scene_of_place(folder)) is not None:
+            return shown
         return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])
 
     scene = open_result(folder, found)

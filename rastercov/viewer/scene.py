@@ -76,8 +76,8 @@ LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
 LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
 """Note on a result that was lit."""
-OF_CAMERAS = ("catalogue", "camera", "cameras", "rigs", "lamps", "ambient", "exposure")
-"""Entries of a plan that its cameras are made of."""
+OF_CAMERAS, OF_LAMPS = ("catalogue", "camera", "cameras", "rigs"), ("lamps", "ambient", "exposure")
+"""Entries of a plan that its cameras, and its lamps, are made of."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -456,7 +456,11 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     return run
 
 
-def open_result(folder: Path, load: Callable[[list[str]], Mesh | PlanMotion]) -> Scene:
+Shown = tuple[Mesh | PlanMotion, Lamps | None]
+"""Mesh of a result, or its motion, and its lamps."""
+
+
+def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     """Scene of the folder of a result.
 
     Parameters
@@ -464,7 +468,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh | PlanMotion]) ->
     folder : Path
         Of `evaluate`, `place` or `audit`.
     load : callable
-        Gives the mesh, or its motion; called with the names of the files.
+        Gives the scene; called with the names of the files of its mesh.
 
     Raises
     ------
@@ -475,7 +479,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh | PlanMotion]) ->
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
-    found = load(files)
+    found, lamps = load(files)
     moving = found if isinstance(found, PlanMotion) else None
     mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.motion.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
@@ -487,31 +491,31 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh | PlanMotion]) ->
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    start = state_of(read_views(rig_file), task, _cameras(run))
+    start = replace(state_of(read_views(rig_file), task, _cameras(run)), lamps=lamps)
     needed = (_read(folder / name).get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
-    notes += (LAMPS_ASKED,) if "light" in _read(folder / name) else ()
+    notes += (LAMPS_ASKED,) if lamps is None and "light" in _read(folder / name) else ()
     title = folder.resolve().name
     return Scene(title, mesh, start, result=result, notes=notes, moving=moving)
 
 
-def mesh_of_place(folder: Path) -> Mesh | PlanMotion | None:
-    """Mesh of the plan in a result of `place`, or its motion; None where files were moved."""
+def scene_of_place(folder: Path) -> Shown | None:
+    """Scene of the plan in a result of `place`; None elsewhere, and where files were moved."""
     told = _read(folder / "plan.json") if (folder / "plan.json").is_file() else {}
     if not isinstance(told.get("plan"), Mapping) or not isinstance(told.get("folder"), str):
         return None
     try:
         # Cameras and candidates may have files that are there no more.
-        needed = told["plan"].keys() & {"meshes", "targets", "rooms"}
+        needed = told["plan"].keys() & {"meshes", "targets", "rooms", *OF_LAMPS}
         if told["plan"].get("motion"):
             needed |= told["plan"].keys() & {"bodies", "motion", "task", *OF_CAMERAS}
         entries = {name: told["plan"][name] for name in needed}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)
-        return PlanMotion.of(plan, mesh) or mesh
+        return PlanMotion.of(plan, mesh) or mesh, plan.built_lamps(plan.folder)
     except RastercovError:  # such as a file that was moved
         return None
 

@@ -253,3 +253,31 @@ def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
     )  # fmt: skip
     assert said["covered"]["percent"] == pytest.approx(100 * found.share(), abs=1e-6)
     session.close()
+
+
+@pytest.mark.slow
+def test_results_show_their_lamps_and_motion_again(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    moving_scene(tmp_path, steps=3)
+    PART.to_trimesh().export("part.stl")
+    lamp = "[lamps.key]\nintensity_cd = 9\nposition = [0.5, 0.4, 0.6]\n"
+    (tmp_path / "lamps.toml").write_text(lamp)
+    camera = "{width = 320, height = 240, hfov_deg = 50}"
+    words = "evaluate part.stl -p sphere:2 --table none --pictures 0 -o report"
+    lit = "--motion m.toml --lamps lamps.toml --min-illuminance 12 -c"
+    done(capsys, [*words.split(), *lit.split(), camera])
+    (tmp_path / "plan.toml").write_text(
+        '[[meshes]]\npath = "part.stl"\n[task]\nmin_illuminance = 12.0\n[selection]\n'
+        'goal = "best_coverage"\ncameras = 1\n[[candidates]]\ngenerator = "on_sphere"\ncount = 2\n'
+        "distances = [1.0]\n[outputs]\npage = false\n[camera]\nwidth = 320\nheight = 240\n"
+        "hfov_deg = 50.0\n" + lamp
+    )
+    done(capsys, "place plan.toml")
+    for folder, n_frames in (("report", 3), ("plan", 0)):
+        done(capsys, f"view {folder} --export page.html")
+        page = (tmp_path / "page.html").read_text("utf-8")
+        data = json.loads(page.partition('id="export">')[2].partition("</script>")[0])
+        assert [each["name"] for each in data["state"]["lamps"]] == ["key"]
+        assert len(data["scene"].get("motion", {}).get("durations", ())) == n_frames
+        frame = data["frames"]["reason@2" if n_frames else "reason"]
+        assert frame["summary"]["not_covered_because"]["too_dark"]["faces"] > 0
