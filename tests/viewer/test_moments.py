@@ -1,12 +1,15 @@
 """A session of bodies that move: figures are those of the frame, or joints, that are shown."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
-from moving_scene import CAMERA, STEPS, TASK, by_hand, moving_scene
+from moving_scene import CAMERA, PART, STEPS, TASK, by_hand, moving_scene
 from rigs_to_view import moved
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.viewer.measurements import Measurements
 from rastercov.viewer.saving import exported
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewer.work import Work
@@ -91,7 +94,7 @@ def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
     session, _, _ = cell
     motion = session.scene.moving.motion
     there = motion.present.copy()
-    link = motion.names.index("arm/head")
+    link = motion.names.index("arm/upper_arm")
     there[2, link] = False
     object.__setattr__(motion, "present", there)
     head, levels = acted(session, [2])
@@ -99,24 +102,35 @@ def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
     assert len(levels) == motion.mesh.n_faces
     with pytest.raises(ConfigError, match="not there"):
         session.why(int(away[0]))
-    after = int(away[-1]) + 1 if away[-1] + 1 < motion.mesh.n_faces else 0
+    after = int(away[-1]) + 1
     assert session.why(after)["area"] == pytest.approx(float(motion.mesh.areas[after]))
+    occluders = ~motion.mesh.task_mask
+    occluders[away] = False
+    assert len(set(levels[occluders].tolist())) == 1
+    assert levels[away].max() == 0
     assert head["summary"]["covered"]["faces"] > 0
 
 
-def test_work_is_of_the_time_that_is_shown(cell):
+def test_work_is_of_the_time_that_is_shown(cell, monkeypatch):
     session, robot, rows = cell
+    made = Mock(side_effect=Measurements)
+    monkeypatch.setattr("rastercov.viewer.work.Measurements", made)
     before, _ = acted(session, [4])
     work = Work(session)
     work.start({"kind": "add", "camera": "carried"})
     work.wait()
     assert work.described()["status"] == "done", work.described()
+    assert made.call_args.args[0] is session.moment.mesh
     head, levels = acted(session, [4])
     shown = np.reshape([each["pose"] for each in head["state"]["stations"]], (-1, 4, 4))
     shares = [each["summary"]["covered"]["area_percent"] for each in (before, head)]
     assert shares[1] > shares[0]
-    mesh, (_, carried) = by_hand(robot, rows[4])
+    gain = float(work.described()["words"].split(": ")[1].split()[0].replace(",", ""))
+    total = 1e4 * float(PART.areas.sum())  # cm2
+    assert (shares[1] - shares[0]) / 100 * total == pytest.approx(gain, rel=0.01)
+    mesh, (fixed, carried) = by_hand(robot, rows[4])
     assert_figures(head, levels, mesh, shown)
+    assert np.allclose(shown[:2], [fixed, carried])
     world_from_head = carried @ np.linalg.inv(by_hand(robot, rows[0])[1][1])
     assert np.allclose(world_from_head @ session.state.stations[2].pose, shown[2])
 
