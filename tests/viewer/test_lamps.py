@@ -188,6 +188,13 @@ def test_a_lamp_is_chosen_and_dragged_in_the_page(context):
     running = Program(session)
     running.start()
     tab = Tab(context, running.url)
+    names = tab.page.locator("button.name")
+    assert sorted(names.all_inner_texts()) == sorted(["key", "panel", *(
+        each["name"] for each in tab.state()["stations"]
+    )])  # fmt: skip
+    tab.page.mouse.click(*tab.place(PLACES[0][:3, 3]))
+    tab.idle()
+    assert tab.js("rastercov.session.chosen") == "lamp 0"
     tab.page.get_by_role("group", name="Lamps").get_by_role("button", name="panel").click()
     tab.idle()
     assert tab.js("rastercov.session.chosen") == "lamp 1"

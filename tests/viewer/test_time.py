@@ -154,7 +154,6 @@ def test_an_exported_page_plays_the_figures(context, tmp_path):
     page = Tab(context, export_page(session, tmp_path / "page.html", ("reason",)).as_uri())
     for frame in (2, 1):
         page.js("frame => rastercov.session.setFrame(frame)", frame)
-        page.js("rastercov.session.refresh()")
         page.idle()
         assert_shown(page, *by_hand(robot, rows[frame]))
     assert not page.faults
