@@ -15,12 +15,13 @@ from rastercov.base.files import (
     UnreadableError,
     file_bytes,
     printable,
+    read_json,
     read_toml,
     suffix_of,
 )
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
-from rastercov.camera.lamps import KINDS, UNITS, Lamp, Lamps
+from rastercov.camera.lamps import KINDS, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.viewpoints import look_at
 
@@ -41,8 +42,9 @@ def load_lamps(path: StrPath) -> Lamps:
     Parameters
     ----------
     path : path
-        TOML with `ambient`, [exposure], and a table [lamps.NAME] for each; or a glTF scene (.glb,
-        .gltf), of which the point lights and spots are taken, by KHR_lights_punctual.
+        TOML with `ambient`, [exposure], and a table [lamps.NAME] for each; JSON, as the viewer
+        saves them; or a glTF scene (.glb, .gltf), of which the point lights and spots are taken, by
+        KHR_lights_punctual.
 
     Raises
     ------
@@ -52,7 +54,12 @@ def load_lamps(path: StrPath) -> Lamps:
     try:
         if suffix_of(path) in (".glb", ".gltf"):
             return _of_lights(read_lights(file_bytes(path, LARGEST_SCENE)))
+        if suffix_of(path) == ".json":
+            return lamps_of_json(read_json(path))
         return lamps_of(read_toml(path), Path(path).parent)
+    except (LookupError, TypeError, AttributeError):
+        shape = "lamps, places, names, rides and ambient, as of Lamps.to_json"
+        raise CameraError(f"{printable(str(path))}: wanted {shape}; save it again") from None
     except (UnreadableError, CameraError, ConfigError, PoseError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
 

@@ -399,6 +399,14 @@ class Lamps(InOneLine):
         of_lamps = zip(self.places, self.lamps, strict=True)
         return np.concatenate([place @ lamp.lamp_from_point for place, lamp in of_lamps])
 
+    def at(self, lamp: int, place: ArrayLike) -> "Lamps":
+        """The same with another place of a lamp by its row; errors as of the class."""
+        places = self.places.copy()
+        places[lamp] = place
+        own: dict[str, Any] = {"rides": self.rides, "ambient": self.ambient}
+        own |= {"exposure": self.exposure}
+        return Lamps(self.lamps, places, self.names, **own)
+
     def carried_by(self, cameras: Sequence[str]) -> NDArray[np.bool_]:
         """(N, C) lamps that ride on cameras, by the names of these: "camera" or "rig/camera".
 

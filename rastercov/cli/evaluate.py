@@ -113,7 +113,7 @@ def evaluate(
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(eyes.notes)
-    kept = scene.entries(out, meshes)
+    kept = scene.entries(out, meshes, motion=motion, lamps=lamps)
     skips = conventions.skip_bad_poses
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
@@ -123,6 +123,7 @@ def evaluate(
         from rastercov.placement.plan.over_time import PlanMotion
 
         moving = PlanMotion.read(motion, mesh, report.method)
+        mesh = moving.motion.mesh
     run_and_print(
         mesh, with_lamps(eyes.rig, lit), eyes.poses, task.lit_by(lit), out, settings, as_json,
         workers, level, eyes.images, moving,

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import is_head, is_name
 from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, names_of_poses
 from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
@@ -31,8 +32,13 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
 
+if TYPE_CHECKING:
+    from rastercov.viewer.scene import Shown
+
 AROUND = ("sphere:", "turntable:")
 """Beginnings of poses around a mesh; see `poses_around`."""
+OTHERS = ("motion", "lamps")
+"""Further files of a scene that a result may have."""
 MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
@@ -70,23 +76,28 @@ class SceneOptions(NamedTuple):
             raise MeshError("every group is an occluder; leave at least one to be covered")
         return mesh
 
-    def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
-        """The options, the mesh files and the working folder, for the report in a folder."""
-        files = list(map(str, meshes))
-        return {"folder": seen_from(out, Path()), "meshes": files, **self._asdict()}
+    def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> dict[str, Any]:
+        """The options, the files and the working folder, for the report in a folder.
+
+        `others` are the files of `OTHERS`.
+        """
+        files = {name: str(path) for name, path in others.items() if path is not None}
+        own = {"meshes": list(map(str, meshes)), **files, **self._asdict()}
+        return {"folder": seen_from(out, Path()), **own}
 
 
 def are_arguments(value: Any) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
-    hints = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
-    is_whole = isinstance(value, dict) and value.keys() == hints.keys()
-    return is_whole and all(fits(value[name], hint) for name, hint in hints.items())
+    hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    others = dict.fromkeys(OTHERS, str)
+    is_whole = isinstance(value, dict) and hints.keys() == value.keys() - others.keys()
+    return is_whole and all(fits(each, (others | hints)[name]) for name, each in value.items())
 
 
 def read_again(
     result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
-) -> Mesh:
-    """Scene of the entries in a result's folder, whose files have these names.
+) -> "Shown":
+    """Scene of the entries in a result's folder, whose meshes have these names, and its lamps.
 
     Files that are not where they were are looked for by their names in the working folder, in the
     result's and beside it; `given` ones, in the order of the names or with the same, come first.
@@ -95,9 +106,11 @@ def read_again(
     places = [result.resolve() / kept.pop("folder"), Path.cwd(), result, result.resolve().parent]
     files = [*kept["meshes"], *kept["occluders"], *kept["targets"]]
     files = [file for file in files if Path(file).name in names and file not in shapes.NAMES]
+    others = {name: kept.pop(name) for name in OTHERS if name in kept}
+    files += others.values()
     found = {path.name: path for path in given}
-    if len(given) == len(files):
-        found = dict(zip([Path(file).name for file in files], given, strict=True)) | found
+    if len(given) in (len(files) - len(others), len(files)):
+        found = dict(zip([Path(file).name for file in files], given, strict=False)) | found
     now: dict[str, str] = {}
     for file in files:
         name = Path(file).name
@@ -119,7 +132,12 @@ def read_again(
         if isinstance(entries, list):
             kept[name] = [moved(entry) for entry in entries]
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
-    return SceneOptions(**kept).read(meshes)
+    from rastercov.placement.plan.over_time import PlanMotion
+
+    mesh = SceneOptions(**kept).read(meshes)
+    found = {name: Path(now[file]) for name, file in others.items()}
+    moving = PlanMotion.read(found["motion"], mesh) if "motion" in found else mesh
+    return moving, load_lamps(found["lamps"]) if "lamps" in found else None
 
 
 def _is_further(name: str, meshes: list[Path]) -> bool:

@@ -16,6 +16,7 @@ from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views
 from rastercov.cli import options
@@ -30,10 +31,10 @@ from rastercov.cli.inputs import (
     read_rig,
 )
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh, shapes
+from rastercov.mesh import shapes
 
 if TYPE_CHECKING:
-    from rastercov.viewer.scene import Scene
+    from rastercov.viewer.scene import Scene, Shown
 
 Sources = Annotated[
     list[Path],
@@ -67,6 +68,7 @@ def view(
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     poses: RigOption = None,
     camera_name: options.CameraName = None,
+    lamps: options.LampsOption = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for what the page saves.")
     ] = Path("view"),
@@ -98,6 +100,8 @@ def view(
         check_name(export)
 
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
+    if lamps is not None:
+        scene = scene.lit_by(load_lamps(lamps))
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
@@ -170,17 +174,17 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """
-    from rastercov.viewer.scene import mesh_of_place, open_result, run_of, state_of
+    from rastercov.viewer.scene import open_result, run_of, scene_of_place, state_of
 
-    def found(names: list[str]) -> Mesh:
+    def found(names: list[str]) -> "Shown":
         options = run_of(folder).get("options")
         arguments: Any = options.get("scene") if isinstance(options, Mapping) else None
         if are_arguments(arguments) and given == SceneOptions():
             return read_again(folder, arguments, names, meshes)
         if meshes:
-            return given.read(meshes)
-        if given == SceneOptions() and (mesh := mesh_of_place(folder)) is not None:
-            return mesh
+            return given.read(meshes), None
+        if given == SceneOptions() and (shown := scene_of_place(folder)) is not None:
+            return shown
         return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])
 
     scene = open_result(folder, found)

@@ -183,11 +183,17 @@ class Motion(InOneLine):
 
     def _at(self, row: int, *, of_occluders: bool) -> tuple[Mesh, NDArray[np.int64]]:
         """See `frame` and `Rest.at`."""
-        poses, is_there = self.world_from_body[row], self.present[row]
         if self._is_still:
             return self.mesh, np.arange(self.mesh.n_faces)
+        poses, is_there = self.world_from_body[row], self.present[row]
+        return self._placed(poses, is_there, of_occluders=of_occluders)
+
+    def _placed(
+        self, poses: FloatArray, is_there: NDArray[np.bool_], *, of_occluders: bool = True
+    ) -> tuple[Mesh, NDArray[np.int64]]:
+        """See `frame`, by poses (B, 4, 4) of bodies, of which (B,) are there."""
         if not is_there[self.body].any():
-            raise ConfigError(f"no body is there in frame {row}")
+            raise ConfigError("no body is there in this frame; show another one")
         rest = self._rest_of(is_there)
         return rest.at(poses, self._diagonal, of_occluders=of_occluders), rest.kept
 

@@ -36,6 +36,8 @@ from rastercov.mesh.motion import MOST_FRAMES, Motion
 
 FloatArray = NDArray[np.float64]
 PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+TIMES = ("time", "duration")
+"""Columns that say when a frame begins, or its weight."""
 COLUMNS = (*PLACE, *TURN, "present")
 OF_GLTF = (".glb", ".gltf")
 OFF_RIGID, STILL = 1e-5, 1e-7
@@ -157,11 +159,11 @@ def _of_json(content: Any) -> dict[str, Any]:
         bodies[name] = entry.get("poses", np.eye(4))
         if "present" in entry:
             present[name] = entry["present"]
-    return {"bodies": bodies, "present": present} | _durations(content)
+    return {"bodies": bodies, "present": present} | durations_of(content)
 
 
-def _durations(content: Any) -> dict[str, Any]:
-    """`durations`, from times where these are given."""
+def durations_of(content: Any) -> dict[str, Any]:
+    """`durations` of a table that has some, or from its `times`, at which frames begin."""
     if "times" not in content:
         return {"durations": content["durations"]} if "durations" in content else {}
     if "durations" in content:
@@ -208,7 +210,7 @@ def _of_csv(text: str) -> dict[str, Any]:
     bodies: dict[str, dict[str, list[float]]] = {}
     for name, values in columns.items():
         body, _, field = name.rpartition(".")
-        if name in ("time", "duration"):
+        if name in TIMES:
             table[f"{name}s"] = values
         elif body and field in COLUMNS:
             bodies.setdefault(body, {})[field] = values
@@ -224,7 +226,7 @@ def _of_csv(text: str) -> dict[str, Any]:
     present = {
         name: np.array(own["present"]) != 0 for name, own in bodies.items() if "present" in own
     }
-    return {"bodies": poses, "present": present} | _durations(table)
+    return {"bodies": poses, "present": present} | durations_of(table)
 
 
 def _number(text: str) -> Any:

@@ -32,7 +32,7 @@ from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.motion import checked_poses
-from rastercov.mesh.motion_file import columns_of
+from rastercov.mesh.motion_file import TIMES, columns_of, durations_of
 from rastercov.mesh.shapes import box, sphere
 
 FloatArray = NDArray[np.float64]
@@ -42,8 +42,6 @@ SIDES = 32
 """Sides of the prism in place of a cylinder; its edges lie on it."""
 ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
-DURATION = "duration"
-"""Column of a path that has no joint."""
 
 
 class JointPath(NamedTuple):
@@ -54,7 +52,7 @@ class JointPath(NamedTuple):
     joints : (T, J) float64
         Radians, or metres of prismatic joints, in the order of `Robot.joint_names`.
     duration : (T,) float64
-        Weight of each, such as seconds; 1 unless the file has it.
+        Weight of each, such as seconds; 1 unless the file has it, or times.
     """
 
     joints: FloatArray
@@ -216,7 +214,7 @@ class Robot(InOneLine):
         return any(each.column >= 0 for each in self.kinematics.chain(link))
 
     def read_path(self, path: StrPath) -> JointPath:
-        """Configurations of a CSV file: a column for each joint, by name, and perhaps `duration`.
+        """Configurations of a CSV file: a column a joint, and perhaps `duration` or `time`.
 
         Parameters
         ----------
@@ -232,16 +230,18 @@ class Robot(InOneLine):
         shown_path = printable(str(path))
         try:
             columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"))
+            durations = durations_of({f"{n}s": columns[n] for n in TIMES if n in columns})
         except UnicodeDecodeError:
             raise ConfigError(f"{shown_path}: not a text in UTF-8") from None
         except (UnreadableError, ConfigError) as error:
             raise ConfigError(f"{shown_path}: {error}") from None
-        wanted = set(self.joint_names)
-        if wanted - set(columns) or set(columns) - wanted - {DURATION}:
-            joints, got = ", ".join(self.joint_names), shown(", ".join(map(printable, columns)))
-            raise ConfigError(f"{shown_path}: columns {joints} and perhaps duration, got {got}")
+        joints, got = ", ".join(self.joint_names), shown(", ".join(map(printable, columns)))
+        if set(columns) - {*TIMES} != set(self.joint_names):
+            raise ConfigError(
+                f"{shown_path}: columns {joints} and perhaps duration or time, got {got}"
+            )
         rows = np.array([columns[name] for name in self.joint_names]).T
-        duration = np.array(columns.get(DURATION, np.ones(len(rows))))
+        duration = np.array(durations.get("durations", np.ones(len(rows))))
         if not (duration > 0).all():
             line = int((duration <= 0).argmax())
             raise ConfigError(f"{shown_path}: frame {line}: a duration above 0 wanted")

@@ -119,15 +119,12 @@ class Mode(NamedTuple):
         Faces of a mesh in their colours, from the values of the mode.
     panel : str
         Panel of the viewer that offers it: "network", "camera" or "object".
-    is_of_frame : bool
-        True where bodies move and the values are those of one frame.
     """
 
     label: str
     words: str
     paint: Callable[[Mesh, Any], Painted]
     panel: str = "network"
-    is_of_frame: bool = False
 
 
 def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
@@ -307,7 +304,6 @@ MODES: dict[str, Mode] = {
     "time": Mode("Share of time", "Share of the time in which each part is covered.", by_share),
     "now": Mode(
         "Covered now", "Share of each part that is covered in the frame.", by_share,
-        is_of_frame=True,
     ),
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
     "single": Mode(

@@ -333,8 +333,7 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
 def described_mode(name: str, mode: Mode) -> dict[str, Any]:
     """A way to colour the faces, ready for JSON."""
     return {
-        "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel,
-        "is_of_frame": mode.is_of_frame,
+        "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel
     }  # fmt: skip
 
 

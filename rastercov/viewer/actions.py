@@ -76,6 +76,14 @@ def _move(state: RigState, settle: Settle, station: int, pose: Matrix) -> Edited
     return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
 
 
+@_edit("lamp")
+def _light(state: RigState, settle: Settle, lamp: int, pose: Matrix) -> Edited:
+    """With the place of a lamp."""
+    made = state.with_lamp(lamp, np.reshape(pose, (4, 4)))
+    assert made.lamps is not None
+    return made, f"move {made.lamps.names[lamp]}"
+
+
 @_edit("aim")
 def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
     """With a point in the middle of a station's image; its up stays as near as it can."""
@@ -214,13 +222,17 @@ class OfVariant(Action):
 
 
 class Request(Action):
-    """An edit, and the faces to give back after it."""
+    """An edit, and the faces to give back after it.
+
+    `at` is the time that is shown, see `Scene.placed`.
+    """
 
     revision: int
     mode: str
     options: dict[str, Number | int | bool | str] = {}
     station: int | None = None
     is_drag: bool = False
+    at: list[Number] = []
     # mypy reads no union that is made from a table.
     action: Annotated[Union[(*_FORMS, Step, Constrain, OfVariant)], Field(discriminator="do")]  # type: ignore[valid-type]
 

@@ -23,6 +23,8 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
 from rastercov.coverage.advice import advice, depth_in_words
 from rastercov.coverage.area.criteria import baseline_holds, deviations
+from rastercov.coverage.area.failures import LightOfPoints, illuminance_of_faces
+from rastercov.coverage.area.light import failing_lamp
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated_reasons, is_certain
@@ -46,7 +48,7 @@ from rastercov.mesh import Mesh
 from rastercov.native.coverage_spread import widest_angles
 from rastercov.placement.bits import by_face
 from rastercov.placement.uncovered import in_front
-from rastercov.report.modes import OfCameras, OfUnit, of_devices, rounded
+from rastercov.report.modes import OfCameras, OfLight, OfUnit, of_devices, rounded
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
@@ -61,6 +63,10 @@ BYTES_A_FACE = 14
 """Of a row."""
 MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
+MOST_LIT = 1_000
+"""Poses of cameras whose light is kept."""
+NOTHING_FAILS = np.uint8(255)
+"""In place of `Reason.COVERED` where reasons of light, which are greater, are compared with it."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
 
 Key = tuple[Camera, bytes, Task]
@@ -79,18 +85,28 @@ class Row:
     density, facing : float32
         Pixels a metre along the worst direction, on the surface and of a target that faces the
         camera.
+    light : uint8 or None
+        Reason of light at the centroid, `COVERED` where it is lit; None without lamps.
     """
 
     coverage: NDArray[np.float32]
     reason: NDArray[np.uint8]
     density: NDArray[np.float32]
     facing: NDArray[np.float32]
+    light: NDArray[np.uint8] | None = None
 
     @cached_property
     def covers(self) -> BoolArray:
-        """(F,) faces that the camera covers."""
-        covers: BoolArray = self.reason == Reason.COVERED
+        """(F,) faces that the camera covers, and that are lit."""
+        covers: BoolArray = self.failed == Reason.COVERED
         return covers
+
+    @cached_property
+    def failed(self) -> NDArray[np.uint8]:
+        """(F,) reason of each face, or of its light where the camera covers it."""
+        if self.light is None:
+            return self.reason
+        return np.where(self.reason == Reason.COVERED, self.light, self.reason)
 
 
 class Measurements:
@@ -104,6 +120,7 @@ class Measurements:
         Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
+        self._light: tuple[Any, LightOfPoints | None, dict[Any, NDArray[np.uint8]]] | None = None
         self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
@@ -125,7 +142,33 @@ class Measurements:
         kept = max(MOST_BYTES // (BYTES_A_FACE * self.mesh.n_faces), len(set(keys)))
         while len(self._rows) > kept:  # those that were used longest ago go
             self._rows.popitem(last=False)
-        return found
+        if state.lamps is None:
+            return found
+        return [
+            replace(row, light=light, coverage=np.where(light == Reason.COVERED, row.coverage, 0))
+            for row, station in zip(found, stations, strict=True)
+            for light in [self.light(state, station.camera, station.pose)]
+        ]
+
+    def light(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:
+        """(F,) reason of light of what a camera sees at a pose, `COVERED` where it is lit."""
+        names, mesh = tuple(state.cameras), self.mesh
+        key = state.lamps, state.task, names
+        faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+        if self._light is None or self._light[0] != key:
+            points = mesh.centroids[faces]
+            state.task.check_light(state.lamps)
+            self._light = key, LightOfPoints.of(mesh, state.rig(), state.task, points, faces), {}
+        _, judge, known = self._light
+        place = camera, pose.tobytes()
+        if place not in known:
+            found = np.full(mesh.n_faces, Reason.COVERED, np.uint8)
+            if judge is not None and len(faces):
+                found[faces] = judge.reasons(Poses.of(pose[None], camera=[names.index(camera)]))
+            while len(known) >= MOST_LIT:
+                del known[next(iter(known))]
+            known[place] = found
+        return known[place]
 
     def observer(self, camera: Camera) -> Observer:
         """An open observer; it stays open while it is among the last that were used."""
@@ -190,9 +233,11 @@ class NetworkFigures:
             better = row.coverage > self.best
             self.best[better] = row.coverage[better]
             self.best_row[better] = index
-            np.maximum(self.reason, row.reason, out=self.reason)
+            failed = np.where(row.failed == Reason.COVERED, NOTHING_FAILS, row.failed)
+            np.maximum(self.reason, failed, out=self.reason)
             if task.min_angle_deg > 0:
                 spread.add(station.pose[:3, 3], np.flatnonzero(row.covers))
+        self.reason[self.reason == NOTHING_FAILS] = Reason.COVERED
         self.need = state.need(mesh)
         self.covered = (self.views >= self.need) & spread.is_spread
 
@@ -209,6 +254,7 @@ class NetworkFigures:
             "angle": self.widest_angle,
             "device": self._devices,
             "uncertainty": lambda: OfUnit(1e6 * self._judged[2], "um"),
+            "lux": self._illuminance,
         }
 
     @cached_property
@@ -272,6 +318,14 @@ class NetworkFigures:
         row = np.where(reason == Reason.COVERED, n + len(CONDITIONS), device)
         row = np.where(row < 0, condition, row)
         return of_devices(row if names else device, [*names, *CONDITIONS])
+
+    def _illuminance(self) -> OfLight:
+        """Light of the lamps of the cell at the centroid of each face."""
+        lamps, task = self.state.lamps, self.state.task
+        values = illuminance_of_faces(self.mesh, self.state.rig())
+        if lamps is None or values is None:
+            raise ConfigError("there are no lamps; give some with --lamps")
+        return OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
 
     def _best(self, name: str) -> NDArray[np.float32]:
         """Greatest of a density of `Row` by a camera that covers the face, pixels a metre."""
@@ -408,6 +462,8 @@ def _of_station(
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words = REASONS[reason.name.lower()].label
+    row = measurements.rows(state, [station])[0]
+    name, failed = reason.name.lower(), int(row.failed[face])
     occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
@@ -424,20 +480,19 @@ def _of_station(
         "depth": depth_in_words(depth, state.unit),
         "in the image": percent(found["in_view_fraction"]),
     }
+    hider = "" if occluder is None else occluder["name"]
+    tip = advice(reason, found, depth, task, camera, hider, state.unit)
+    if failed > Reason.COVERED:  # of light
+        rig, name = state.rig(), NAMES[failed]
+        lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])
+        lamp = failing_lamp(rig, lead, mesh.centroids[face], mesh.normals[face], failed)
+        words, tip = f"{REASONS[name].label} ({lamp})", REASONS[name].advice
     return {
         "station": station.id,
         "name": station.name,
-        "reason": reason.name.lower(),
+        "reason": name,
         "words": words,
-        "help": advice(
-            reason,
-            found,
-            depth,
-            task,
-            camera,
-            "" if occluder is None else occluder["name"],
-            state.unit,
-        ),
+        "help": tip,
         "figures": [{"label": label, "value": value} for label, value in entries.items()],
         "occluder": occluder,
     }

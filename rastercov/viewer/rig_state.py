@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rig import Rig, Views, names_of_poses
+from rastercov.camera.rig import Rig, Views, names_of_poses, with_lamps
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.sensors import tasks_of
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of
@@ -83,6 +84,10 @@ class RigState:
         Rules of rigs by the names of their cameras.
     tasks : mapping of str to Task
         Thresholds of some cameras by name, in place of those of the task.
+    lamps : Lamps or None
+        Lamps that must light what the cameras see.
+    places : mapping of str to (4, 4) float64
+        rig_from_camera of cameras by name, for lamps that ride on the rig.
     """
 
     stations: tuple[Station, ...]
@@ -93,6 +98,8 @@ class RigState:
     unit: str = "m"
     gates: Mapping[tuple[str, ...], Gate] = field(default_factory=dict)
     tasks: Mapping[str, Task] = field(default_factory=dict)
+    lamps: Lamps | None = None
+    places: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -124,7 +131,9 @@ class RigState:
         task = task or Task()
         every = dict(zip(rig.names, tasks_of(rig, task), strict=True))
         tasks = {name: every[name] for name in rig.tasks}
-        return cls(stations, cameras, task, gates=gates, tasks=tasks)
+        places = dict(zip(rig.names, rig.rig_from_camera, strict=True))
+        own: dict[str, Any] = {"tasks": tasks, "lamps": rig.lamps, "places": places}
+        return cls(stations, cameras, task, gates=gates, **own)
 
     def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
         """Cameras with the rules of their rigs, and stations of rigs whose cameras are all on.
@@ -207,6 +216,15 @@ class RigState:
         own = self.station(station)
         return self.with_new(own.camera, own.pose, own.name)
 
+    def carried(self, bodies: Mapping[str, FloatArray]) -> "RigState":
+        """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
+        stations = [
+            replace(each, pose=frozen(bodies[each.camera] @ each.pose))
+            if each.camera in bodies else each
+            for each in self.stations
+        ]  # fmt: skip
+        return replace(self, stations=tuple(stations)) if bodies else self
+
     def without(self, station: int) -> "RigState":
         """Without a station."""
         row = self.row(station)
@@ -241,6 +259,13 @@ class RigState:
         sold = Camera.from_dict({"preset": name, "catalogue": self.catalogue})
         return self.with_camera(name, sold)
 
+    def with_lamp(self, lamp: int, pose: FloatArray) -> "RigState":
+        """With another place of a lamp; ConfigError where there is none of that row."""
+        own = self.lamps
+        if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
+            raise ConfigError(f"there is no lamp {lamp} to move")
+        return replace(self, lamps=own.at(lamp, checked_pose(pose)))
+
     def with_task(self, task: Task) -> "RigState":
         """With other thresholds; other views are those of all groups."""
         needed = self.needed if task.views == self.task.views else None
@@ -256,10 +281,11 @@ class RigState:
         return views_of(mesh, self.task.views if self.needed is None else self.needed)
 
     def rig(self) -> Rig:
-        """The cameras that stations use, all where none does."""
+        """The cameras that stations use, all where none does, and with lamps."""
         used = {each.camera for each in self.stations} or set(self.cameras)
-        names = [name for name in self.cameras if name in used]
-        return Rig([self.cameras[name] for name in names], names)
+        names = [name for name in self.cameras if name in used or self.lamps is not None]
+        places = [self.places.get(name, np.eye(4)) for name in names]
+        return with_lamps(Rig([self.cameras[name] for name in names], names, places), self.lamps)
 
     def poses(self, *, all_stations: bool = False) -> Poses:
         """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""
@@ -289,8 +315,9 @@ class RigState:
 
 
 def of_one_camera(task: Task) -> Task:
-    """The thresholds that decide what one camera covers."""
-    return replace(task, views=1, min_angle_deg=0.0)
+    """The thresholds that decide what one camera covers, whatever the light."""
+    none: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}
+    return replace(task, views=1, min_angle_deg=0.0, **none)
 
 
 class History:

@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,17 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, one_line, read_json
 from rastercov.base.format import plural
-from rastercov.base.output import write_bytes, write_text
+from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
-from rastercov.report.pages import embedded, levels_of
+from rastercov.report.pages import MOST_LEVELS, embedded, levels_of
 from rastercov.viewer.actions import MOST_OF_DRAWING, Drawing, checked
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
+LAMPS = "lamps.json"
 DRAWING = "viewer_drawing.json"
 """Drawing under the floor plan."""
 MODES = tuple(name for name in OF_A_RIG if name != "single")
@@ -74,6 +76,8 @@ class Saving:
             if state.stations or drawing is None:
                 for what, text in _texts(state).items():
                     write_bytes(self.out / NAMES[what], text.encode())
+                if state.lamps is not None:
+                    write_json(self.out / LAMPS, state.lamps.to_json())
             if drawing is not None or not self.session.is_drawing_saved:
                 path = path if state.stations else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()
@@ -91,7 +95,11 @@ class Saving:
         if state.unit != "m":
             raise ConfigError("a report is in metres, and this has no scale; see rastercov audit")
         options = Options(method=self.session.measurements.method)
-        run(self.session.scene.mesh, state.rig(), state.poses(), state.task, path, options)
+        scene, rig, moving = self.session.scene, state.rig(), self.session.scene.moving
+        if moving is not None:
+            bodies = [moving.body_of(name) for name in rig.names]
+            moving = replace(moving, bodies=bodies, cameras=rig.names)
+        run(scene.mesh, rig, state.poses(), state.task, path, options, moving=moving)
         return f"a report of {plural(len(state.on), 'camera')} is in {path}"
 
 
@@ -173,15 +181,28 @@ def check_name(path: str | Path) -> None:
 def exported(session: Session, modes: Sequence[str] = MODES) -> str:
     """Text of a page that needs no server; ResourceError for more than `MOST_FACES` faces."""
     scene = session.scene.described(is_kept=session.is_kept, can_edit=False)
+    own = [each for each in scene["modes"] if each["id"] in modes]
     frames: dict[str, Any] = {}
-    for mode in (each["id"] for each in scene["modes"] if each["id"] in modes):
-        try:
-            head, levels = unframed(session.frame(mode, {}))
-        except RastercovError:
-            continue  # by exact area where a threshold is of a face
-        frames[mode] = head | levels_of(levels)
-    scene["modes"] = [each for each in scene["modes"] if each["id"] in frames]
-    zones: list[Any] = session.zones() if "area" in frames else []
-    state = session.described_state()
+    n = len(scene["motion"]["durations"]) if "motion" in scene else 0
+    if n * len(own) * scene["n_faces"] > MOST_LEVELS:
+        n = 0
+        del scene["motion"]
+    times: list[tuple[float, ...]] = [(frame,) for frame in range(n)] or [()]
+    known = set()
+    with session.lock:
+        before = session.at
+        for at, mode in product(times, (each["id"] for each in own)):
+            session.take_time(at)
+            try:
+                head, levels = unframed(session.frame(mode, {}))
+            except RastercovError:
+                continue  # by exact area where a threshold is of a face
+            known.add(mode)
+            frames["@".join((mode, *map(str, at)))] = head | levels_of(levels)
+        session.take_time(times[0])
+        zones: list[Any] = session.zones() if "area" in frames else []
+        state = session.described_state()
+        session.take_time(before)
+    scene["modes"] = [each for each in own if each["id"] in known]
     data = {"scene": scene, "state": state, "frames": frames, "zones": zones}
     return embedded(session.scene.mesh, data)

@@ -4,7 +4,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -19,23 +19,31 @@ from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.errors import ConfigError, PoseError, RastercovError
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.file import plan_of, read_plan
+from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
-from rastercov.report.pages import described_camera, described_mesh, described_mode
+from rastercov.report.pages import (
+    described_camera,
+    described_mesh,
+    described_mode,
+    described_motion,
+)
 from rastercov.report.panorama import is_inside
 from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState
@@ -46,6 +54,7 @@ if TYPE_CHECKING:
 
 UNITS = {
     "min_pixels": "px", "max_blur": "px", "max_incidence_deg": "deg", "min_angle_deg": "deg",
+    "max_highlight_deg": "deg",
     "min_pixel_density": "px/m", "min_facing_density": "px/m", "min_pixels_per_m2": "px/m²",
 }  # fmt: skip
 """Units of thresholds."""
@@ -59,12 +68,16 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "lux"))
-"""Modes that a rig has values of; weak zones are of an audit, whose page has them."""
+OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "time", "now"))
+"""Modes that a rig has values of; weak zones are of an audit, and times of a result over time."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
+LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
+"""Note on a result that was lit."""
+OF_CAMERAS, OF_LAMPS = ("catalogue", "camera", "cameras", "rigs"), ("lamps", "ambient", "exposure")
+"""Entries of a plan that its cameras, and its lamps, are made of."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -90,6 +103,8 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
+    moving : PlanMotion or None
+        Motion of its bodies, and its question.
     """
 
     title: str
@@ -99,6 +114,66 @@ class Scene:
     pool: "CandidatePool | None" = None
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
+    moving: PlanMotion | None = None
+
+    def lit_by(self, lamps: Lamps) -> "Scene":
+        """The same with lamps; ConfigError for those of a plan, and for another unit."""
+        if self.plan is not None:
+            raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
+        start = self.start
+        start = replace(start, lamps=lamps, task=start.task.lit_by(lamps))
+        lamps.carried_by(tuple(start.cameras))
+        notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
+        return replace(self, start=start, notes=notes)
+
+    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+        """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
+
+        A time is a frame, and perhaps the joints of robots in place of those that they have there.
+
+        Raises
+        ------
+        ConfigError
+            For a frame that is none, and joints outside their limits.
+        """
+        if self.moving is None:
+            return self.mesh, np.arange(self.mesh.n_faces), {}
+        motion, (frame, *joints) = self.moving.motion, at or (0.0,)
+        number: Any = frame  # whole, or refused
+        mesh, kept = motion.frame(number)
+        poses, row = motion.world_from_body[int(frame)], 0
+        if joints:
+            poses = poses.copy()
+            for robot in self.moving.robots:
+                own = joints[row : (row := row + len(robot.joint_names))]
+                for link, pose in robot.poses(own).items():
+                    poses[motion.names.index(link)] = pose[0]
+            mesh, kept = motion._placed(poses, motion.present[int(frame)])
+        return mesh, kept, dict(zip(motion.names, poses, strict=True))
+
+    def carriers(self, cameras: Iterable[str]) -> dict[str, str]:
+        """Body of each camera that is fixed to one."""
+        own = {} if self.moving is None else {name: self.moving.body_of(name) for name in cameras}
+        return {name: body for name, body in own.items() if body != "world"}
+
+    def _moving(self) -> dict[str, Any]:
+        """Motion and joints for the page, ready for JSON."""
+        if self.moving is None:
+            return {}
+        robots, path, fields = self.moving.robots, self.moving.path, []
+        for robot in robots:
+            kinds = {each.name: each.kind for each in robot.kinematics.joints}
+            for name, limits in zip(robot.joint_names, robot.limits, strict=True):
+                low, high = np.where(np.isfinite(limits), limits, (-math.pi, math.pi)).tolist()
+                unit = "m" if kinds[name] == "prismatic" else "°"
+                fields.append({"name": name, "low": low, "high": high, "words": "", "unit": unit})
+        joints = np.concatenate([*(each.rest for each in robots), []])
+        joints = joints[None] if path is None else path.joints
+        frames = np.broadcast_to(joints, (len(self.moving.motion), joints.shape[1]))
+        return {
+            "motion": described_motion(self.moving.motion),
+            "joints": {"fields": fields, "frames": frames.tolist()},
+        }
 
     @property
     def has_constraints(self) -> bool:
@@ -118,6 +193,8 @@ class Scene:
         gates = self.start.gates.values()
         is_certain = any(gate.has_deviation for gate in gates)
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
+        lamps = self.start.lamps
+        known["lux"] = lamps is not None and not all(lamps.rides)
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
@@ -172,7 +249,7 @@ class Scene:
             "unit": self.start.unit,
             "version": rastercov.__version__,
             "is_room": self.is_room,
-            "task_fields": task_fields(),
+            "task_fields": task_fields(self.start.lamps),
             "levels": DORI if "level" in self.modes else {},
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
@@ -186,6 +263,7 @@ class Scene:
             "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
+            **self._moving(),
         }
 
     def _sold(self) -> list[tuple[str, str]]:
@@ -247,11 +325,13 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def task_fields() -> list[dict[str, Any]]:
-    """Thresholds of a task with their limits, for sliders."""
+def task_fields(lamps: Lamps | None = None) -> list[dict[str, Any]]:
+    """Thresholds of a task with their limits, for sliders; of light, too, where there are lamps."""
     words, default, found = documented(Task), Task(), []
+    unit = "" if lamps is None else lamps.unit
+    units = UNITS | dict.fromkeys(("min_illuminance", "max_illuminance"), unit)
     for name, hint in annotations_of(Task).items():
-        if name in words:
+        if name in words and (lamps is not None or name not in OF_LIGHT):
             schema = TypeAdapter(hint).json_schema()
             own = schema.get("anyOf", [schema])[0]  # the other one is null
             low = own.get("minimum", own.get("exclusiveMinimum"))
@@ -266,15 +346,20 @@ def task_fields() -> list[dict[str, Any]]:
                     "choices": own.get("enum"),
                     "default": getattr(default, name),
                     "is_optional": "anyOf" in schema,
-                    "unit": UNITS.get(name, ""),
+                    "unit": units.get(name, ""),
                 }
             )
     return found
 
 
-def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> dict[str, Any]:
-    """The state of a rig, ready for JSON; `place` of a station is the constraint it violates."""
-    eyes = state.eyes
+def described_state(
+    scene: Scene, state: RigState, shown: RigState, history: dict[str, Any]
+) -> dict[str, Any]:
+    """The state of a rig, ready for JSON, with the poses that are shown.
+
+    `place` of a station is the constraint it violates.
+    """
+    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.lamps)]
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         judged = scene.pool.space.judge(eyes)
@@ -285,11 +370,28 @@ def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> d
                 "id": each.id, "name": each.name, "camera": each.camera,
                 "pose": each.pose.ravel().tolist(), "is_on": each.is_on, "place": place,
             }
-            for each, place in zip(state.stations, places, strict=True)
+            for each, place in zip(shown.stations, places, strict=True)
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
-        "task": {each["name"]: getattr(state.task, each["name"]) for each in task_fields()},
+        "task": {name: getattr(state.task, name) for name in thresholds},
+        "lamps": described_lamps(state.lamps),
     }  # fmt: skip
+
+
+def described_lamps(lamps: Lamps | None) -> list[dict[str, Any]]:
+    """Lamps, ready for JSON; those that ride on cameras have no pose."""
+    own = () if lamps is None else zip(
+        lamps.names, lamps.lamps, lamps.places, lamps.rides, strict=True
+    )  # fmt: skip
+    return [
+        {
+            "id": f"lamp {row}", "row": row, "name": name, "half_angle_deg": lamp.half_angle_deg,
+            "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
+            "points": lamp.lamp_from_point[:, :3, 3].tolist(),
+            "pose": None if rides else place.ravel().tolist(),
+        }
+        for row, (name, lamp, place, rides) in enumerate(own)
+    ]  # fmt: skip
 
 
 def open_plan(path: Path, rig: Views | None = None) -> Scene:
@@ -312,9 +414,9 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         start = state_of(rig, plan.build_task(), cameras)
         if cameras is not None:  # those that the rig does not use may be added
             of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
-            start = replace(
-                start, cameras=MappingProxyType({**start.cameras, **of_plan, **start.cameras})
-            )
+            every = MappingProxyType({**start.cameras, **of_plan, **start.cameras})
+            places = dict(zip(cameras.names, cameras.rig_from_camera, strict=True))
+            start = replace(start, cameras=every, lamps=cameras.lamps, places=places)
     elif cameras is None:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:
@@ -323,7 +425,8 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
     notes = rule_notes(cameras or (rig.rig if rig is not None else None))
-    return Scene(plan.name, mesh, start, plan, pool, notes=notes)
+    moving = PlanMotion.of(plan, mesh)
+    return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving)
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
@@ -355,7 +458,11 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     return run
 
 
-def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
+Shown = tuple[Mesh | PlanMotion, Lamps | None]
+"""Mesh of a result, or its motion, and its lamps."""
+
+
+def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     """Scene of the folder of a result.
 
     Parameters
@@ -363,7 +470,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     folder : Path
         Of `evaluate`, `place` or `audit`.
     load : callable
-        Gives the mesh; called with the names of its files.
+        Gives the scene; called with the names of the files of its mesh.
 
     Raises
     ------
@@ -374,7 +481,9 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
-    mesh = _with_roles(load(files), run["scene"])
+    found, lamps = load(files)
+    moving = found if isinstance(found, PlanMotion) else None
+    mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.motion.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f"; or give the plan, with --poses {rig_file}" if kind == "place" else ""
         raise ConfigError(
@@ -384,29 +493,31 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    start = state_of(read_views(rig_file), task, _cameras(run))
+    start = replace(state_of(read_views(rig_file), task, _cameras(run)), lamps=lamps)
     needed = (_read(folder / name).get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
-    return Scene(folder.resolve().name, mesh, start, result=result, notes=notes)
+    notes += (LAMPS_ASKED,) if lamps is None and "light" in _read(folder / name) else ()
+    title = folder.resolve().name
+    return Scene(title, mesh, start, result=result, notes=notes, moving=moving)
 
 
-def mesh_of_place(folder: Path) -> Mesh | None:
-    """Mesh of the plan in a result of `place`, whose files are where they were; None elsewhere."""
+def scene_of_place(folder: Path) -> Shown | None:
+    """Scene of the plan in a result of `place`; None elsewhere, and where files were moved."""
     told = _read(folder / "plan.json") if (folder / "plan.json").is_file() else {}
     if not isinstance(told.get("plan"), Mapping) or not isinstance(told.get("folder"), str):
         return None
     try:
         # Cameras and candidates may have files that are there no more.
-        needed = told["plan"].keys() & {"meshes", "targets", "rooms"}
-        bodies = told["plan"].get("bodies") or ()
-        if told["plan"].get("motion") and any(each.get("urdf") for each in bodies):
-            needed |= told["plan"].keys() & {"bodies", "motion"}
+        needed = told["plan"].keys() & {"meshes", "targets", "rooms", *OF_LAMPS}
+        if told["plan"].get("motion"):
+            needed |= told["plan"].keys() & {"bodies", "motion", "task", *OF_CAMERAS}
         entries = {name: told["plan"][name] for name in needed}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
-        return named_scene(plan)[0]
+        mesh, plan, _ = named_scene(plan)
+        return PlanMotion.of(plan, mesh) or mesh, plan.built_lamps(plan.folder)
     except RastercovError:  # such as a file that was moved
         return None
 

@@ -192,7 +192,8 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         return data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))}
 
     def ping(query: Any, body: Any) -> dict[str, Any]:
-        return {"revision": session.history.revision, "measured": session.measurements.progress}
+        measured = session.measurements.progress
+        return {"revision": session.history.revision, "at": session.at, "measured": measured}
 
     def image(query: Any, body: Any) -> bytes:
         side = _whole(query, "side") if "side" in query else 720

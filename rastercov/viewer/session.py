@@ -4,10 +4,13 @@ Methods may be called from any thread, one at a time: `Session.lock` is theirs. 
 long, such as a refinement, runs in `rastercov.viewer.work` and hands its state back.
 """
 
+import base64
 import json
 import secrets
 import struct
-from collections.abc import Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from io import BytesIO
 from threading import RLock
 from typing import Any
@@ -19,6 +22,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import inverse
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.job import evaluate
@@ -40,6 +44,8 @@ from rastercov.viewer.actions import (
     request_of,
 )
 from rastercov.viewer.measurements import (
+    BYTES_A_FACE,
+    MOST_BYTES,
     Measurements,
     NetworkFigures,
     exact_area,
@@ -49,12 +55,63 @@ from rastercov.viewer.rig_state import History, RigState
 from rastercov.viewer.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, described_state
 
 FloatArray = NDArray[np.float64]
+Watch = Callable[[int, int], None]
 
 LEAST_SIDE, MOST_SIDE = 64, 2048
+MOST_MOMENTS = 64
+"""Times whose figures are kept."""
 
 
 class StaleError(ConfigError):
     """An edit of a state that is no longer the present one."""
+
+
+class Moment:
+    """The scene at one time, see `Scene.placed`, and what is measured of it."""
+
+    def __init__(self, scene: Scene, at: tuple[float, ...], method: str) -> None:
+        self.scene = scene
+        self.mesh, self.kept, self.poses = scene.placed(at)
+        self.measurements = Measurements(self.mesh, method)
+        self._shown: tuple[RigState, RigState] | None = None
+        self._figures: NetworkFigures | None = None
+        self._areas: tuple[RigState, AreaNetwork] | None = None
+
+    def shown(self, state: RigState) -> RigState:
+        """The state with cameras where bodies carry them."""
+        kept = self._shown  # which another thread may change
+        if kept is None or kept[0] is not state:
+            own = self.scene.carriers(state.cameras)
+            bodies = {name: self.poses[body] for name, body in own.items()}
+            self._shown = kept = state, state.carried(bodies)
+        return kept[1]
+
+    def at_rest(self, made: RigState, shown: RigState, state: RigState) -> RigState:
+        """A state that was made of the one that is shown, with cameras where they are at rest."""
+        own = self.scene.carriers(made.cameras)
+        back = {name: inverse(self.poses[body]) for name, body in own.items()}
+        rest = made.carried(back)
+        same = dict(zip(shown.stations, state.stations, strict=True))
+        pairs = zip(made.stations, rest.stations, strict=True)
+        return replace(rest, stations=tuple(same.get(one, other) for one, other in pairs))
+
+    def figures(self, state: RigState) -> NetworkFigures:
+        """Coverage by the cameras of a state."""
+        shown = self.shown(state)
+        if self._figures is None or self._figures.state is not shown:
+            rows = self.measurements.rows(shown, shown.on)
+            self._figures = NetworkFigures(self.mesh, shown, rows)
+        return self._figures
+
+    def known_areas(self, state: RigState) -> AreaNetwork | None:
+        """Exact area that they cover, where it is known."""
+        return self._areas[1] if self._areas and self._areas[0] is state else None
+
+    def areas(self, state: RigState, watch: Watch = lambda done, total: None) -> AreaNetwork:
+        """Exact area that they cover, kept for this state; ConfigError as `exact_area`."""
+        found = self.known_areas(state) or exact_area(self.mesh, self.shown(state), watch)
+        self._areas = state, found
+        return found
 
 
 class Session:
@@ -72,13 +129,14 @@ class Session:
         self.scene, self.lock = scene, RLock()
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
         self.history = History(scene.start)
-        self.measurements = Measurements(scene.mesh, method)
+        scene.start.task.check_light(scene.start.lamps)
+        self.at: tuple[float, ...] = ()
+        self._method, self._moments = method, OrderedDict[tuple[float, ...], Moment]()
+        self.take_time(())
         self.is_kept = scene.has_constraints
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
-        self._figures: NetworkFigures | None = None
-        self._areas: tuple[RigState, AreaNetwork] | None = None
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
 
     @property
@@ -86,11 +144,41 @@ class Session:
         """The present state."""
         return self.history.state
 
+    @property
+    def moment(self) -> Moment:
+        """The scene at the time that is shown."""
+        return self._moments[self.at]
+
+    @property
+    def measurements(self) -> Measurements:
+        """What is measured at that time."""
+        return self.moment.measurements
+
+    @property
+    def shown(self) -> RigState:
+        """The present state with cameras where they are at that time."""
+        return self.moment.shown(self.state)
+
+    def take_time(self, at: tuple[float, ...]) -> None:
+        """Show a time, the first frame for (); the last `MOST_MOMENTS` stay measured."""
+        at = (at or (0.0,)) if self.scene.moving else ()
+        if at not in self._moments:
+            made = Moment(self.scene, at, self._method)
+            if self.at in self._moments:
+                self.measurements.close()  # its rows stay
+            self._moments[at] = made
+        self._moments.move_to_end(at)
+        self.at = at
+        size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, len(self.state.stations))
+        while len(self._moments) > max(1, min(MOST_MOMENTS, MOST_BYTES // size)):
+            self._moments.popitem(last=False)[1].measurements.close()
+
     def close(self, seconds: float = -1) -> None:
         """Give back what measures, unless an answer takes more than `seconds`; -1 waits for it."""
         if self.lock.acquire(timeout=seconds):
             try:
-                self.measurements.close()
+                for each in self._moments.values():
+                    each.measurements.close()
             finally:
                 self.lock.release()
 
@@ -106,9 +194,9 @@ class Session:
             | {"name": name, "is_shown": kept is state, "is_of_task": kept.task == state.task}
             for name, (kept, figures) in self.variants.copy().items()
         ]
-        own = {"session": self.name, "is_kept": self.is_kept, "variants": variants}
+        own = {"session": self.name, "is_kept": self.is_kept, "variants": variants, "at": self.at}
         own["is_saved"] = entries["is_saved"] and self.is_drawing_saved
-        return described_state(self.scene, state, entries | own)
+        return described_state(self.scene, state, self.moment.shown(state), entries | own)
 
     def described_drawing(self) -> dict[str, Any]:
         """The drawing under the floor plan, ready for JSON; empty where there is none."""
@@ -139,6 +227,7 @@ class Session:
         request = request_of(entries)
         with self.lock:
             check_choice("mode", request.mode, OF_A_RIG)
+            self.take_time(tuple(request.at))
             self._edit(request)
             return self.frame(request.mode, request.options, request.station)
 
@@ -152,27 +241,27 @@ class Session:
         """Frame of the present state: JSON, then the level of each face."""
         with self.lock:
             figures = self.figures()
+            moment, mesh = self.moment, self.scene.mesh
             values = self._values(figures, mode, options, station)
-            painted = mode_of(mode).paint(self.scene.mesh, values)
+            painted = mode_of(mode).paint(moment.mesh, values)
+            levels = np.zeros(mesh.n_faces, np.uint8)  # of a body that is not there, too
+            levels[moment.kept] = painted.levels
             head = described_frame(mode, painted) | {"summary": self._summary()}
             head["state"] = self.described_state()
-            return framed(head, painted.levels.tobytes())
+            if len(self.at) > 1:
+                poses = np.stack(list(moment.poses.values()))[:, :3]
+                head["bodies"] = base64.b64encode(np.ascontiguousarray(poses).data).decode()
+            return framed(head, levels.tobytes())
 
     def figures(self) -> NetworkFigures:
         """Coverage by the cameras of the present state."""
         with self.lock:
-            state = self.state
-            if self._figures is None or self._figures.state is not state:
-                rows = self.measurements.rows(state, state.on)
-                self._figures = NetworkFigures(self.scene.mesh, state, rows)
-            return self._figures
+            return self.moment.figures(self.state)
 
     def areas(self) -> AreaNetwork:
         """Exact area that they cover, kept for the present state; ConfigError as `exact_area`."""
         with self.lock:
-            found = self._known_areas() or exact_area(self.scene.mesh, self.state)
-            self._areas = self.state, found
-            return found
+            return self.moment.areas(self.state)
 
     def pieces(self) -> bytes:
         """Frame of the convex pieces that too few cameras cover.
@@ -187,45 +276,49 @@ class Session:
         ConfigError
             As `exact_area`.
         """
-        state, mesh = self.state, self.scene.mesh
+        state, moment = self.state, self.moment
 
         def watch(done: int, total: int) -> None:
-            if self.state is not state:
+            if self.state is not state or self.moment is not moment:
                 raise StaleError("the rig has changed since; ask again")
 
-        found = self._known_areas() or exact_area(mesh, state, watch)
+        found = moment.areas(state, watch)
         watch(0, 0)
-        self._areas = state, found
         zones = found.zones(state.needed)
-        counts = np.diff(zones.starts)
-        corners = to_world(mesh, np.repeat(zones.face, counts), zones.xy) - soup_of(mesh)[0]
-        numbers = np.concatenate(([len(counts)], zones.face, counts)).astype("<u4")
+        counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
+        corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
+        numbers = np.concatenate(([len(counts)], moment.kept[zones.face], counts)).astype("<u4")
         head = {"percent": found.summary(state.needed)["percent"]}
         return framed(head, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:
         """Frame of a camera's own image: JSON, then a PNG."""
         with self.lock:
-            state = self.state
-        head, png = camera_png(self.scene.mesh, state, station, side)
+            mesh, state = self.moment.mesh, self.shown
+        head, png = camera_png(mesh, state, station, side)
         return framed(head, png)
 
     def why(self, face: int) -> dict[str, Any]:
         """Reason of a face, ready for JSON."""
         with self.lock:
-            return why(self.measurements, self.figures(), face)
+            kept = self.moment.kept
+            row = int(np.searchsorted(kept, face))
+            if 0 <= face < self.scene.mesh.n_faces and (row == len(kept) or kept[row] != face):
+                raise ConfigError("the body of this face is not there in this frame")
+            return why(self.measurements, self.figures(), row if row < len(kept) else face)
 
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
         with self.lock:
-            areas, state = self.areas(), self.state
+            areas, state, moment = self.areas(), self.shown, self.moment
             said = areas.dead_zones(state.rig(), state.poses(), state.needed)
-            return zone_entries(self.scene.mesh, areas.zones(state.needed), said)
+            found = zone_entries(moment.mesh, areas.zones(state.needed), said)
+            return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
 
     def space(self) -> PoseSpace:
         """Allowed places of cameras."""
         with self.lock:
-            return self.scene.space(self.state)
+            return self.scene.space(self.shown)
 
     def _edit(self, request: Request) -> None:
         action, history = request.action, self.history
@@ -240,9 +333,11 @@ class Session:
         elif isinstance(action, OfVariant):
             self._vary(action)
         else:
-            state, words = applied(action, self.state, self._settled)
+            shown = self.shown
+            made, words = applied(action, shown, self._settled)
             if words:
-                history.take(state, words, is_drag=request.is_drag)
+                made = self.moment.at_rest(made, shown, self.state)
+                history.take(made, words, is_drag=request.is_drag)
 
     def _vary(self, action: OfVariant) -> None:
         name, known = action.name, self.variants
@@ -277,19 +372,16 @@ class Session:
 
     def _summary(self) -> dict[str, Any]:
         """Figures of the network, with its exact area where that is known, and its cost."""
-        areas, state = self._known_areas(), self.state
+        areas, state = self.moment.known_areas(self.state), self.state
         exact = None if areas is None else areas.summary(state.needed)["percent"]
         own = {"exact_area_percent": exact, "cost": self.scene.cost(state)}
         return self.figures().summary() | own
-
-    def _known_areas(self) -> AreaNetwork | None:
-        return self._areas[1] if self._areas and self._areas[0] is self.state else None
 
     def _values(
         self, figures: NetworkFigures, mode: str, options: Mapping[str, Any], station: int | None
     ) -> Any:
         """Values of a mode of `rastercov.report.modes`, for its function."""
-        mesh, state = self.scene.mesh, figures.state
+        mesh, state = self.moment.mesh, figures.state
         if mode in figures.values:
             return figures.values[mode]()
         if mode == "area":
@@ -297,7 +389,8 @@ class Session:
             covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
         if mode == "segments":
-            return self._segmented(*(_angle(options, each) for each in SEGMENT_OPTIONS)).labels
+            angles = (_angle(options, each) for each in SEGMENT_OPTIONS)
+            return self._segmented(*angles).labels[self.moment.kept]
         if station is None:
             if not state.stations:
                 raise ConfigError("there is no camera; add one")

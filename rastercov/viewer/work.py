@@ -33,7 +33,7 @@ from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.measurements import Measurements, NetworkFigures
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station, of_one_camera
 from rastercov.viewer.scene import Scene, distances
-from rastercov.viewer.session import Session, StaleError
+from rastercov.viewer.session import Moment, Session, StaleError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -77,6 +77,8 @@ def refined(
     rest = _figures(measurements, state, others)
     need = np.ones(mesh.n_faces, np.int64)
     is_open = ~rest.covered & mesh.task_mask & (rest.views >= rest.need - 1)
+    if state.lamps is not None:  # by the light where it begins: the gain is measured with all of it
+        is_open &= measurements.light(state, own.camera, own.pose) == Reason.COVERED
     done = 0
 
     def watch(count: int) -> None:
@@ -134,7 +136,10 @@ def with_next(
     best, gain = -1, 0.0
     progress(0, len(candidates))
     for batch in evaluate_batches(observer, candidates, task, fields=("reason",)):
-        gains = (batch.reason == Reason.COVERED) @ worth
+        covers = batch.reason == Reason.COVERED
+        for row, pose in enumerate(batch.pose_ids if state.lamps is not None else ()):
+            covers[row] &= measurements.light(state, camera, candidates[pose]) == Reason.COVERED
+        gains = covers @ worth
         top = int(gains.argmax())
         if gains[top] > gain:
             best, gain = int(batch.pose_ids[top]), float(gains[top])
@@ -367,9 +372,10 @@ class Work:
         """Do the work; what hands its result to the session and gives words on it."""
         session = self.session
         with session.lock:
-            state, revision = session.state, session.history.revision
+            revision, moment, before = session.history.revision, session.moment, session.state
+            state = session.shown
         gain: float | None
-        own = Measurements(session.scene.mesh, session.measurements.method)
+        own = Measurements(moment.mesh, moment.measurements.method)
         try:
             if isinstance(asked, Refine):
                 words = f"refine {state.station(asked.station).name}"
@@ -380,7 +386,7 @@ class Work:
                 words = f"place {plural(len(made.stations), 'camera')}"
             else:
                 words = "add the best next camera"
-                candidates = self._candidates(own, state, asked.camera)
+                candidates = self._candidates(own, state, asked.camera, moment)
                 with self._step(words) as progress:
                     made, gain = with_next(own, state, asked.camera, candidates, progress)
         finally:
@@ -389,12 +395,16 @@ class Work:
         def take() -> str:
             if made is state:
                 return f"{words}: no move covers more"
-            session.take(made, words, revision)
+            is_of_plan = isinstance(asked, Place) and session.scene.placement["is_by_plan"]
+            rest = made if is_of_plan else moment.at_rest(made, state, before)
+            session.take(rest, words, revision)
             return f"{words}: done" if gain is None else f"{words}: {area(gain, state.unit)} more"
 
         return take
 
-    def _candidates(self, own: Measurements, state: RigState, camera: str) -> FloatArray:
+    def _candidates(
+        self, own: Measurements, state: RigState, camera: str, moment: Moment
+    ) -> FloatArray:
         """(C, 4, 4) poses that a further camera may have: those of the plan, if it has any."""
         state.camera(camera)
         scene = self.session.scene
@@ -403,6 +413,7 @@ class Work:
             placed = mounts.cameras(scene.pool.candidates.placed)[0]
             names = np.array(mounts.rig.names)[placed.camera]
             if (names == camera).any():
-                of_plan: FloatArray = placed.world_from_camera[names == camera]
+                body = moment.poses.get(scene.carriers([camera]).get(camera, ""), np.eye(4))
+                of_plan: FloatArray = body @ placed.world_from_camera[names == camera]
                 return of_plan
         return tries(own, state, camera, scene.space(state))

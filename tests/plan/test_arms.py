@@ -11,7 +11,7 @@ import rastercov as rc
 from rastercov import placement
 from rastercov.mesh.kinematics import pose_error
 from rastercov.placement.plan import arm as plan_arm
-from rastercov.viewer.scene import mesh_of_place
+from rastercov.viewer.scene import scene_of_place
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 MOUNT = {"translation": [0, 0, 0.06]}
@@ -205,8 +205,9 @@ def test_a_robot_that_moves_by_a_path_is_in_front_of_cameras():
     motion = rc.Motion(mesh, robot.poses(rows))
     found = rc.regions_over_time(motion, camera, pose, task)
     assert told()["share"] == pytest.approx(rc.unite(rc.over_time(found, motion, "all")).share())
-    shown = mesh_of_place(Path("out"))
-    assert np.array_equal(shown.vertices, mesh.vertices)
+    shown, lamps = scene_of_place(Path("out"))
+    assert np.array_equal(shown.motion.mesh.vertices, mesh.vertices)
+    assert lamps is None
     with pytest.raises(rc.RastercovError, match="joints are of one body with urdf, got 0"):
         rc.place(plan | {"bodies": [{"name": "icosahedron"}]})
     Path("path.csv").write_text("a\n1\n")

@@ -11,6 +11,9 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.view import open_scene
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import named_scene
@@ -266,6 +269,115 @@ def test_the_command_evaluates_over_time_and_leaves_its_files(capsys):
 def test_motions_that_cannot_be_are_refused_by_the_command(name, text, more, words, capsys):
     Path(name).write_text(text)
     assert words in refusal(capsys, evaluated(name, *more))
+    assert not Path("report").exists()
+
+
+ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
+ROBOT = """
+body = "arm/head"
+[[bodies]]
+name = "arm"
+urdf = "arm.urdf"
+base = { translation = [0, 0, 1.3] }
+[motion]
+joints = "path.csv"
+"""
+BENT = (0.6, 0.9, 1.0, 0.3, 0.2, 0.5)
+
+
+def path_of(robot, steps=4, **columns):
+    rows = np.linspace(robot.rest, BENT, steps)
+    columns = dict(zip(robot.joint_names, rows.T, strict=True)) | columns
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in zip(*(
+        np.asarray(each).tolist() for each in columns.values()), strict=True))]  # fmt: skip
+    Path("path.csv").write_text("\n".join(lines))
+    return rows
+
+
+def robot_of_the_file(text=ROBOT):
+    Path("arm.urdf").write_bytes(ARM.read_bytes())
+    Path("m.toml").write_text(text)
+    base = np.eye(4)
+    base[2, 3] = 1.3
+    return rc.Robot.load("arm.urdf", base=base, name="arm")
+
+
+def by_hand(robot, row, mesh):
+    """The part and the robot in a configuration, as one mesh, and the pose of its head."""
+    frames = robot.frames(row)
+    links = [
+        rc.Mesh(shape.vertices @ frames[link][0, :3, :3].T + frames[link][0, :3, 3], shape.faces,
+                groups=[rc.Group(f"arm/{link}", is_occluder=True)])
+        for link, shape in robot.shapes.items()
+    ]  # fmt: skip
+    head = frames["head"][0] @ np.linalg.inv(robot.frames(robot.rest)["head"][0])
+    return rc.Mesh.joined([mesh, *links]), head
+
+
+@pytest.mark.parametrize("body", ["arm/head", "world"])
+def test_a_robot_of_a_file_is_the_mesh_moved_by_hand(body):
+    robot = robot_of_the_file(ROBOT.replace("arm/head", body))
+    rows = path_of(robot, duration=[1, 1, 2, 1])
+    mesh = rc.Mesh(PART.vertices, PART.faces)
+    own = PlanMotion.read(Path("m.toml"), mesh)
+    camera, task = rc.Camera.from_fov(320, 256, hfov_deg=50), rc.Task(max_incidence_deg=80)
+    poses = rc.look_at([(0.3, -0.4, 4), (2.4, 1, 0.5)], (0, 0, 0.3))
+    found = own.evaluate(camera, rc.Poses.of(poses), task)
+    areas, bounds = found.regions.areas(), found.regions.bounds()
+    for frame, row in enumerate(rows):
+        moved, head = by_hand(robot, row, mesh)
+        placed = head @ poses if body == "arm/head" else poses
+        still = rc.regions(moved, camera, placed, task)
+        off = np.abs(areas[2 * frame : 2 * frame + 2] - still.areas())[:, : PART.n_faces]
+        both = bounds[2 * frame : 2 * frame + 2] + still.bounds()
+        assert (off <= both[:, : PART.n_faces] + 1e-12).all()
+    assert own.motion.durations.tolist() == [1, 1, 2, 1]
+    assert found.share() > 0.1
+    alone = rc.regions(mesh, camera, poses, task).areas().sum()
+    assert alone - areas[:2, : PART.n_faces].sum() > 1e-3  # the robot hides something
+
+
+@pytest.mark.slow
+def test_a_result_with_a_robot_is_read_again(capsys):
+    robot = robot_of_the_file(ROBOT.replace("arm/head", "world"))
+    path_of(robot)
+    Path("camera.toml").write_text("width = 320\nheight = 240\nhfov_deg = 60\n")
+    words = "evaluate cell.obj --occluder plate -c camera.toml -p sphere:3 --table none"
+    done(capsys, f"{words} -o report --motion m.toml --pictures 0")
+    summary = json.loads(Path("report/summary.json").read_text())
+    assert summary["run"]["options"]["scene"]["motion"] == "m.toml"
+    groups = [group["name"] for group in summary["run"]["scene"]["groups"]]
+    assert "arm/head" in groups
+    for given in ([Path("report")], [Path("report"), Path("cell.obj"), Path("m.toml")]):
+        scene = open_scene(given, SceneOptions(), Conventions(), rc.Task(), [], None, None)
+        assert [group.name for group in scene.mesh.groups] == groups
+        assert len(scene.moving.motion) == 4
+    Path("m.toml").rename("other.toml")
+    line = refusal(capsys, "view report --no-browser")
+    assert "m.toml of report is neither where it was nor near" in line
+
+
+OTHER = '[[bodies]]\nname = "b"\nurdf = "arm.urdf"\n[motion]'
+SPOILT = {
+    "m.toml: no.urdf": ("m.toml", "arm.urdf", "no.urdf", "no.urdf"),
+    "no mesh": ("arm.urdf", '<box size="0.2 0.05 0.05"/>', '<mesh filename="a.stl"/>', "a.stl"),
+    "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "a cycle of joints"),
+    "column": ("path.csv", "elbow", "knee", "columns pan, lift, elbow"),
+    "time": ("path.csv", "3.0", "0.5", "times must rise"),
+    "two": ("m.toml", "[motion]", OTHER, "one body with urdf, got 2"),
+    "no body": ("m.toml", "arm/head", "arm/foot", "no body 'arm/foot'"),
+    "no robot": ("m.toml", 'urdf = "arm.urdf"', 'groups = ["plate"]', "urdf"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_robots_of_a_file_that_cannot_be_are_refused_by_the_command(name, capsys):
+    path_of(robot_of_the_file(), time=[0.0, 1.0, 2.0, 3.0])
+    path, old, new, words = SPOILT[name]
+    text = Path(path).read_text()
+    assert old in text
+    Path(path).write_text(text.replace(old, new, 1))
+    assert words in refusal(capsys, evaluated("m.toml", "--pictures 0"))
     assert not Path("report").exists()
 
 

@@ -17,6 +17,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import regions
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NO_CAMERAS, Reason
+from rastercov.coverage.task import OF_LIGHT
 from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
@@ -307,8 +308,10 @@ def test_pieces_are_what_is_not_covered_of_each_face(session, monkeypatch):
 
 
 def test_sliders_have_the_limits_of_the_task():
-    fields = {each["name"]: each for each in task_fields()}
+    fields = {each["name"]: each for each in task_fields(rc.Lamps([rc.Lamp.point(1)]))}
     assert set(fields) == set(rc.Task.__dataclass_fields__)
+    assert fields["min_illuminance"]["unit"] == "lx"
+    assert set(fields) - {each["name"] for each in task_fields()} == set(OF_LIGHT)
     assert (fields["min_visibility"]["low"], fields["min_visibility"]["high"]) == (0.0, 1.0)
     assert fields["max_blur"]["is_optional"]
     assert fields["focus_rule"]["choices"] == ["vertices", "centroid"]

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 import swept_arm as arm
-from browser import Tab
+from browser import TOKEN, Program, Tab
+from moving_scene import CAMERA, TASK, by_hand, moving_scene
 
 import rastercov as rc
 from rastercov.camera.rig import names_of_poses
 from rastercov.report.pages import view_page
+from rastercov.viewer.saving import export_page
+from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -67,3 +70,91 @@ def test_play_goes_through_the_frames(tab):
     slider.fill("4")
     assert page.js("rastercov.session.frame") == 4
     assert not page.faults
+
+
+@pytest.fixture
+def live(context, tmp_path):
+    scene, robot, rows = moving_scene(tmp_path)
+    running = Program(Session(scene))
+    running.start()
+    page = Tab(context, running.url)
+    page.open("Network")
+    yield page, robot, rows
+    running.stop()
+    running.session.close()
+    assert not page.faults
+
+
+def assert_shown(page, mesh, poses):
+    """Corners, cameras and figures of the page are those of a mesh moved by hand."""
+    corners = np.reshape(page.js("[...rastercov.session.corners]"), (-1, 3, 3))
+    corners += page.js("rastercov.session.origin")
+    assert np.abs(corners - mesh.vertices[mesh.faces]).max() < 1e-6
+    shown = np.reshape([each["pose"] for each in page.state()["stations"]], (-1, 4, 4))
+    assert np.allclose(shown, poses)
+    network = rc.Network(mesh, TASK)
+    network.add(rc.evaluate(mesh, CAMERA, poses, TASK))
+    assert page.area_percent() == pytest.approx(network.summary()["covered"]["area_percent"])
+
+
+def test_the_served_page_shows_figures_of_the_frame(live):
+    page, robot, rows = live
+    page.page.get_by_role("slider", name="frame").fill("3")
+    page.idle()
+    mesh, poses = by_hand(robot, rows[3])
+    assert_shown(page, mesh, poses)
+    centre = poses[1].copy()
+    centre[:3, 3] += (0.0, 0.0, 0.05)
+    page.js(
+        "pose => rastercov.session.act({ do: 'pose', station: 1, pose })", centre.ravel().tolist()
+    )
+    page.idle()
+    assert_shown(page, mesh, np.stack([poses[0], centre]))
+    page.page.get_by_role("button", name="Play").click()
+    page.page.wait_for_function("rastercov.session.frame === 1")
+    page.page.get_by_role("button", name="Stop").click()
+    page.idle()
+
+
+def test_sliders_of_joints_move_the_robot(live):
+    page, robot, rows = live
+    page.page.get_by_role("slider", name="frame").fill("2")
+    page.idle()
+    assert float(page.page.locator('input.number[aria-label="elbow"]').input_value()) == (
+        pytest.approx(np.degrees(rows[2, 2]), rel=1e-5)
+    )
+    page.type_number("pan", "-20")
+    page.page.get_by_role("slider", name="elbow").focus()
+    page.keys("PageUp")
+    joints = page.js("rastercov.session.joints")
+    assert joints[0] == pytest.approx(np.radians(-20))
+    assert joints[2] > rows[2, 2]
+    assert_shown(page, *by_hand(robot, joints))
+    page.type_number("lift", "200")  # beyond its limit: one line, and nothing moves
+    assert page.page.locator("p.fault:visible").count() == 1
+    assert page.js("rastercov.session.joints") == joints
+    page.page.get_by_role("button", name="As in the frame").click()
+    page.idle()
+    assert_shown(page, *by_hand(robot, rows[2]))
+
+
+def test_another_tab_follows_the_time_that_is_shown(live, context):
+    page, robot, rows = live
+    other = Tab(context, page.page.url.split("#")[0] + f"#{TOKEN}")
+    page.page.get_by_role("slider", name="frame").fill("4")
+    page.idle()
+    other.page.wait_for_function("rastercov.session.frame === 4")
+    other.idle()
+    assert_shown(other, *by_hand(robot, rows[4]))
+
+
+def test_an_exported_page_plays_the_figures(context, tmp_path):
+    scene, robot, rows = moving_scene(tmp_path, steps=3)
+    session = Session(scene)
+    page = Tab(context, export_page(session, tmp_path / "page.html", ("reason",)).as_uri())
+    for frame in (2, 1):
+        page.js("frame => rastercov.session.setFrame(frame)", frame)
+        page.idle()
+        assert_shown(page, *by_hand(robot, rows[frame]))
+    assert not page.faults
+    session.close()

@@ -28,9 +28,10 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
+from rastercov.mesh.robot import Robot
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.sections import ONE_CAMERA, PlanModel
+from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
 WORDS = {
     "float_type": "a number",
@@ -293,6 +294,10 @@ class Plan(PlanModel):
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
+    def robots(self) -> list[Robot]:
+        """Robots of the bodies; PlanError for one that cannot be read."""
+        return robots_of(self.bodies, self.folder, self.name)
+
     def build_motion(self, mesh: Mesh) -> Motion | None:
         """Motion of the bodies of a mesh, None where nothing moves; PlanError for one that is none.
 
@@ -305,7 +310,7 @@ class Plan(PlanModel):
             why = reason or 'leave out task.by = "face"'
             raise PlanError(self.name, [f"motion: figures over time are by area; {why}"])
         try:
-            found = self.motion.build(mesh, self.bodies, self.folder, self.meshes)
+            found = self.motion.build(mesh, self.bodies, self.robots(), self.folder, self.meshes)
             for name in self.bodies_of_cameras():
                 found.poses_of(name)
         except RastercovError as error:
@@ -348,6 +353,17 @@ class Plan(PlanModel):
         by_group = isinstance(self.task.views, dict)
         own["views"] = views or (1 if by_group else self.task.views)
         return Task(**own).lit_by(self.built_lamps(self.folder))
+
+
+def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Robot]:
+    """Robots of those bodies of a file that have a URDF; errors as of `Plan.robots`."""
+    found = list[Robot]()
+    for row, body in enumerate(bodies):
+        try:
+            found += [] if body.urdf is None else [body.robot(folder)]
+        except RastercovError as error:
+            raise PlanError(name, [f"bodies[{row}]: {error}"]) from None
+    return found
 
 
 def read_plan(path: StrPath) -> Plan:

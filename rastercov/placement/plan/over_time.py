@@ -5,14 +5,14 @@ are the cells; where a share of the time is asked for, they are the cells of eve
 by its duration, and the exact share is measured of what is chosen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from rastercov.base.errors import RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
@@ -31,9 +31,10 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.motion_file import load_motion
+from rastercov.mesh.robot import JointPath, Robot
 from rastercov.placement.matrix import VisibilityMatrix, limits_of
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, describe
-from rastercov.placement.plan.file import Plan, PlanError, lines_of
+from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
 from rastercov.placement.plan.sections import BodyEntry, Entry, MotionSection, Name, Over
 from rastercov.placement.select.problem import Goal, Problem, problem_of, weights_of
 
@@ -42,7 +43,10 @@ CANDIDATES_A_TURN = 32
 
 
 class MotionFile(Entry):
-    """A file of motion for `rastercov evaluate`: bodies, how they move, and for how long to see."""
+    """A file of motion for `rastercov evaluate`: bodies, how they move, and for how long to see.
+
+    Robots, bodies with `urdf`, join the mesh.
+    """
 
     bodies: list[BodyEntry] = Field(default_factory=list)
     """Groups that move together."""
@@ -55,12 +59,6 @@ class MotionFile(Entry):
     views_at: Literal["one time", "any time"] = "one time"
     """Several cameras cover it at one time, or each at whatever times."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if any(body.urdf for body in self.bodies) or self.motion.joints is not None:
-            raise ValueError("urdf and joints are of plans; leave them out")
-        return self
-
 
 @dataclass(frozen=True, eq=False)
 class PlanMotion:
@@ -70,6 +68,12 @@ class PlanMotion:
     ----------
     bodies : str or list of str
         Body of all cameras, or of each.
+    robots : sequence of Robot
+        Whose links are bodies.
+    path : JointPath or None
+        Of the one robot.
+    cameras : sequence of str
+        Names of the cameras that the list `bodies` is of.
     """
 
     motion: Motion
@@ -77,6 +81,9 @@ class PlanMotion:
     views_at: str
     bodies: str | list[str]
     method: str
+    robots: Sequence[Robot] = ()
+    path: JointPath | None = None
+    cameras: Sequence[str] = ()
 
     @classmethod
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
@@ -84,13 +91,16 @@ class PlanMotion:
         motion, task = plan.build_motion(mesh), plan.task
         if motion is None:
             return None
-        return cls(
-            motion, task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
-        )
+        own = task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
+        robots = plan.robots()
+        path = None if plan.motion is None else plan.motion.path(robots, plan.folder)
+        return cls(motion, *own, robots, path, plan.rig.names)
 
     @classmethod
-    def read(cls, path: Path, mesh: Mesh, method: str) -> "PlanMotion":
-        """The motion of a file, TOML as of `MotionFile`, or a table of poses.
+    def read(cls, path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotion":
+        """The motion of a mesh by a file, TOML as of `MotionFile`, or a table of poses.
+
+        The mesh of `motion` has the robots of the file, too.
 
         Raises
         ------
@@ -102,12 +112,23 @@ class PlanMotion:
         try:
             table = read_toml(path)
             own = MotionFile.model_validate(table, context={"folder": path.parent})
-            motion = own.motion.build(mesh, own.bodies, path.parent)
+            robots = robots_of(own.bodies, path.parent, printable(path.name))
+            mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
+            motion = own.motion.build(mesh, own.bodies, robots, path.parent)
+            joints = own.motion.path(robots, path.parent)
         except ValidationError as error:
             raise PlanError(path.name, lines_of(error, table, MotionFile)) from None
+        except PlanError:
+            raise
         except (UnreadableError, RastercovError) as error:
             raise PlanError(printable(path.name), [str(error)]) from None
-        return cls(motion, own.over, own.views_at, own.body, method)
+        return cls(motion, own.over, own.views_at, own.body, method, robots, joints)
+
+    def body_of(self, camera: str) -> str:
+        """Body that carries a camera, by its name."""
+        if isinstance(self.bodies, str):
+            return self.bodies
+        return dict(zip(self.cameras, self.bodies, strict=True)).get(camera, "world")
 
     def evaluate(
         self, camera: Cameras, placed: Poses, task: Task, folder: Path | None = None,

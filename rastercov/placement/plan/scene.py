@@ -87,7 +87,6 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     except MeshError as error:
         raise PlanError(plan.name, [f"meshes: {error}"]) from None
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
-    robots = _robots(plan)
     groups = iter(mesh.groups)
     of_files = [
         FileGroups(file, [group.name for group in islice(groups, len(part.groups))])
@@ -95,7 +94,8 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
-    mesh = Mesh.joined([mesh, *robots]) if robots else mesh
+    robots = [] if any(isinstance(each, OnArm) for each in plan.candidates) else plan.robots()
+    mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
     mesh, lines = _with_targets(plan, mesh, of_files)
     names = Names((group.name for group in mesh.groups), of_files)
     changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
@@ -111,20 +111,6 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     if lines:
         raise PlanError(plan.name, lines)
     return mesh, plan, names
-
-
-def _robots(plan: Plan) -> list[Mesh]:
-    """Meshes of the robots of a plan in the scene; one that carries cameras does not."""
-    lines, found = list[str](), list[Mesh]()
-    is_carrying = any(isinstance(each, OnArm) for each in plan.candidates)
-    for row, body in enumerate(() if is_carrying else plan.bodies):
-        try:
-            found += [] if body.urdf is None else [body.robot(plan.folder).mesh]
-        except RastercovError as error:
-            lines.append(f"bodies[{row}]: {error}")
-    if lines:
-        raise PlanError(plan.name, lines)
-    return found
 
 
 def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:

@@ -62,7 +62,7 @@ from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.motion import Motion, conveyor, turntable
 from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
-from rastercov.mesh.robot import Robot
+from rastercov.mesh.robot import JointPath, Robot
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
@@ -971,14 +971,26 @@ class MotionSection(Entry):
     steps: Count = 50
     """Frames of the animation, at equal steps of its time."""
 
+    def path(self, robots: Sequence[Robot], folder: Path) -> JointPath | None:
+        """Path of the one robot; None without joints."""
+        if self.joints is None:
+            return None
+        if len(robots) != 1:
+            raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
+        return robots[0].read_path(folder / self.joints)
+
     def build(
         self,
         mesh: Mesh,
         bodies: Sequence[BodyEntry],
+        robots: Sequence[Robot],
         folder: Path,
         files: Sequence[MeshEntry] = (),
     ) -> Motion:
-        """The motion of a mesh, of some files; ConfigError or MeshError where there is none."""
+        """The motion of a mesh, of some files; ConfigError or MeshError where there is none.
+
+        Links of robots that no path moves are bodies that stay.
+        """
         tables: dict[str, Any] = {}
         others: dict[str, Any] = {}
 
@@ -997,15 +1009,9 @@ class MotionSection(Entry):
             others = read_motion(folder / self.poses)
             for name, poses in others.pop("bodies").items():
                 add(name, poses)
-        robots = [body for body in bodies if body.urdf is not None]
-        if self.joints is not None:
-            if len(robots) != 1:
-                raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
-            robot = robots[0].robot(folder)
-            path = robot.read_path(folder / self.joints)
-            if len({*path.duration.tolist()}) > 1:
-                others.setdefault("durations", path.duration)
-            for name, poses in robot.poses(path.joints).items():
+        if (path := self.path(robots, folder)) is not None:
+            others.setdefault("durations", path.duration)
+            for name, poses in robots[0].poses(path.joints).items():
                 add(name, poses)
         groups = {body.name: body.groups for body in bodies if body.groups}
         if self.animation is not None:
@@ -1014,9 +1020,9 @@ class MotionSection(Entry):
             groups |= found["groups"]
             for name, poses in found["bodies"].items():
                 add(name, poses)
-        for body in bodies:
-            if body.urdf is None:
-                tables.setdefault(body.name, np.eye(4))
+        still = [body.name for body in bodies if body.urdf is None]
+        for name in [*still, *(link for each in robots for link in each.poses(each.rest))]:
+            tables.setdefault(name, np.eye(4))
         if not tables:
             raise ConfigError("no body moves; give turntable, conveyor, poses, joints or animation")
         return Motion(mesh, tables, groups=groups, **others)
@@ -1300,9 +1306,7 @@ class PlanModel(Entry):
             return
         if self.motion is None:
             if self.task.over is not None or self.bodies:
-                raise ValueError(
-                    "task.over and bodies are of a motion; give one, or leave them out"
-                )
+                raise ValueError("task.over and bodies are of a motion; give one, or leave out")
             return
         if isinstance(self.task.views, dict):
             raise ValueError("task.views by group is of a still scene; give one number")

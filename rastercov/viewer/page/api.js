@@ -145,6 +145,9 @@ export class Recorded {
   /** Modes that the file holds. */
   hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split(/[:@]/)[0] === mode);
 
+  /** Whether the file has figures of each frame of bodies that move. */
+  hasFrames = (mode) => `${mode}@0` in this.data.frames;
+
   /** Group of a face and its label in each mode. */
   async why(face) {
     const isShown = ([key]) => !key.includes("@") || key.endsWith(`@${this.frame}`);

@@ -18,6 +18,7 @@ import {
 } from "rastercov/dom.js";
 import { inCamera } from "rastercov/maths.js";
 import { modeList } from "rastercov/modes.js";
+import { keyOf } from "rastercov/session.js";
 
 const IMAGE_SIDE = 720;
 const LARGE_SIDE = 2048;
@@ -82,7 +83,7 @@ function cameraImage(session, side) {
     const station = session.station();
     picture.hidden = !station;
     if (!station) return;
-    const wanted = `${station.id} ${session.state.revision}`;
+    const wanted = `${station.id} ${keyOf(session.state)}`;
     if (wanted === asked) return;
     asked = wanted;
     note.textContent = "drawing…";

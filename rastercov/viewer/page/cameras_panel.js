@@ -15,11 +15,28 @@ export function camerasPanel(session, { view, tools, jobs }) {
     "div",
     {},
     section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
+    lampsSection(session),
   );
   if (session.canEdit) {
     panel.append(variantsSection(session), poseSection(session, { view, tools, jobs }), typeSection(session));
   }
   return panel;
+}
+
+/** Lamps, which are chosen here as in the picture; null where there are none. */
+function lampsSection(session) {
+  if (!session.state.lamps?.length) return null;
+  const list = element("div.cameras", { role: "group", "aria-label": "Lamps" });
+  const show = () => keepingFocus(list, () => fill(list, session.state.lamps.map((lamp) => {
+    const isChosen = lamp.id === session.chosen;
+    const options = { type: "button", "aria-current": String(isChosen), disabled: !lamp.pose };
+    const name = element("button.link", { ...options, on: { click: () => session.choose(lamp.id) } }, lamp.name);
+    const words = lamp.pose ? lamp.words : `${lamp.words}, on the rig`;
+    return element(isChosen ? "div.row.lamp.chosen" : "div.row.lamp", {}, element("span.who", {}, name), element("span.soft", {}, words));
+  })));
+  session.on("state chosen", show);
+  show();
+  return section("Lamps", [list]);
 }
 
 /** One row a camera: on or off, name, what it covers, and what it alone covers. */
@@ -106,7 +123,7 @@ function rigButtons(session, view, jobs) {
     kind: "primary",
   });
   const show = () => {
-    remove.disabled = copy.disabled = session.chosen === null;
+    remove.disabled = copy.disabled = !session.station();
   };
   session.on("chosen state", show);
   show();

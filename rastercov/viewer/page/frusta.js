@@ -1,5 +1,6 @@
 /**
- * The cameras in the scene: frusta by the border rays of their images, names, planes of focus.
+ * The devices in the scene: cameras as frusta by the border rays of their images, lamps as their points
+ * and cones, names, planes of focus.
  *
  * Every frustum is drawn to the same depth, a part of the scene; the chosen one has its names and planes.
  */
@@ -16,6 +17,7 @@ import {
   radians,
   scale,
   sphereAround,
+  subtract,
 } from "rastercov/maths.js";
 import { element } from "rastercov/dom.js";
 
@@ -25,6 +27,7 @@ const COLOURS = {
   chosen: [0.0, 0.44, 0.95, 1],
   wrong: [0.85, 0.1, 0.2, 1],
   focus: [0.0, 0.6, 0.55, 1],
+  lamp: [0.85, 0.55, 0.0, 1],
 };
 const HALO = [1, 1, 1, 0.45];
 const DARK_HALO = [0, 0, 0, 0.6];
@@ -73,7 +76,7 @@ export class Frusta {
     if (!this.isShown) return null;
     const look = this.view.look();
     let best = null;
-    for (const station of this.session.state.stations) {
+    for (const station of this.#devices()) {
       const at = look.toScreen(centreOf(this.session.poseOf(station)));
       const away = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
       if (away < GRIP && (!best || away < best.away)) best = { id: station.id, away };
@@ -96,8 +99,34 @@ export class Frusta {
       if (isEye) this.#border(sketch, station, colour);
       else this.#frustum(sketch, station, colour, isChosen);
     }
+    for (const lamp of this.session.lamps) this.#lamp(sketch, lamp, look);
     const chosen = this.session.station();
     if (chosen && this.hasFocus) this.#focus(sketch, chosen);
+  }
+
+  #devices() {
+    return [...this.session.state.stations, ...this.session.lamps];
+  }
+
+  /** Points of a lamp, and the border of its cone; one that shines all around has rays. */
+  #lamp(sketch, lamp, look) {
+    const isChosen = lamp.id === this.session.chosen;
+    const [pose, colour, width] = [this.session.poseOf(lamp), isChosen ? COLOURS.chosen : COLOURS.lamp, isChosen ? 2.5 : 1.6];
+    const size = 5 * look.pixelAt(centreOf(pose));
+    for (const point of lamp.points)
+      for (const axis of [0, 1, 2]) {
+        const way = [0, 1, 2].map((k) => (k === axis ? size : 0));
+        sketch.line(fromCamera(pose, subtract(point, way)), fromCamera(pose, add(point, way)), colour, width);
+      }
+    const angle = radians(Math.min(lamp.half_angle_deg, 80));
+    const isAround = lamp.half_angle_deg >= 180;
+    const ring = Array.from({ length: 24 }, (_, k) => {
+      const [s, c] = [Math.sin((k * Math.PI) / 12), Math.cos((k * Math.PI) / 12)];
+      const ray = isAround ? [s, 0, c] : [c * Math.sin(angle), s * Math.sin(angle), Math.cos(angle)];
+      return fromCamera(pose, scale(ray, (isAround ? 0.3 : 1) * this.depth));
+    });
+    if (!isAround) sketch.path(ring, colour, width, true);
+    for (let k = 0; k < 24; k += isAround ? 2 : 6) sketch.line(centreOf(pose), ring[k], colour, width);
   }
 
   /** Ends of the border rays, world. */
@@ -152,9 +181,10 @@ export class Frusta {
 
   /** Stations that have names: of a crowd the chosen one and that under the pointer. */
   #named() {
-    const { state, chosen } = this.session;
-    const isNamed = ({ id }) => state.stations.length <= CROWD || id === chosen || id === this.hovered;
-    return state.stations.filter(isNamed);
+    const { chosen } = this.session;
+    const devices = this.#devices();
+    const isNamed = ({ id }) => devices.length <= CROWD || id === chosen || id === this.hovered;
+    return devices.filter(isNamed);
   }
 
   #label() {
@@ -178,7 +208,7 @@ export class Frusta {
       }
       made.textContent = station.name;
       made.classList.toggle("chosen", station.id === this.session.chosen);
-      made.classList.toggle("off", !station.is_on);
+      made.classList.toggle("off", station.is_on === false);
       made.classList.toggle("wrong", Boolean(station.place) && station.place !== "allowed");
     }
   }

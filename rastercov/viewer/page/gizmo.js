@@ -1,5 +1,5 @@
 /**
- * Handles on the chosen camera: three arrows, three rings, and a square that moves it in the plane of
+ * Handles on the chosen camera or lamp: three arrows, three rings, and a square that moves it in the plane of
  * the picture. They keep their size on the screen and nothing hides them.
  *
  * A drag changes the pose at once in this page; the server follows as fast as it can. Esc puts the pose
@@ -52,9 +52,9 @@ export class Gizmo {
     navigation.onHover((x, y) => this.#hover(x, y));
   }
 
-  get station() {
+  get device() {
     const isUsable = this.isShown && this.session.canEdit;
-    return isUsable ? this.session.station() : null;
+    return isUsable ? this.session.device() : null;
   }
 
   setLocal(isLocal) {
@@ -73,10 +73,10 @@ export class Gizmo {
 
   /** Handles of the present picture: {kind, axis, points (world)}. */
   #handles(look) {
-    const { station } = this;
-    if (!station) return [];
-    const pose = this.drag?.kind === "ring" ? this.drag.start : this.session.poseOf(station);
-    const centre = centreOf(this.session.poseOf(station));
+    const { device } = this;
+    if (!device) return [];
+    const pose = this.drag?.kind === "ring" ? this.drag.start : this.session.poseOf(device);
+    const centre = centreOf(this.session.poseOf(device));
     if (!look.toScreen(centre)) return [];
     const pixel = look.pixelAt(centre);
     const axes = this.#axes(pose);
@@ -171,8 +171,8 @@ export class Gizmo {
   #take(x, y) {
     const handle = this.#handleAt(x, y);
     if (!handle) return null;
-    const { station } = this;
-    const start = this.session.poseOf(station);
+    const { device } = this;
+    const start = this.session.poseOf(device);
     this.drag = { ...handle, start };
     const follow = this.#follower(handle, start, x, y);
     let pose = start;
@@ -181,19 +181,24 @@ export class Gizmo {
     const finish = (final) => {
       this.drag = null;
       this.hovered = null;
-      if (pose !== start && !isVoid()) this.session.act({ do: "pose", station: station.id, pose: final });
+      if (pose !== start && !isVoid()) this.session.place(device, final);
       this.view.request();
     };
     return {
       move: (nowX, nowY, event) => {
         if (isVoid()) return;
         const wanted = follow(nowX, nowY, event.ctrlKey);
-        pose = wanted && (allowedPose(this.session.scene.constraints, this.session.state, wanted) ?? pose);
-        if (pose !== start) this.session.act({ do: "pose", station: station.id, pose }, { isDrag: true });
+        pose = (wanted && this.#allowed(device, wanted)) ?? pose;
+        if (pose !== start) this.session.place(device, pose, { isDrag: true });
       },
       end: () => finish(pose),
       cancel: () => finish(start),
     };
+  }
+
+  /** The pose, or the nearest one that the plan allows a camera; lamps may be anywhere. */
+  #allowed(device, pose) {
+    return "row" in device ? pose : allowedPose(this.session.scene.constraints, this.session.state, pose);
   }
 
   /** Function from a place of the pointer to the pose there. */
@@ -223,10 +228,10 @@ export class Gizmo {
     return (x, y) => moved(start, subtract(onPlane(centre, normal, ray(x, y)), first));
   }
 
-  /** Key over the picture: arrows and page keys move the chosen camera, with Alt they turn it. */
+  /** Key over the picture: arrows and page keys move the chosen device, with Alt they turn it. */
   key(event) {
-    const { station } = this;
-    if (!station) return false;
+    const { device } = this;
+    if (!device) return false;
     const keys = {
       ArrowLeft: [-1, 0, 0],
       ArrowRight: [1, 0, 0],
@@ -237,7 +242,7 @@ export class Gizmo {
     };
     const step = keys[event.key];
     if (!step) return false;
-    const pose = this.session.poseOf(station);
+    const pose = this.session.poseOf(device);
     const { bounds, up } = this.session.scene;
     const fine = event.shiftKey ? 0.1 : 1;
     let wanted;
@@ -255,17 +260,17 @@ export class Gizmo {
       const by = [scale(right, step[0]), scale(ahead, step[1]), scale(up, step[2])].reduce(add);
       wanted = moved(pose, scale(by, size));
     }
-    const next = allowedPose(this.session.scene.constraints, this.session.state, wanted);
+    const next = this.#allowed(device, wanted);
     if (!next) return true;
-    const action = { do: "pose", station: station.id, pose: next };
-    this.nudged = { action, reloads: this.session.reloads };
-    this.session.act(action, { isDrag: true });
+    this.nudged = { device, pose: next, reloads: this.session.reloads };
+    this.session.place(device, next, { isDrag: true });
     return true;
   }
 
   /** Ends a series of keys, so that they are one step of undo. */
   endKeys() {
-    if (this.nudged?.reloads === this.session.reloads) this.session.act(this.nudged.action);
+    const { device, pose, reloads } = this.nudged ?? {};
+    if (reloads === this.session.reloads) this.session.place(device, pose);
     this.nudged = null;
   }
 }

@@ -116,7 +116,7 @@ function control(event, session) {
   if (key === "z") session.act({ do: event.shiftKey ? "redo" : "undo" });
   else if (key === "y") session.act({ do: "redo" });
   else if (key === "s") session.saveRig();
-  else if (key === "d" && session.chosen !== null) session.act({ do: "duplicate", station: session.chosen });
+  else if (key === "d" && session.station()) session.act({ do: "duplicate", station: session.chosen });
   else return false;
   return true;
 }
@@ -166,7 +166,7 @@ function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
     if (session.station()) view.lookThrough(session.station());
   } else if (event.key.toLowerCase() === "n") {
     session.chooseNext(event.shiftKey ? -1 : 1);
-  } else if (event.key === "Delete" && session.canEdit && session.chosen !== null) {
+  } else if (event.key === "Delete" && session.canEdit && session.station()) {
     session.act({ do: "delete", station: session.chosen });
   } else if (event.key === "Enter") {
     tools.pickFace(view.pick(view.canvas.clientWidth / 2, view.canvas.clientHeight / 2));

@@ -3,15 +3,15 @@
 import { button, element, fill, percent, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
-import { timePanel } from "rastercov/time.js";
+import { jointsPanel, timePanel } from "rastercov/time.js";
 
 export function networkPanel(session) {
   const modes = modeList(session, "network");
-  const time = timePanel(session);
   return element(
     "div",
     {},
-    time ? section("Time", [time]) : null,
+    timePanel(session),
+    jointsPanel(session),
     section("All cameras together", [modes, reasons(session)]),
     session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
     session.canEdit ? section("Exact area", [exactArea(session)]) : null,

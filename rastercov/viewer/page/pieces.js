@@ -4,6 +4,7 @@
  */
 
 import { cross, dot, subtract } from "rastercov/maths.js";
+import { keyOf } from "rastercov/session.js";
 
 const REST = 500; // ms without an act
 /** Pairs of a face and a camera up to which pieces come by themselves; beyond, by a button. */
@@ -21,21 +22,22 @@ export function followPieces(session, view) {
     session.mode === "reason" &&
     session.isIdle &&
     !session.localPoses.size &&
-    session.pieces?.revision !== session.state.revision &&
-    refused !== session.state.revision;
+    session.pieces?.key !== keyOf(session.state) &&
+    refused !== keyOf(session.state);
   const ask = async (isAsked = false) => {
-    const { revision, stations } = session.state;
+    const { stations } = session.state;
+    const key = keyOf(session.state);
     if (!stations.length || !(isAsked || isWanted())) return;
     if (!isAsked && stations.length * session.scene.n_faces > MOST_PAIRS) return;
     try {
       const { json, payload } = await session.server.pieces();
       if (json.fault) throw new Error(json.fault);
-      if (revision !== session.state.revision) return;
-      session.pieces = { revision, percent: json.percent, ...trianglesOf(session, payload) };
+      if (key !== keyOf(session.state)) return;
+      session.pieces = { key, percent: json.percent, ...trianglesOf(session, payload) };
       session.figures.summary.exact_area_percent = json.percent;
       session.emit("frame", session.figures);
     } catch (error) {
-      refused = revision; // by a threshold of whole faces, or the rig has moved on
+      refused = key; // by a threshold of whole faces, or the rig has moved on
       if (isAsked) session.emit("fault", error.message);
     }
   };
@@ -51,7 +53,7 @@ export function followPieces(session, view) {
 /** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */
 export function shownPieces(session, view) {
   const { pieces, state, mode } = session;
-  const isShown = pieces && view.options.hasPieces && mode === "reason" && pieces.revision === state.revision;
+  const isShown = pieces && view.options.hasPieces && mode === "reason" && pieces.key === keyOf(state);
   return isShown ? pieces : null;
 }
 
@@ -76,7 +78,8 @@ const colourOf = (session, level) => [...session.palette.subarray(3 * level, 3 *
 /** Triangles of the pieces, level of each face beside them, and area by level. */
 function trianglesOf(session, payload) {
   const names = Object.keys(session.scene.reasons);
-  const [covered, occluded, tooFew] = ["covered", "occluded", "too_few_views"].map((name) => names.indexOf(name));
+  const hidden = session.state.lamps?.length ? "unlit" : "occluded"; // what a threshold forgave the whole face
+  const [covered, lost, tooFew] = ["covered", hidden, "too_few_views"].map((name) => names.indexOf(name));
   const data = payload.slice().buffer;
   const n = new Uint32Array(data, 0, 1)[0];
   const faces = new Uint32Array(data, 4, n);
@@ -85,7 +88,7 @@ function trianglesOf(session, payload) {
   const levels = session.levels.slice();
   const level = (face) => {
     if (levels[face] !== covered) return levels[face];
-    return session.state.task.views > 1 ? tooFew : occluded; // what a threshold forgave the whole face
+    return session.state.task.views > 1 ? tooFew : lost;
   };
   const base = levels.slice();
   base.forEach((each, face) => (base[face] = each < names.length ? covered : each));

@@ -75,6 +75,7 @@ export class SceneView {
     });
     this.session.on("state chosen face poses", () => this.request());
     this.session.on("time", () => {
+      this.#framing = () => {}; // cameras that ride, and the legend, would move the view
       if (!this.isLost) this.mesh.setCorners(this.session.corners);
       this.request();
     });
@@ -91,7 +92,7 @@ export class SceneView {
 
   #showCreases() {
     if (!this.options.hasEdges || this.isLost) return;
-    this.creases ??= creasesOf(this.session.corners, this.session.faceGroups);
+    this.creases ??= creasesOf(this.session.cornersAtRest, this.session.faceGroups);
     this.mesh.setCreases(this.creases);
   }
 

@@ -14,6 +14,9 @@ import { centreOf } from "rastercov/maths.js";
 import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
+/** Name of the rig and the time of a state, which figures are of. */
+export const keyOf = ({ revision, at = [] }) => `${revision} ${at}`;
+
 const KEPT_KEY = "rastercov-kept";
 const KEY_IS_OLD = "the program was started again with another key: open the address that it printed";
 
@@ -32,6 +35,7 @@ export class Session {
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
     this.frame = 0; // of bodies that move
+    this.joints = []; // of robots
   }
 
   on(events, listener) {
@@ -55,7 +59,7 @@ export class Session {
     ]);
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
     this.cornersAtRest = soup.corners;
-    if (scene.motion) this.corners = cornersAt(this, 0);
+    this.#takeTime(state.at ?? []);
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
     scene.modes = modes;
     for (const mode of modes) {
@@ -75,6 +79,22 @@ export class Session {
 
   station(id = this.chosen) {
     return this.state.stations.find((station) => station.id === id) ?? null;
+  }
+
+  /** Lamps whose places may be changed. */
+  get lamps() {
+    return (this.state.lamps ?? []).filter((lamp) => lamp.pose);
+  }
+
+  /** What is chosen: a station, a lamp, or null. */
+  device(id = this.chosen) {
+    return this.station(id) ?? this.lamps.find((lamp) => lamp.id === id) ?? null;
+  }
+
+  /** Puts a camera or a lamp at a pose. */
+  place(device, pose, options = {}) {
+    const action = "row" in device ? { do: "lamp", lamp: device.row, pose } : { do: "pose", station: device.id, pose };
+    return this.act(action, options);
   }
 
   cameraOf(station) {
@@ -99,7 +119,7 @@ export class Session {
     if (id === this.chosen) return;
     this.chosen = id;
     this.emit("chosen", id);
-    if (this.modeOf().panel === "camera" && id !== null) this.refresh();
+    if (this.modeOf().panel === "camera" && this.station()) this.refresh();
   }
 
   /** Chooses the next camera of the list, or the one before it. */
@@ -117,12 +137,32 @@ export class Session {
     this.refresh();
   }
 
-  /** Shows a frame of bodies that move. */
-  setFrame(frame) {
+  /** Frame, and joints of robots where they are not those of the frame. */
+  get at() {
+    if (!this.scene.motion) return [];
+    const own = this.scene.joints?.frames[this.frame] ?? [];
+    return [this.frame, ...(this.joints.every((each, row) => each === own[row]) ? [] : this.joints)];
+  }
+
+  #takeTime([frame = 0, ...joints], placed = null) {
+    const { motion, joints: known } = this.scene;
+    if (!motion) return;
     this.frame = this.server.frame = frame;
-    this.corners = cornersAt(this, frame);
+    this.joints = joints.length ? joints : (known?.frames[frame] ?? []).slice();
+    if (!joints.length || placed) this.corners = cornersAt(this, frame, placed);
     this.emit("time", frame);
-    if (this.modeOf().is_of_frame) this.refresh();
+  }
+
+  /** Shows a frame of bodies that move; ends with its figures. */
+  async setFrame(frame) {
+    this.#takeTime([frame]);
+    if (this.server.hasFrames?.(this.mode) ?? true) await this.refresh();
+  }
+
+  /** Shows robots with other joints, which the server moves. */
+  setJoints(joints, isDrag = false) {
+    this.joints = joints;
+    return this.act({ do: "none" }, { isDrag });
   }
 
   setOption(name, value, isDrag = false) {
@@ -142,8 +182,8 @@ export class Session {
    * @param {object} options isDrag: a step of a gesture that is not over
    */
   act(action, { isDrag = false } = {}) {
-    if (action.do === "pose") {
-      this.localPoses.set(action.station, action.pose);
+    if (isMove(action)) {
+      this.localPoses.set(action.do === "pose" ? action.station : `lamp ${action.lamp}`, action.pose);
       this.emit("poses");
     }
     return new Promise((resolve) => {
@@ -167,8 +207,9 @@ export class Session {
           revision: this.state.revision,
           mode: this.mode,
           options: this.options[this.mode],
-          station: this.chosen,
+          station: this.station()?.id ?? null,
           is_drag: item.isDrag,
+          at: this.at,
           action: item.action,
         });
         this.#queue.shift();
@@ -208,13 +249,14 @@ export class Session {
   }
 
   #adopt({ json, payload }, action) {
-    const { state, ...figures } = json;
-    const isLater = this.#queue.some((item) => item.action.do === "pose");
+    const { state, bodies, ...figures } = json;
+    const isLater = this.#queue.some((item) => isMove(item.action));
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
     this.state = state;
+    if (bodies && String(state.at) === String(this.at)) this.#takeTime(state.at, bodies);
     const added = state.stations.find((station) => !known.has(station.id));
-    const isChosenGone = this.chosen !== null && !this.station();
+    const isChosenGone = this.chosen !== null && !this.device();
     this.figures = figures;
     if (figures.legend.length === 1) figures.legend[0].hatch = 0; // nothing to tell it from
     this.levels = payload;
@@ -236,8 +278,9 @@ export class Session {
     try {
       this.reloads += 1;
       this.state = await this.server.state();
+      this.#takeTime(this.state.at ?? []);
       this.localPoses.clear();
-      if (this.chosen !== null && !this.station()) this.chosen = this.state.stations[0]?.id ?? null;
+      if (this.chosen !== null && !this.device()) this.chosen = this.state.stations[0]?.id ?? null;
       this.emit("state", this.state);
       this.emit("chosen", this.chosen);
       if (words) this.emit("notice", words);
@@ -270,12 +313,12 @@ export class Session {
     if (this.#isSending || this.isChecking) return;
     this.isChecking = true;
     try {
-      const { revision } = await this.server.ping();
+      const { revision, at = [] } = await this.server.ping();
       const isBack = !this.isConnected;
       if (isBack) this.#setConnected(true);
       if (this.#isSending) return;
       if (isBack) await this.#comeBack(revision);
-      else if (revision !== this.state.revision && this.isIdle && !this.isWorking) {
+      else if (keyOf({ revision, at }) !== keyOf(this.state) && this.isIdle && !this.isWorking) {
         await this.reload("Another tab changed the rig; it is shown here now.");
       }
     } catch (error) {
@@ -302,7 +345,7 @@ export class Session {
       this.state = state;
       this.emit("state", state);
       for (const { action, resolve } of waiting) {
-        if (["pose", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
+        if (["pose", "lamp", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
         resolve(null);
       }
       this.refresh();
@@ -364,11 +407,15 @@ export class Session {
   }
 }
 
+/** Whether an act puts a camera or a lamp at a pose. */
+const isMove = (action) => action.do === "pose" || action.do === "lamp";
+
 /** Whether a newer act makes an older one that has not left pointless. */
 function replaces(newer, older) {
   const [a, b] = [newer.action, older.action];
   if (a.do === "none" && b.do === "none") return true;
-  if (!older.isDrag || a.do !== b.do || a.station !== b.station || a.camera !== b.camera) return false;
+  if (!older.isDrag || a.do !== b.do || a.station !== b.station) return false;
+  if (a.camera !== b.camera || a.lamp !== b.lamp) return false;
   const keys = (action) => Object.keys(action.changes ?? {}).join();
   return keys(a) === keys(b);
 }

@@ -1,33 +1,42 @@
 /**
- * Bodies that move: the frame that is shown, the corners of the mesh in it, and the slider of frames.
+ * Bodies that move: the frame that is shown, the corners of the mesh in it, the slider of frames, and
+ * sliders of the joints of robots.
  *
  * `scene.motion` has the duration of each of T frames; for each group its body; and of B bodies, frame by
- * frame, poses, 3 x 4 numbers from the rest pose to the world, and whether they are there.
+ * frame, poses, 3 x 4 numbers from the rest pose to the world, and whether they are there. `scene.joints`
+ * has the fields of joints and their values in each frame, radians or metres.
  */
 
 import { bytesOf } from "rastercov/api.js";
-import { button, element } from "rastercov/dom.js";
+import { button, element, section } from "rastercov/dom.js";
+import { control } from "rastercov/fields.js";
+import { radians } from "rastercov/maths.js";
 
 /** Mean time for which a frame is shown, ms. */
 const FRAME_MS = 160;
 
-/** Corners of a frame, relative to the origin, from those at rest; bodies that are absent have no area. */
-export function cornersAt(session, frame) {
+/**
+ * Corners of a frame, relative to the origin, from those at rest; bodies that are absent have no area.
+ * `placed`: poses of the bodies in place of those of the frame, bytes of base64.
+ */
+export function cornersAt(session, frame, placed = null) {
   const { scene, origin, cornersAtRest: rest, faceGroups } = session;
   const { bodies, durations } = scene.motion;
   const poses = (scene.motion.table ??= new Float64Array(bytesOf(scene.motion.poses).buffer));
   const present = (scene.motion.there ??= bytesOf(scene.motion.present));
   const count = present.length / durations.length;
+  const own = placed && new Float64Array(bytesOf(placed).buffer);
   const moved = new Float32Array(rest.length);
   for (let face = 0; face < faceGroups.length; face++) {
     const row = frame * count + bodies[faceGroups[face]];
-    const m = poses.subarray(12 * row, 12 * row + 12);
+    const at = 12 * (own ? bodies[faceGroups[face]] : row);
+    const m = (own ?? poses).subarray(at, at + 12);
     for (let corner = 0; corner < 3; corner++) {
       const from = 9 * face + (present[row] ? 3 * corner : 0);
       const [x, y, z] = [0, 1, 2].map((axis) => rest[from + axis] + origin[axis]);
       for (let axis = 0; axis < 3; axis++) {
-        const at = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3];
-        moved[9 * face + 3 * corner + axis] = at - origin[axis];
+        const place = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3];
+        moved[9 * face + 3 * corner + axis] = place - origin[axis];
       }
     }
   }
@@ -39,6 +48,7 @@ export function timePanel(session) {
   const { motion } = session.scene;
   if (!motion) return null;
   const last = motion.durations.length - 1;
+  if (!last) return null;
   const whole = motion.durations.reduce((sum, each) => sum + each, 0);
   const slider = element("input", {
     type: "range", min: "0", max: String(last), step: "1", value: String(session.frame), "aria-label": "frame",
@@ -46,13 +56,14 @@ export function timePanel(session) {
   const words = element("output");
   let timer = null;
   const stop = () => {
-    clearTimeout(timer);
     timer = null;
     play.textContent = "Play";
   };
-  const next = () => {
-    session.setFrame(session.frame === last ? 0 : session.frame + 1);
-    timer = setTimeout(next, (FRAME_MS * (last + 1) * motion.durations[session.frame]) / whole);
+  const next = async () => {
+    const time = (FRAME_MS * (last + 1) * motion.durations[session.frame]) / whole;
+    const own = (timer = {});
+    await Promise.all([session.setFrame(session.frame === last ? 0 : session.frame + 1), pause(time)]);
+    if (timer === own) next();
   };
   const play = button("Play", () => {
     if (timer !== null) return stop();
@@ -70,5 +81,28 @@ export function timePanel(session) {
   };
   session.on("time", show);
   show();
-  return element("div.time", {}, slider, element("div.buttons", {}, play, words));
+  const soft = session.canEdit ? element("p.soft", {}, "Figures and cameras are those of this frame.") : null;
+  return section("Time", [element("div.time", {}, slider, element("div.buttons", {}, play, words), soft)]);
+}
+
+const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));
+
+/** Sliders of the joints of robots, within their limits; null without any. */
+export function jointsPanel(session) {
+  const { fields = [] } = session.scene.joints ?? {};
+  if (!fields.length || !session.canEdit) return null;
+  const inPage = (at) => (fields[at].unit === "°" ? radians(1) : 1); // of a unit of the server
+  const controls = fields.map((field, at) => {
+    const per = inPage(at);
+    const own = { ...field, label: field.name, kind: "float", low: field.low / per, high: field.high / per };
+    return control(own, session.joints[at] / per, (value, isDrag) => {
+      const joints = session.joints.slice();
+      joints[at] = Math.min(field.high, Math.max(field.low, value * per));
+      session.setJoints(joints, isDrag);
+    });
+  });
+  const show = () => controls.forEach((each, at) => each.set(session.joints[at] / inPage(at)));
+  session.on("time", show);
+  const back = button("As in the frame", () => session.setFrame(session.frame), { title: "joints of the path, or at rest" });
+  return section("Joints", [...controls.map((each) => each.root), element("div.buttons", {}, back)]);
 }

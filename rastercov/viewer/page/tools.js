@@ -6,6 +6,7 @@
 
 import { add, column, distance, dot, mix, scale, subtract, cross, unit } from "rastercov/maths.js";
 import { element, metres } from "rastercov/dom.js";
+import { keyOf } from "rastercov/session.js";
 
 const PICKED = [0.95, 0.25, 0.85, 1];
 const MEASURE = [0.95, 0.6, 0.05, 1];
@@ -24,8 +25,8 @@ export class Tools {
     this.figure = element("div.measure", { hidden: true, "aria-live": "polite" });
     overlay.append(this.figure);
     navigation.onClick((x, y) => this.clicks[this.tool](x, y));
-    session.on("state", ({ revision }) => {
-      if (revision !== this.zone?.revision) this.zone = null; // of another rig
+    session.on("state", (state) => {
+      if (keyOf(state) !== this.zone?.key) this.zone = null; // of another rig
     });
     view.onSketch((sketch, look) => this.#draw(sketch, look));
     view.onDrawn((look) => this.#label(look));
@@ -65,7 +66,7 @@ export class Tools {
 
   /** Shows the faces of a dead zone and flies there. */
   showZone(zone) {
-    this.zone = { faces: zone.faces, revision: this.session.state.revision };
+    this.zone = { faces: zone.faces, key: keyOf(this.session.state) };
     const { camera } = this.view;
     const reach = 3.2 * Math.sqrt(Math.max(zone.area, 1e-12)) + 0.02 * camera.range;
     this.view.flyTo(camera.placeBefore(zone.centre, zone.normal, reach));

@@ -2,6 +2,7 @@
 
 import { button, count, element, fill, percent, section, squareMetres } from "rastercov/dom.js";
 import { shownPieces } from "rastercov/pieces.js";
+import { keyOf } from "rastercov/session.js";
 import { planeOf } from "rastercov/tools.js";
 
 const ZONES_AFTER = 400; // ms without a change
@@ -151,13 +152,13 @@ export function zonesPanel(session, tools) {
   let timer = 0;
   let known = -1;
   const show = async () => {
-    if (!root.open || known === session.state.revision) return;
-    const { revision } = session.state;
+    if (!root.open || known === keyOf(session.state)) return;
+    const key = keyOf(session.state);
     note.textContent = "looking for them…";
     try {
       const zones = await session.server.zones();
-      if (revision !== session.state.revision) return;
-      known = revision;
+      if (key !== keyOf(session.state)) return;
+      known = key;
       note.textContent = zones.length ? "" : "There are none: everything is covered.";
       fill(
         list,

@@ -1,0 +1,290 @@
+"""Lamps in the viewer: devices that are moved, and figures of what they light."""
+
+import json
+
+import numpy as np
+import pytest
+from browser import Program, Tab
+from commands import call, done, enter, refusal
+from moving_scene import CAMERA, EYES, PART, POSES, TASK, by_hand, moving_scene
+from rigs_to_view import moved
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.coverage.area.failures import failures_of_rows, illuminance_of_faces
+from rastercov.coverage.reasons import NAMES, TOO_DARK, UNLIT
+from rastercov.report.modes import MODES, OfLight
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.saving import Saving
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session, unframed
+from rastercov.viewer.work import Work
+
+CENTRE = PART.bounds.mean(axis=0)
+PLACES = rc.look_at(np.add(CENTRE, [(0.4, -0.3, 0.5), (-0.2, 0.3, 0.4)]), CENTRE)
+LAMPS = rc.Lamps(
+    [rc.Lamp.spot(12, intensity=40), rc.Lamp.area(0.2, intensity=30, points=4)],
+    PLACES, ["key", "panel"], ambient=5,
+)  # fmt: skip
+LIT = rc.Task(max_incidence_deg=75, min_illuminance=70, max_highlight_deg=10)
+
+
+def lit_scene(task=LIT, lamps=LAMPS):
+    rig = rc.Rig([CAMERA], ["eye"])._lit(lamps)
+    return Scene("lit", PART, RigState.of(rig, rc.Poses.of(POSES), task=task))
+
+
+@pytest.fixture
+def session():
+    made = Session(lit_scene())
+    yield made
+    made.close()
+
+
+def acted(session, mode="reason", at=(), **action):
+    request = {
+        "revision": session.history.revision, "mode": mode, "at": list(at),
+        "action": action or {"do": "none"},
+    }  # fmt: skip
+    head, levels = unframed(session.act(request))
+    return head, np.frombuffer(levels, np.uint8)
+
+
+def assert_lit(session, mesh, poses, lamps, task=LIT):
+    """Exact area as of `rc.regions` with lamps, and light at centroids as it judges points."""
+    exact = rc.unite(rc.regions(mesh, CAMERA, poses, task, lamps=lamps)).share()
+    assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-6)
+    rig = rc.Rig([CAMERA])._lit(lamps)
+    faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+    plain = rc.Task(max_incidence_deg=75)
+    covers = rc.evaluate(mesh, CAMERA, poses, plain).reason == rc.Reason.COVERED
+    placed = rc.Poses.of(poses)
+    judged = failures_of_rows(mesh, rig, task, placed, mesh.centroids[faces], faces)
+    n_light, every = 0, np.zeros(len(faces), bool)
+    for (_, reason, _), row, own in zip(judged, session.figures().rows, covers, strict=True):
+        some = own[faces] & ((reason == rc.Reason.COVERED) | (reason > rc.Reason.COVERED))
+        assert np.array_equal(row.failed[faces][some], reason[some])
+        assert np.array_equal(row.covers, own & (row.light == rc.Reason.COVERED))
+        n_light += int((reason[some] != rc.Reason.COVERED).sum())
+        every |= row.covers[faces]
+    assert n_light > 20
+    assert np.array_equal(session.figures().covered[faces], every)
+
+
+def test_figures_are_those_of_regions_with_lamps(session):
+    head, levels = acted(session)
+    assert_lit(session, PART, POSES, LAMPS)
+    because = head["summary"]["not_covered_because"]
+    assert because["too_dark"]["faces"] == int((levels == TOO_DARK).sum()) > 0
+    assert because["unlit"]["faces"] == int((levels == UNLIT).sum())
+    assert {each["label"] for each in head["legend"]} >= {"too dark", "covered"}
+
+
+def test_a_lamp_that_is_moved_lights_other_parts_and_may_go_back(session):
+    before, _ = acted(session)
+    wanted = moved(PLACES[1], (0.2, -0.5, 0.1))
+    head, _ = acted(session, do="lamp", lamp=1, pose=wanted)
+    assert head["state"]["lamps"][1]["pose"] == pytest.approx(wanted)
+    assert head["state"]["undo_label"] == "move panel"
+    places = np.stack([PLACES[0], np.reshape(wanted, (4, 4))])
+    assert_lit(session, PART, POSES, rc.Lamps(LAMPS.lamps, places, LAMPS.names, ambient=5))
+    assert head["summary"]["covered"] != before["summary"]["covered"]
+    after, _ = acted(session, do="undo")
+    assert after["summary"]["covered"] == before["summary"]["covered"]
+
+
+def test_bodies_that_move_shade_what_lamps_light(tmp_path):
+    scene, robot, rows = moving_scene(tmp_path, lamps=LAMPS)
+    session = Session(scene)
+    for frame in (4, 1):
+        acted(session, at=[frame], do="task", changes={
+            "min_illuminance": 70.0, "max_highlight_deg": 10.0
+        })  # fmt: skip
+        assert_lit(session, *by_hand(robot, rows[frame]), LAMPS)
+    session.close()
+
+
+def test_a_lamp_on_a_camera_moves_with_it():
+    lamps = rc.Lamps([rc.Lamp.spot(10, intensity=9)], rides=[True])
+    task = rc.Task(max_incidence_deg=75, min_illuminance=8)
+    session = Session(lit_scene(task, lamps))
+    head, _ = acted(session)
+    assert head["state"]["lamps"][0]["pose"] is None
+    assert "lux" not in [each["id"] for each in session.described()["modes"]]
+    assert_lit(session, PART, POSES, lamps, task)
+    pose = rc.look_at(EYES[0] + (0.1, 0.1, 0.0), CENTRE)[0]
+    acted(session, do="pose", station=0, pose=pose.ravel().tolist())
+    assert_lit(session, PART, np.stack([pose, POSES[1]]), lamps, task)
+    with pytest.raises(ConfigError, match="no lamp 0 to move"):
+        acted(session, do="lamp", lamp=0, pose=pose.ravel().tolist())
+    session.close()
+
+
+def test_the_map_of_light_is_that_of_the_report(session):
+    head, levels = acted(session, "lux")
+    values = illuminance_of_faces(PART, rc.Rig([CAMERA])._lit(LAMPS))
+    painted = MODES["lux"].paint(PART, OfLight(values, "lx", 70.0, None))
+    assert np.array_equal(levels, painted.levels)
+    assert head["legend"] == painted.legend
+
+
+def test_why_names_the_lamp(session):
+    _, levels = acted(session)
+    face = int(np.flatnonzero(levels == TOO_DARK)[0])
+    said = session.why(face)
+    assert "too dark" in said["words"]
+    words = [each["words"] for each in said["cameras"] if each["reason"] == "too_dark"]
+    assert words
+    assert all(each in ("too dark (key)", "too dark (panel)") for each in words)
+
+
+def test_work_counts_what_is_lit(session):
+    before, _ = acted(session)
+    work = Work(session)
+    work.start({"kind": "add", "camera": "eye"})
+    work.wait()
+    assert work.described()["status"] == "done", work.described()
+    gain = float(work.described()["words"].split(": ")[1].split()[0].replace(",", ""))
+    head, _ = acted(session)
+    shares = [each["summary"]["covered"]["area_percent"] for each in (before, head)]
+    found = (shares[1] - shares[0]) / 100 * float(PART.areas.sum())
+    assert found * 1e4 == pytest.approx(gain, rel=0.01)  # cm2
+    assert_lit(session, PART, session.state.poses().world_from_camera, LAMPS)
+
+
+def test_places_of_lamps_that_are_none_are_refused(session):
+    with pytest.raises(ConfigError, match="no lamp 2"):
+        acted(session, do="lamp", lamp=2, pose=moved(PLACES[0]))
+    with pytest.raises(PoseError):
+        acted(session, do="lamp", lamp=0, pose=[0.0] * 16)
+    assert session.history.revision == 0
+
+
+def test_the_command_takes_lamps(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    (tmp_path / "lamps.toml").write_text(
+        "[lamps.key]\nintensity_cd = 100\nposition = [0.5, 0.5, 0.5]\n"
+    )
+    words = "view teapot-5 -c khepra -p sphere:2 --min-illuminance 50"
+    done(capsys, f"{words} --lamps lamps.toml --export page.html")
+    page = (tmp_path / "page.html").read_text("utf-8")
+    data = json.loads(page.partition('id="export">')[2].partition("</script>")[0])
+    assert data["state"]["lamps"][0]["name"] == "key"
+    assert data["frames"]["reason"]["summary"]["not_covered_because"]["too_dark"]["faces"] > 0
+    code, _, err = call(capsys, f"{words} --export page.html")
+    assert (code, err.splitlines()[-1]) == (
+        2, "error: min_illuminance is of light; give lamps, or leave it out"
+    )  # fmt: skip
+    (tmp_path / "plan.toml").write_text(
+        '[[meshes]]\nbuilt_in = "teapot-5"\n[camera]\npreset = "khepra"\n'
+    )
+    line = refusal(capsys, "view plan.toml --lamps lamps.toml --export page.html")
+    assert "a plan has its own lamps" in line
+
+
+@pytest.mark.slow
+def test_a_lamp_is_chosen_and_dragged_in_the_page(context):
+    session = Session(lit_scene())
+    running = Program(session)
+    running.start()
+    tab = Tab(context, running.url)
+    names = tab.page.locator("button.name")
+    assert sorted(names.all_inner_texts()) == sorted(["key", "panel", *(
+        each["name"] for each in tab.state()["stations"]
+    )])  # fmt: skip
+    tab.page.mouse.click(*tab.place(PLACES[0][:3, 3]))
+    tab.idle()
+    assert tab.js("rastercov.session.chosen") == "lamp 0"
+    tab.page.get_by_role("group", name="Lamps").get_by_role("button", name="panel").click()
+    tab.idle()
+    assert tab.js("rastercov.session.chosen") == "lamp 1"
+    before = tab.area_percent()
+    centre = PLACES[1][:3, 3]
+    pixel = tab.js("point => rastercov.view.look().pixelAt(point)", centre.tolist())
+    start, end = (tab.place(np.add(centre, (0, 0, k * pixel))) for k in (84, 150))
+    tab.page.mouse.move(*start)
+    tab.page.mouse.down()
+    tab.page.mouse.move(*end, steps=4)
+    tab.page.mouse.up()
+    tab.idle()
+    place = np.reshape(tab.state()["lamps"][1]["pose"], (4, 4))
+    assert place[2, 3] - centre[2] == pytest.approx(66 * pixel, rel=0.1)
+    assert tab.area_percent() != before
+    lamps = rc.Lamps(LAMPS.lamps, np.stack([PLACES[0], place]), LAMPS.names, ambient=5)
+    assert_lit(session, PART, POSES, lamps)
+    tab.press("ArrowUp")
+    tab.idle()
+    nearer = np.reshape(tab.state()["lamps"][1]["pose"], (4, 4))
+    assert not np.allclose(nearer, place)
+    tab.button("Undo")
+    tab.button("Undo")
+    assert tab.area_percent() == pytest.approx(before)
+    assert tab.js("rastercov.session.chosen") == "lamp 1"
+    tab.press("Delete")  # of cameras alone
+    assert len(tab.state()["stations"]) == 2
+    tab.page.wait_for_function("rastercov.session.pieces !== undefined")
+    assert tab.faults == []
+    running.stop()
+    session.close()
+
+
+def test_reasons_of_light_follow_those_of_cameras():
+    assert min(NAMES.index(name) for name in ("unlit", "too_dark", "too_bright", "highlight")) > (
+        rc.Reason.COVERED
+    )
+
+
+def test_saved_lamps_are_read_again(session, tmp_path):
+    acted(session, do="lamp", lamp=1, pose=moved(PLACES[1], (0.1, 0.2, 0.3)))
+    Saving(session, tmp_path).save({"what": "rig"})
+    found = rc.load_lamps(tmp_path / "lamps.json")
+    assert found.to_json() == session.state.lamps.to_json()
+    for text in ("{}", "[]", '{"lamps": [{"kind": 3}]}', '{"lamps": 1}', "{"):
+        (tmp_path / "lamps.json").write_text(text)
+        with pytest.raises(rc.RastercovError, match=r"lamps\.json") as caught:
+            rc.load_lamps(tmp_path / "lamps.json")
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.slow
+def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
+    scene, _, _ = moving_scene(tmp_path, lamps=LAMPS, steps=3)
+    session = Session(scene)
+    Saving(session, tmp_path / "out").save({"what": "report"})
+    said = json.loads((tmp_path / "out" / "report" / "summary.json").read_text())["over_time"]
+    moving = scene.moving
+    rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])
+    found = rc.evaluate_over_time(
+        moving.motion, rig, rc.Poses.of(POSES, camera=[0, 1]), TASK, body=["world", "arm/head"],
+        lamps=LAMPS,
+    )  # fmt: skip
+    assert said["covered"]["percent"] == pytest.approx(100 * found.share(), abs=1e-6)
+    session.close()
+
+
+@pytest.mark.slow
+def test_results_show_their_lamps_and_motion_again(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    moving_scene(tmp_path, steps=3)
+    PART.to_trimesh().export("part.stl")
+    lamp = "[lamps.key]\nintensity_cd = 9\nposition = [0.5, 0.4, 0.6]\n"
+    (tmp_path / "lamps.toml").write_text(lamp)
+    camera = "{width = 320, height = 240, hfov_deg = 50}"
+    words = "evaluate part.stl -p sphere:2 --table none --pictures 0 -o report"
+    lit = "--motion m.toml --lamps lamps.toml --min-illuminance 12 -c"
+    done(capsys, [*words.split(), *lit.split(), camera])
+    (tmp_path / "plan.toml").write_text(
+        '[[meshes]]\npath = "part.stl"\n[task]\nmin_illuminance = 12.0\n[selection]\n'
+        'goal = "best_coverage"\ncameras = 1\n[[candidates]]\ngenerator = "on_sphere"\ncount = 2\n'
+        "distances = [1.0]\n[outputs]\npage = false\n[camera]\nwidth = 320\nheight = 240\n"
+        "hfov_deg = 50.0\n" + lamp
+    )
+    done(capsys, "place plan.toml")
+    for folder, n_frames in (("report", 3), ("plan", 0)):
+        done(capsys, f"view {folder} --export page.html")
+        page = (tmp_path / "page.html").read_text("utf-8")
+        data = json.loads(page.partition('id="export">')[2].partition("</script>")[0])
+        assert [each["name"] for each in data["state"]["lamps"]] == ["key"]
+        assert len(data["scene"].get("motion", {}).get("durations", ())) == n_frames
+        frame = data["frames"]["reason@2" if n_frames else "reason"]
+        assert frame["summary"]["not_covered_because"]["too_dark"]["faces"] > 0

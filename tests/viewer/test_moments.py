@@ -1,0 +1,153 @@
+"""A session of bodies that move: figures are those of the frame, or joints, that are shown."""
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from moving_scene import CAMERA, PART, STEPS, TASK, by_hand, moving_scene
+from rigs_to_view import moved
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.viewer.measurements import Measurements
+from rastercov.viewer.saving import exported
+from rastercov.viewer.session import Session, unframed
+from rastercov.viewer.work import Work
+
+
+@pytest.fixture
+def cell(tmp_path):
+    scene, robot, rows = moving_scene(tmp_path)
+    session = Session(scene)
+    yield session, robot, rows
+    session.close()
+
+
+def acted(session, at, mode="reason", **action):
+    request = {
+        "revision": session.history.revision, "mode": mode, "at": at,
+        "action": action or {"do": "none"},
+    }  # fmt: skip
+    head, levels = unframed(session.act(request))
+    return head, np.frombuffer(levels, np.uint8)
+
+
+def assert_figures(head, levels, mesh, poses):
+    found = rc.evaluate(mesh, CAMERA, poses, TASK)
+    network = rc.Network(mesh, TASK)
+    network.add(found)
+    assert head["summary"]["covered"] == pytest.approx(network.summary()["covered"])
+    scored = mesh.task_mask
+    assert np.array_equal((levels == rc.Reason.COVERED)[scored], network.covered[scored])
+    shown = [np.reshape(each["pose"], (4, 4)) for each in head["state"]["stations"]]
+    assert np.allclose(shown, poses, atol=1e-12)
+
+
+JOINTS = (0.2, 0.4, 1.2, -0.3, 0.1, 0.0)
+
+
+def test_figures_of_a_time_are_those_of_the_mesh_moved_by_hand(cell):
+    session, robot, rows = cell
+    for frame in (4, 0, 2):
+        head, levels = acted(session, [frame])
+        assert_figures(head, levels, *by_hand(robot, rows[frame]))
+        assert "bodies" not in head
+    head, levels = acted(session, [2, *JOINTS])
+    assert_figures(head, levels, *by_hand(robot, JOINTS))
+    assert head["state"]["at"] == [2, *JOINTS]
+    mesh, poses = by_hand(robot, JOINTS)
+    exact = rc.unite(rc.regions(mesh, CAMERA, poses, TASK)).share()
+    assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-6)
+    face = int(np.flatnonzero(levels != rc.Reason.COVERED)[0])
+    assert session.why(face)["centre"] == pytest.approx(mesh.centroids[face].tolist())
+
+
+def test_a_camera_that_is_moved_at_a_time_is_carried_from_there(cell):
+    session, robot, rows = cell
+    acted(session, [3])
+    for station in (0, 1):
+        pose = by_hand(robot, rows[3])[1][station]
+        wanted = moved(pose, (0.02, 0.01, 0.03))
+        head, _ = acted(session, [3], do="pose", station=station, pose=wanted)
+        assert head["state"]["stations"][station]["pose"] == pytest.approx(wanted)
+        back, _ = acted(session, [3], do="undo")
+        assert back["state"]["stations"][station]["pose"] == pytest.approx(pose.ravel().tolist())
+    carried = by_hand(robot, rows[3])[1][1]
+    acted(session, [3], do="pose", station=1, pose=moved(carried, (0, 0, 0.1)))
+    head, _ = acted(session, [0])
+    rest = by_hand(robot, rows[3])[1][1] @ np.linalg.inv(by_hand(robot, rows[0])[1][1])
+    expected = np.linalg.inv(rest) @ np.reshape(moved(carried, (0, 0, 0.1)), (4, 4))
+    assert np.allclose(np.reshape(head["state"]["stations"][1]["pose"], (4, 4)), expected)
+    assert session.state.stations[0] is session.scene.start.stations[0]
+
+
+def test_times_that_are_none_are_refused_and_change_nothing(cell):
+    session, _, _ = cell
+    for at in ([STEPS], [0.5], [-1], [0, 1.0], [0, 99.0, *JOINTS[1:]], [float("nan")]):
+        with pytest.raises(ConfigError) as caught:
+            acted(session, at)
+        assert str(caught.value).isprintable()
+        assert session.at == (0.0,)
+
+
+def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
+    session, _, _ = cell
+    motion = session.scene.moving.motion
+    there = motion.present.copy()
+    link = motion.names.index("arm/upper_arm")
+    there[2, link] = False
+    object.__setattr__(motion, "present", there)
+    head, levels = acted(session, [2])
+    away = np.flatnonzero(motion.body == link)
+    assert len(levels) == motion.mesh.n_faces
+    with pytest.raises(ConfigError, match="not there"):
+        session.why(int(away[0]))
+    after = int(away[-1]) + 1
+    assert session.why(after)["area"] == pytest.approx(float(motion.mesh.areas[after]))
+    occluders = ~motion.mesh.task_mask
+    occluders[away] = False
+    assert len(set(levels[occluders].tolist())) == 1
+    assert levels[away].max() == 0
+    assert head["summary"]["covered"]["faces"] > 0
+
+
+def test_work_is_of_the_time_that_is_shown(cell, monkeypatch):
+    session, robot, rows = cell
+    made = Mock(side_effect=Measurements)
+    monkeypatch.setattr("rastercov.viewer.work.Measurements", made)
+    before, _ = acted(session, [4])
+    work = Work(session)
+    work.start({"kind": "add", "camera": "carried"})
+    work.wait()
+    assert work.described()["status"] == "done", work.described()
+    assert made.call_args.args[0] is session.moment.mesh
+    head, levels = acted(session, [4])
+    shown = np.reshape([each["pose"] for each in head["state"]["stations"]], (-1, 4, 4))
+    shares = [each["summary"]["covered"]["area_percent"] for each in (before, head)]
+    assert shares[1] > shares[0]
+    gain = float(work.described()["words"].split(": ")[1].split()[0].replace(",", ""))
+    total = 1e4 * float(PART.areas.sum())  # cm2
+    assert (shares[1] - shares[0]) / 100 * total == pytest.approx(gain, rel=0.01)
+    mesh, (fixed, carried) = by_hand(robot, rows[4])
+    assert_figures(head, levels, mesh, shown)
+    assert np.allclose(shown[:2], [fixed, carried])
+    world_from_head = carried @ np.linalg.inv(by_hand(robot, rows[0])[1][1])
+    assert np.allclose(world_from_head @ session.state.stations[2].pose, shown[2])
+
+
+def test_measured_times_are_kept(cell):
+    session, _, _ = cell
+    first = [acted(session, [frame]) for frame in range(3)]
+    moments = dict(session._moments)
+    for frame, (head, levels) in enumerate(first):
+        again, same = acted(session, [frame])
+        assert np.array_equal(levels, same)
+        assert head["summary"] == again["summary"]
+    assert dict(session._moments) == moments
+
+
+def test_an_exported_page_has_the_frames(cell):
+    session, _, _ = cell
+    page = exported(session, ("reason", "views"))
+    assert page.count('"reason@') == STEPS
+    assert session.at == (0.0,)
