@@ -10,6 +10,7 @@ import json
 import math
 import os
 import secrets
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -93,7 +94,7 @@ def replacing(path: Path) -> Iterator[Path]:
 def sync(path: Path) -> None:
     """Flush a file, or the names in a folder, to the disk where its file system supports that."""
     is_folder = path.is_dir()
-    if is_folder and os.name == "nt":  # which opens no folder
+    if is_folder and sys.platform == "win32":  # which opens no folder
         return
     descriptor = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
     try:
