@@ -34,7 +34,7 @@ LARGEST_ARRAY = 2 << 30
 LARGEST_TEXT = 10_000_000
 """Bytes of a file that a person writes, such as a camera or a plan."""
 READING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
-"""Flags, as far as the system has them, to read bytes and to wait for nobody."""
+"""Flags, as far as the system has them, to read bytes without waiting."""
 
 
 def seen_from(out: Path, folder: Path) -> str:
