@@ -87,7 +87,7 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 # Code lines of each package, without blank lines, comments, docstrings and imports. A feature that
 # needs more says what it retires.
 BUDGET = {
-    "base": 990,
+    "base": 1_013,
     "camera": 6_150,
     "cli": 1_580,
     "cluster": 652,

@@ -33,6 +33,8 @@ LARGEST_ARRAY = 2 << 30
 """Bytes of a file of poses: 16 million in .npy."""
 LARGEST_TEXT = 10_000_000
 """Bytes of a file that a person writes, such as a camera or a plan."""
+READING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
+"""Flags, as far as the system has them, to read bytes without waiting."""
 
 
 def seen_from(out: Path, folder: Path) -> str:
@@ -113,7 +115,7 @@ def open_file(
         before = path.stat()
         _check(before, most, advice)
         # Were the file exchanged for a pipe just now, this would still not wait for a writer.
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
+        descriptor = os.open(path, READING)
     except UnreadableError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the path

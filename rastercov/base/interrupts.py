@@ -1,5 +1,6 @@
 """Ctrl-C: noted where it comes, and held back while something must not be left half done."""
 
+import _thread
 import signal
 import sys
 import threading
@@ -36,13 +37,19 @@ def come_again(lost: Any) -> None:
     if lost.exc_type is KeyboardInterrupt and _came:
         for earlier in _again:  # one is enough, and a second would meet the report of the first
             earlier.cancel()
-        # To the main thread, whose call of the system it ends.
-        main = threading.main_thread().ident
-        _again[:] = [threading.Timer(AGAIN_S, signal.pthread_kill, (main, _came[-1]))]
+        _again[:] = [threading.Timer(AGAIN_S, _send, (_came[-1],))]
         _again[0].daemon = True
         _again[0].start()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, whose call of the system it ends except on Windows."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
 
 
 ABANDONED = "rastercov-abandoned"

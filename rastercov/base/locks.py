@@ -1,12 +1,32 @@
 """A folder that one process at a time writes to."""
 
-import fcntl
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
+
+if sys.platform == "win32":
+    # It opens no folder, so a file in it is locked. The system deletes the file when it is closed.
+    import msvcrt
+
+    LOCK, _FLAGS = ".rastercov-lock", os.O_RDWR | os.O_CREAT | os.O_TEMPORARY
+
+    def _lock(descriptor: int) -> None:
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            raise BlockingIOError from None
+
+else:
+    import fcntl
+
+    LOCK, _FLAGS = "", os.O_RDONLY | os.O_DIRECTORY
+
+    def _lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @contextmanager
@@ -18,7 +38,7 @@ def locked(path: Path) -> Iterator[Path]:
     made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:
         path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        descriptor = os.open(path / LOCK, _FLAGS)
     except (FileExistsError, NotADirectoryError):
         raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
     except OSError as error:
@@ -26,7 +46,7 @@ def locked(path: Path) -> Iterator[Path]:
     is_free = True
     with suppress(OSError):  # a file system without locks
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(descriptor)
             is_free = path.exists()  # not removed by a process that had made it
         except BlockingIOError:
             is_free = False
@@ -38,7 +58,10 @@ def locked(path: Path) -> Iterator[Path]:
     try:
         yield path
     finally:
+        if LOCK:  # the folder is not empty until then, nor once another process locks it
+            os.close(descriptor)
         with suppress(OSError):  # not empty
             for folder in made:
                 folder.rmdir()
-        os.close(descriptor)
+        if not LOCK:
+            os.close(descriptor)

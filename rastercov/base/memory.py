@@ -8,6 +8,7 @@ comes too late or never.
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -75,13 +76,16 @@ def check_memory(what: str, n_bytes: int, remedy: str) -> None:
 def free_memory() -> int:
     """Bytes that the process can still take: free memory and swap, at most its container's limit.
 
-    All of the machine's memory where the system does not say what is free.
+    All of the machine's memory where the system does not say what is free; no bound on Windows,
+    which raises `MemoryError` before it gives memory that it does not have.
     """
     try:
         lines = (line.split() for line in _MEMINFO.read_text(encoding="ascii").splitlines())
         kilobytes = {words[0]: int(words[1]) for words in lines}
         free = 1024 * (kilobytes["MemAvailable:"] + kilobytes.get("SwapFree:", 0))
     except (OSError, ValueError, LookupError):
+        if not hasattr(os, "sysconf"):
+            return sys.maxsize
         free = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     for path in _CONTAINER_LIMITS:
         try:

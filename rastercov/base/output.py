@@ -5,10 +5,12 @@ for all files of a report together.
 """
 
 import dataclasses
+import errno
 import json
 import math
 import os
 import secrets
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -87,6 +89,21 @@ def replacing(path: Path) -> Iterator[Path]:
         os.replace(part, path)  # noqa: PTH105 - the atomic one by name
     finally:
         part.unlink(missing_ok=True)
+
+
+def sync(path: Path) -> None:
+    """Flush a file, or the names in a folder, to the disk where its file system supports that."""
+    is_folder = path.is_dir()
+    if is_folder and sys.platform == "win32":  # which opens no folder
+        return
+    descriptor = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

@@ -31,7 +31,9 @@ MOST_THREADS = 1024
 def thread_count(threads: int | None) -> int:
     """Threads to use: those asked for, or one for each core; ConfigError for no whole number."""
     if threads is None:
-        return len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity"):  # of the system's scheduler, on Linux
+            return len(os.sched_getaffinity(0))
+        return os.cpu_count() or 1
     number = finite_number(threads)
     if not number.is_integer() or not 1 <= number <= MOST_THREADS:
         raise ConfigError(

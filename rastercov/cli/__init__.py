@@ -103,7 +103,8 @@ def main() -> None:
     """Run the command as a process of its own."""
     # Modules leave many objects and no garbage: it is looked for hardly ever.
     gc.set_threshold(GARBAGE)
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it without a word
+    if hasattr(signal, "SIGPIPE"):  # not on Windows
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it without a word
     # As Ctrl-C: what is done is kept.
     signal.signal(signal.SIGTERM, interrupt)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored by a shell

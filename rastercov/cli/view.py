@@ -1,6 +1,7 @@
 """The command `view`: a page in the browser to see a rig, move its cameras, and understand it."""
 
 import os
+import sys
 import webbrowser
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -122,7 +123,8 @@ def view(
             say("Ctrl-C ends it")
             if no_browser:
                 return
-            if not any(os.environ.get(name) for name in DISPLAYS):
+            # Those of other systems have no name.
+            if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
                 say("there is no display: open the address elsewhere, its port forwarded by ssh")
                 return
             try:

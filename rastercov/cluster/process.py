@@ -21,6 +21,8 @@ from rastercov.base.errors import RastercovError
 from rastercov.base.threads import Closing, child_environment
 
 PROGRAM = "from rastercov.cluster.process import serve; serve()"
+WINDOWS_ERRORS = 0xC0000000
+"""Exit codes from here on are exceptions that ended a process on Windows."""
 EMPTY: Mapping[str, str] = MappingProxyType({})
 
 
@@ -30,13 +32,13 @@ class ProcessEndedError(Exception):
     Attributes
     ----------
     was_killed : bool
-        True for a signal, False where it ended by itself.
+        True for a signal or an exception of Windows, False where it ended by itself.
     """
 
     def __init__(self, code: int) -> None:
-        self.was_killed = code < 0
-        name = signal.Signals(-code).name if self.was_killed else ""
-        super().__init__(f"was killed by {name}" if name else f"ended with code {code}")
+        self.was_killed = not 0 <= code < WINDOWS_ERRORS
+        words = f"ended with code {code}" if code < WINDOWS_ERRORS else f"crashed with {code:#x}"
+        super().__init__(f"was killed by {signal.Signals(-code).name}" if code < 0 else words)
 
 
 class Process(Closing):
@@ -48,6 +50,7 @@ class Process(Closing):
         self._child = subprocess.Popen(
             [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env={**child_environment(), **environment}, start_new_session=True,
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows
         )  # fmt: skip
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -116,7 +119,7 @@ class Processes(Closing):
     def _call(self, function: Callable[..., Any], *arguments: Any) -> Any:
         with self._lock:
             if self._is_closed:
-                raise ProcessEndedError(-signal.SIGKILL)
+                raise ProcessEndedError(-signal.SIGTERM)
             process = self._free.pop() if self._free else Process(self._environment)
             self._all.add(process)
         try:

@@ -9,14 +9,13 @@ their shard are left out of it; `quarantine/` has a note for each such shard.
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version as version_of
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.output import named, replacing
+from rastercov.base.output import named, replacing, sync
 
 SUMS, QUARANTINE = "sha256", "quarantine"
 """Folders of the checksums of all files, and of the notes on poses that were left out."""
@@ -97,15 +96,10 @@ def _write(path: Path, data: bytes | memoryview) -> None:
     """Write a file atomically: it appears under its name when it is complete and on the disk."""
     with named(path):
         path.parent.mkdir(exist_ok=True)
-        with replacing(path) as part, part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # makes the new name durable
-        finally:
-            os.close(folder)
+        with replacing(path) as part:
+            part.write_bytes(data)
+            sync(part)
+        sync(path.parent)  # makes the new name durable
 
 
 def remove_halves(folder: Path) -> None:

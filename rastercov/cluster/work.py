@@ -6,6 +6,7 @@ poses that kill are found one by one, noted before the shard is written, and lef
 """
 
 import os
+import platform
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -61,7 +62,7 @@ def work(
     FolderLostError
         Where the folder cannot be reached.
     """
-    worker, own = f"{os.uname().nodename}:{os.getpid()}", version("rastercov")
+    worker, own = f"{platform.node()}:{os.getpid()}", version("rastercov")
     if store.version != own:
         both = f"has rastercov {own}, and the run {store.version}"
         raise ConfigError(f"worker {worker} {both}; install the same on both")

@@ -15,6 +15,7 @@ thousand open files and mappings, and a matrix has more shards; it ends with the
 import json
 import math
 import os
+import platform
 import secrets
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -411,8 +412,10 @@ class MatrixFolder:
         total, lock, did = np.zeros(shape[0]), threading.Lock(), counted(shape[0], progress)
         with TemporaryFile(dir=self.path) as file:
             size = max(8, 8 * shape[0] * shape[1])  # nothing cannot be mapped
-            try:  # so large that no write to it finds the disk full
-                os.posix_fallocate(file.fileno(), 0, size)
+            try:  # so large that no write to it finds the disk full, where the system sees to that
+                file.truncate(size)
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(file.fileno(), 0, size)
             except OSError as error:
                 raise ResourceError(
                     f"{self.path}: {size:,} bytes cannot be reserved ({error.strerror}); "
@@ -423,12 +426,14 @@ class MatrixFolder:
                 for number in range(part.start, part.stop):
                     rows = shards.rows(number)
                     words, total[rows] = self._bits_of(number, shape[1], least)
-                    os.pwrite(file.fileno(), words.data, 8 * shape[1] * rows.start)
                     with lock:
+                        file.seek(8 * shape[1] * rows.start)
+                        file.write(words.data)
                         did(len(words))
 
             threads = max(1, min(thread_count(None), MOST_THREADS, len(shards)))
             share_poses(len(shards), [work] * threads)
+            file.flush()
             words = np.memmap(file, "<u8", "r", shape=(size // 8,))[: shape[0] * shape[1]]
         found = CoveredBits.of(words.reshape(shape), n_faces), total
         self._derived[least] = found
@@ -580,7 +585,7 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
 
     matrix = MatrixFolder(folder, header)
     bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
-    file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
+    file = f"{platform.node()}-{os.getpid()}-{secrets.token_hex(4)}"
     bounded: list[int] = []
 
     def make_shard(number: int | None, chosen: IntArray) -> memoryview:

@@ -22,7 +22,6 @@ What killed runs left in the hidden folder is deleted by the next command; nothi
 folder is looked into, moved or deleted.
 """
 
-import errno
 import hashlib
 import json
 import os
@@ -40,7 +39,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.files import printable
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.locks import locked
-from rastercov.base.output import json_bytes, named
+from rastercov.base.output import json_bytes, named, sync
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a running command: its files, and those it replaces."""
@@ -161,7 +160,7 @@ class ReportFolder:
             files: Files = {}
             for path in sorted(self._new.iterdir()):
                 with named(self.path / path.name), path.open("rb") as file:
-                    os.fsync(file.fileno())
+                    sync(path)
                     files[path.name] = _digest(file)
             self._keep_what_has_come(files)
             with named(self.path / self.kind.manifest):
@@ -182,10 +181,10 @@ class ReportFolder:
         }
         part = journal.with_suffix(".part")
         part.write_bytes(json_bytes(content, indent=2) + b"\n")
-        _sync(part)
-        _sync(self._new)
+        sync(part)
+        sync(self._new)
         part.replace(journal)
-        _sync(self._staging)
+        sync(self._staging)
         return journal
 
     def _moves(self, journal: Path) -> tuple[list[str], list[str]]:
@@ -211,7 +210,7 @@ class ReportFolder:
                 (self._new / name).rename(self.path / name)
         with named(self.path / journal.name):
             journal.replace(self.path / journal.name)
-            _sync(self.path)
+            sync(self.path)
 
     def _clean(self) -> None:
         """Delete files of killed runs in the hidden folder, except those of an unfinished swap."""
@@ -298,15 +297,3 @@ def _digest(file: Any) -> dict[str, Any]:
     """Size and hash of a file that is open at its start."""
     sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return {"bytes": file.tell(), "sha256": sha256}
-
-
-def _sync(path: Path) -> None:
-    """Flush a file, or the names in a folder, to the disk where its file system supports that."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno != errno.EINVAL:
-            raise
-    finally:
-        os.close(descriptor)

@@ -13,6 +13,9 @@ from rastercov.report.folder import ReportFolder
 BROWSERS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",
     "microsoft-edge",
+    # Where macOS and Windows install theirs, off the path.
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
 )  # fmt: skip
 MOST_SECONDS = 120
 
@@ -49,7 +52,7 @@ def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False)
             browser(), "--headless", "--disable-gpu", "--no-pdf-header-footer",
             f"--user-data-dir={profile}", f"--print-to-pdf={path}", page.resolve().as_uri(),
         ]  # fmt: skip
-        if os.geteuid() == 0:  # a sandbox wants another user
+        if hasattr(os, "geteuid") and os.geteuid() == 0:  # a sandbox wants another user
             command.insert(1, "--no-sandbox")
         try:
             done = subprocess.run(command, capture_output=True, timeout=MOST_SECONDS, check=False)

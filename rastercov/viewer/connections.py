@@ -114,7 +114,9 @@ def bound(port: int) -> Listener:
         For a port that is taken.
     """
     made = Listener(socket.AF_INET, socket.SOCK_STREAM)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # On Windows SO_REUSEADDR would let any program take the port as well.
+    own = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
+    made.setsockopt(socket.SOL_SOCKET, own, 1)
     try:
         made.bind((HOST, port))
     except OSError as error:

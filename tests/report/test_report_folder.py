@@ -371,9 +371,9 @@ def test_a_swap_whose_record_is_damaged_says_what_to_delete(half_swapped):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_in_a_swap_comes_after_it(tmp_path, monkeypatch, number):
     write(tmp_path, OLD)
-    sync = report_folder._sync
+    sync = report_folder.sync
     steps = Mock(side_effect=lambda path: (signal.raise_signal(number), sync(path)))
-    monkeypatch.setattr(report_folder, "_sync", steps)
+    monkeypatch.setattr(report_folder, "sync", steps)
     before = signal.signal(number, signal.default_int_handler)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path, NEW)

@@ -20,7 +20,7 @@ from typing import Any, get_args
 import rastercov
 from rastercov import shaders
 from rastercov.base.errors import DeviceError, RastercovError
-from rastercov.base.threads import Closing, child_environment
+from rastercov.base.threads import Closing, child_environment, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import Mesh, shapes
@@ -86,7 +86,7 @@ def examine(timeout_s: float = 30.0) -> Report:
         "versions": versions | {"OS": platform.platform()},
         "cpu": {
             "renderer": f"rastercov {versions['rastercov']}",
-            "threads": len(os.sched_getaffinity(0)),
+            "threads": thread_count(None),
             "self_test": _cpu_result(),
         },
     }
