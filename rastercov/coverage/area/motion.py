@@ -110,7 +110,7 @@ def regions_over_time(
                 if new or not tables:
                     chosen = np.zeros(len(placed), np.bool_)
                     chosen[list(new.values())] = True
-                    tables.append(_at_rest(finder.find(moved[chosen]), motion, kept))
+                    tables.append(at_rest(finder.find(moved[chosen]), motion, kept))
                     order = np.flatnonzero(chosen)
                     known |= {keys[at]: n_rows + n for n, at in enumerate(order.tolist())}
                     n_rows += len(order)
@@ -118,7 +118,7 @@ def regions_over_time(
                 if has_rules:
                     found = _in_frame(_rows_of(tables, rows[row]), mesh, kept, moved)
                     found = replace(found, light=finder.light)
-                    frames[row] = _at_rest(gated(found, camera, moved), motion, kept)
+                    frames[row] = at_rest(gated(found, camera, moved), motion, kept)
     if has_rules:
         return joined(frames)
     ids = np.tile(placed.ids, len(motion))
@@ -160,7 +160,7 @@ def _by_presence(motion: Motion) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(which == index) for index in range(which.max() + 1)]
 
 
-def _at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
+def at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
     """Regions of a frame on the mesh at rest; sides are not those of the eyes there, nor light."""
     return replace(
         found,
@@ -184,7 +184,7 @@ def _rows_of(tables: Sequence[Regions], rows: NDArray[np.int64]) -> Regions:
 
 
 def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses) -> Regions:
-    """The reverse of `_at_rest`."""
+    """The reverse of `at_rest`."""
     place = np.zeros(found.mesh.n_faces, np.int32)
     place[kept] = np.arange(len(kept))
     eyes = poses.world_from_camera[:, :3, 3]

@@ -493,7 +493,10 @@ class RigSection(Entry):
 
 
 class LampSection(Entry):
-    """A lamp, or several of one kind at `positions`, that must light what cameras see."""
+    """A lamp, or several of one kind at `positions`, that must light what cameras see.
+
+    Candidates may name one without a place, which are places to choose from.
+    """
 
     kind: Annotated[str, *among(LAMPS)] | None = None
     """Kind: point, spot, bar, ring, dome or area."""
@@ -521,16 +524,24 @@ class LampSection(Entry):
     """Point that it looks at; straight down unless given, or along the axis of its rig."""
     rig: bool | Name = False
     """The rig or camera that it rides on, true for each of them."""
+    cost: NotNegative | None = None
+    """Of one of them, added to that of its place, where candidates name it."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
         folder = Path((info.context or {}).get("folder", "."))
-        lamps_of({"lamps": {"lamp": self.entries()}}, folder)
+        lamps_of({"lamps": {"lamp": self.entries(is_placed=not self.places)}}, folder)
         return self
 
-    def entries(self) -> dict[str, Any]:
-        """Entries of a file of lamps."""
-        return self.model_dump(exclude_none=True)
+    @property
+    def places(self) -> list[str]:
+        """Entries given that are of its place."""
+        return [name for name in ("position", "positions", "aim", "rig") if getattr(self, name)]
+
+    def entries(self, *, is_placed: bool = False) -> dict[str, Any]:
+        """Entries of a file of lamps; with a place at the origin where it has none."""
+        own = self.model_dump(exclude_none=True, exclude={"cost"})
+        return own | ({"position": [0.0, 0.0, 0.0]} if is_placed else {})
 
 
 class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made of fields
@@ -553,6 +564,8 @@ class Generator(Entry):
     """Of a place of this entry, added to that of the camera; 1 where neither has one."""
     cameras: list[Name] = []
     """Types of cameras at these places; all if empty."""
+    lamp: Name | None = None
+    """Lamp to place here instead of cameras, one of the plan without a place of its own."""
 
 
 class Framed(Generator):
@@ -1172,10 +1185,12 @@ class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignor
     goal: Literal["best_coverage"]
     cameras: Count | None = None
     """Cameras at most."""
+    lamps: Count | None = None
+    """Lamps at most, where candidates are of lamps."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.cameras is None and self.budget is None:
+        if self.cameras is None and self.budget is None and self.lamps is None:
             raise ValueError("wanted cameras, budget or both, got neither; give one")
         return self
 
@@ -1222,7 +1237,9 @@ class PlanModel(Entry):
     task: TaskSection = TaskSection()
     """Thresholds that a face must meet to be covered."""
     candidates: list[CandidateEntry] = []
-    """Poses to choose from."""
+    """Poses to choose from, of cameras or of lamps."""
+    existing: File | None = None
+    """Poses of cameras that are there, for which lamps are chosen; a file as of candidates."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
@@ -1241,6 +1258,7 @@ class PlanModel(Entry):
         for name in ("ambient", "exposure") if lamps is None else ():
             if getattr(self, name):
                 raise ValueError(f"{name} is of light; add lamps as [lamps.NAME]")
+        self._check_lamps()
         self._check_motion()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
@@ -1263,15 +1281,62 @@ class PlanModel(Entry):
         return self
 
     def built_lamps(self, folder: Path) -> Lamps | None:
-        """The lamps, with files of a folder; None where there are none."""
+        """The lamps, with files of a folder, those of candidates at the origin; None for none."""
         if not self.lamps:
             return None
-        own = {name: each.entries() for name, each in self.lamps.items()}
+        chosen = {entry.lamp for entry in self.lamp_entries}
+        own = {name: each.entries(is_placed=name in chosen) for name, each in self.lamps.items()}
         try:
             more = {} if self.exposure is None else {"exposure": self.exposure.model_dump()}
             return lamps_of({"ambient": self.ambient, "lamps": own} | more, folder)
         except RastercovError as error:
             raise ValueError(str(error)) from None
+
+    @property
+    def lamp_entries(self) -> list[CandidateEntry]:
+        """Candidates that are places of lamps."""
+        return [entry for entry in self.candidates if entry.lamp is not None]
+
+    def _check_lamps(self) -> None:
+        """ValueError for lamps that cannot be chosen, and for cameras that do not go with them."""
+        own, asked = self.lamp_entries, self.selection
+        n_lamps = getattr(asked, "lamps", None)
+        if not own:
+            for path, value in (("existing", self.existing), ("selection.lamps", n_lamps)):
+                if value is not None:
+                    raise ValueError(f"{path} is of lamps to choose; give candidates with a lamp")
+            return
+        for entry in own:
+            if entry.lamp not in self.lamps:
+                known = ", ".join(self.lamps) or "none"
+                raise ValueError(f"candidates: there is no lamp {entry.lamp!r}; lamps are {known}")
+            if entry.cameras or isinstance(entry, PerCavity | OnArm):
+                what = "cameras" if entry.cameras else f"generator {entry.generator}"
+                raise ValueError(f"candidates: {what} does not go with lamp {entry.lamp}")
+            for name in self.lamps[entry.lamp].places:
+                raise ValueError(
+                    f"lamps.{entry.lamp}.{name}: candidates are its places, in the cell; leave it "
+                    "out, or leave out these candidates"
+                )
+        if self.exposure is None and not any(
+            getattr(self.task, name) for name in (*OF_LIGHT, "gloss")
+        ):
+            raise ValueError(
+                "candidates: lamps are chosen by a threshold of light; give "
+                "task.min_illuminance, max_illuminance, gloss, or exposure"
+            )
+        is_both = len(own) < len(self.candidates)
+        if is_both and self.existing is not None:
+            raise ValueError("existing: candidates are of cameras, too; leave out one of the two")
+        if self.existing is not None:
+            for name in ("refine", "optimise", "tolerance"):
+                if getattr(asked, name, None):
+                    raise ValueError(f"selection.{name}: lamps are chosen, not moved; leave it out")
+        if isinstance(asked, BestSelection):
+            if is_both and (asked.cameras is None or n_lamps is None or asked.budget is not None):
+                raise ValueError("selection: of cameras and lamps, give the number of both, alone")
+            if self.existing is not None and asked.cameras is not None:
+                raise ValueError("selection.cameras: these are there; give lamps")
 
     def _check_arm(self) -> bool:
         """True where candidates are on an arm; ValueError for those that do not go with it."""

@@ -1,0 +1,502 @@
+"""Choice of lamps for cameras whose poses are known, from candidates that name a lamp.
+
+A set of lamps is worth the exact area that the cameras cover in its light and that of the lamps
+that stay. Few sets are all tried. Otherwise sets to start from are chosen on cells, as cameras are:
+m candidates count together that give 1 / m of the least illuminance each, which is no more than
+they do, as long as nothing is too bright. Lamps are then left out, added and exchanged while the
+exact area of all of them together gains.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural, with_bound
+from rastercov.base.memory import FloatArray
+from rastercov.camera.lamps import MOST_LAMPS, Lamps
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig, with_lamps
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.motion import at_rest, carried_by, carriers
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
+from rastercov.placement.bits import CoveredBits
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import (
+    goal_of,
+    judge_areas,
+    limits_of,
+    most_views,
+    views_by_group,
+)
+from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.scene import CandidatePool, candidate_pool
+from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.select.integer import select_by
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    Problem,
+    Selection,
+    finish,
+    grouped,
+    views_of,
+    weights_of,
+)
+
+Rows = tuple[int, ...]
+MOST_SETS = 64
+"""Sets of lamps up to which all are tried."""
+TOGETHER = (1, 2, 3)
+"""Lamps that give the least illuminance together, in a start on cells."""
+FALLBACK_SHARE = 0.99
+"""Share of what single candidates light to cover where a plan requires more."""
+DIGITS = 9
+"""Of shares and costs that are compared: unions in other orders differ by less."""
+
+
+@dataclass(frozen=True, eq=False)
+class LampChoice:
+    """Lamps chosen among candidates, for cameras whose poses are known.
+
+    Attributes
+    ----------
+    pool : CandidatePool
+        Places of lamps; the camera of a candidate is the row of its lamp among those of the plan
+        that candidates name.
+    problem, selection : Problem, Selection
+        Cells that single candidates light enough, and the chosen ones.
+    lamps : Lamps
+        Those of the plan that stay, then the chosen ones.
+    alone, together : dict
+        Covered area where one of the chosen lamps at a time counts with those that stay, and where
+        all do, as of `AreaNetwork.summary`.
+    n_tried : int
+        Sets of lamps whose exact area was found.
+    is_best : bool
+        True where these were all.
+    """
+
+    pool: CandidatePool
+    problem: Problem
+    selection: Selection
+    lamps: Lamps
+    alone: dict[str, Any]
+    together: dict[str, Any]
+    n_tried: int
+    is_best: bool
+
+    @property
+    def pairs(self) -> int:
+        """Pairs of candidate and cell that it lights enough."""
+        bits = self.problem.bits
+        return sum(len(bits.faces_of(row)) for row in range(bits.n_rows))
+
+    @property
+    def chosen(self) -> list[int]:
+        """Candidates of the chosen lamps."""
+        return [*map(int, self.selection.chosen)]
+
+    def summary(self) -> dict[str, Any]:
+        """Chosen lamps and figures, ready for JSON."""
+        names, places = self.lamps.names[-len(self.chosen) :], self.lamps.places
+        first, pool = len(self.lamps) - len(self.chosen), self.pool.candidates
+        return {
+            "chosen": [
+                {
+                    "lamp": name,
+                    "candidate": row,
+                    "from": pool.source[row],
+                    "position": places[first + at, :3, 3],
+                    "direction": places[first + at, :3, 2],
+                    "cost": self.pool.costs[row],
+                }
+                for at, (name, row) in enumerate(zip(names, self.chosen, strict=False))
+            ],
+            "alone": self.alone,
+            "together": self.together,
+            "sets_tried": self.n_tried,
+            "is_best": self.is_best,
+            "candidates": self.pool.summary(),
+        }
+
+    def lines(self) -> list[str]:
+        """The choice for people."""
+        found = [
+            f"lamp {each['lamp']} at ({', '.join(f'{x:.3g}' for x in each['position'])}) m, "
+            f"towards ({', '.join(f'{x:.2f}' for x in each['direction'])})"
+            for each in self.summary()["chosen"]
+        ]
+        one, every = (
+            with_bound(each["percent"], each["bound_percent"])
+            for each in (self.alone, self.together)
+        )
+        how = "the best of all" if self.is_best else "no bound; the best of"
+        return [
+            f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps: "
+            f"seen and lit as asked for by one of them {one} of the area, by all together {every} "
+            f"({how} {plural(self.n_tried, 'set')} tried)",
+            *found,
+        ]
+
+
+class Frame:
+    """What cameras see at one time, and what of it any lamps light; each point is found once.
+
+    In a frame of a motion, a row of it, regions are on the mesh at rest.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        placed: Poses,
+        rig: Rig,
+        task: Task,
+        method: str,
+        lamps: Sequence[Lamps],
+        motion: Motion | None = None,
+        row: int = 0,
+    ) -> None:
+        self._rig, self._placed, self._motion = rig, placed, motion
+        if motion is not None:
+            mesh, self._kept = motion._at(row, of_occluders=False)
+        kinds = dict.fromkeys(lamp for each in lamps for lamp in each.lamps)
+        self._row_of = {lamp: row for row, lamp in enumerate(kinds)}
+        self._known: dict[bytes, int] = {}
+        self._table: Regions | None = None
+        with closing(RegionPass(mesh, rig, task, method=method)) as cameras:
+            self._seen = cameras.find(placed)
+        eyes = [lamp.eye for lamp in kinds]
+        with closing(RegionPass(mesh, eyes, method=method, only_task=True)) as self._finder:
+            for each in lamps:
+                self.regions(each, task)
+
+    def regions(self, lamps: Lamps | None, task: Task) -> Regions:
+        """Rows of the result, in the light of lamps, or in any light."""
+        light = None if lamps is None else self._light(lamps, task)
+        rig = with_lamps(self._rig, lamps)
+        found = gated(replace(self._seen, light=light), rig, self._placed)
+        return found if self._motion is None else at_rest(found, self._motion, self._kept)
+
+    def _light(self, lamps: Lamps, task: Task) -> Light:
+        eye = np.array([self._row_of[lamp] for lamp in lamps.lamps], np.int32)
+
+        def find(poses: Poses) -> Regions:
+            return self._reached(Poses.of(poses.world_from_camera, camera=eye[poses.camera]))
+
+        return Light(lamps, task, self._rig, find)
+
+    def _reached(self, points: Poses) -> Regions:
+        """Regions of points of lamps; those that are known, or of the open pass."""
+        keys = [
+            b"".join(part.tobytes() for part in each)
+            for each in zip(points.world_from_camera, points.camera, strict=True)
+        ]
+        if new := {key: row for row, key in enumerate(keys) if key not in self._known}:
+            found = self._finder.find(points[np.array([*new.values()])])
+            self._table = found if self._table is None else joined([self._table, found])
+            self._known |= {key: len(self._known) + row for row, key in enumerate(new)}
+        assert self._table is not None
+        return taken(self._table, np.array([self._known[key] for key in keys], np.int64))
+
+
+class Lighting:
+    """Lamp candidates of a plan before cameras whose poses are known.
+
+    Parameters
+    ----------
+    plan : Plan
+    mesh : Mesh
+    cells : Cells
+    placed : Poses
+        Of the cameras of the plan.
+    timed : PlanMotion or None
+        Where bodies move; lamps stay.
+    reachable : AreaNetwork or None
+        Area that shares of what can be reached are of; what the cameras see in any light unless
+        given.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        mesh: Mesh,
+        cells: Cells,
+        placed: Poses,
+        timed: PlanMotion | None = None,
+        reachable: AreaNetwork | None = None,
+    ) -> None:
+        every = plan.built_lamps(plan.folder)
+        assert every is not None
+        assert plan.selection is not None
+        self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
+        self.selection: SelectionSection = plan.selection
+        self.task, dark = plan.build_task(), plan.with_lamps(None)
+        kinds = list(dict.fromkeys(str(entry.lamp) for entry in plan.lamp_entries))
+        self._every, self._kinds = every, [every.names.index(name) for name in kinds]
+        self._stay = [row for row in range(len(every)) if row not in self._kinds]
+        self.pool = _pool(plan, mesh, kinds, every)
+        n = len(self.pool.candidates)
+        if not n:
+            raise ConfigError(
+                f"{plan.name}: no candidate for lamps is left ({'; '.join(self.pool.lines())}); "
+                "allow more, or add some"
+            )
+        self._camera, self._placed = dark.rig, placed
+        single = [each for row in range(n) if (each := self.lamps((row,)))]
+        own = dark.rig, dark.build_task(), plan.task.method, single
+        if timed is None:
+            self._frames = [Frame(mesh, placed, *own)]
+        else:
+            carried = carriers(timed.motion, dark.rig, timed.bodies, placed)
+            self._frames = [
+                Frame(mesh, carried_by(carried[:, row], placed), *own, motion=timed.motion, row=row)
+                for row in range(len(timed.motion))
+            ]
+        self.limits = limits_of(self.selection)
+        is_of_reachable = (
+            isinstance(self.selection, FewestSelection) and self.selection.of_reachable
+        )
+        in_any_light = self.regions(None) if is_of_reachable else None
+        self.reachable = None
+        self._weights = weights_of(cells, plan.task.weight_by)
+        if in_any_light is not None:
+            self.reachable = reachable or self.areas(in_any_light)
+            self._weights = self._weights * self._on_cells([in_any_light])[0]
+        self._seeable = None
+        if plan.task.weight_by == "seeable":
+            from rastercov.mesh.unseeable import unseeable_areas
+
+            self._seeable = mesh.areas - unseeable_areas(mesh)
+        self._worth: dict[Rows, tuple[float, ...]] = {}
+
+    def lamps(self, rows: Rows) -> Lamps | None:
+        """Lamps that stay, and those of some candidates; None for none."""
+        every, found = self._every, self.pool.candidates
+        own = [*self._stay, *(self._kinds[found.camera[row]] for row in rows)]
+        if not own:
+            return None
+        names = [every.names[row] for row in self._stay]
+        names += [f"{every.names[self._kinds[found.camera[row]]]} {row}" for row in rows]
+        places = np.concatenate([every.places[self._stay], found.poses[list(rows)]])
+        return _some_of(every, own, places, names)
+
+    def regions(self, lamps: Lamps | None, task: Task | None = None) -> Regions:
+        """Rows of the result, of each frame where bodies move, in the light of lamps, or in any."""
+        return joined([frame.regions(lamps, task or self.task) for frame in self._frames])
+
+    def areas(self, regions: Regions) -> AreaNetwork:
+        """Exact covered area, as of the network."""
+        if self.timed is not None:
+            return self.timed.result(self._camera, self._placed, self.task, regions).areas
+        areas = AreaNetwork(self.mesh, self.plan.build_task(most_views(self.plan)))
+        for row in range(len(regions.pose_ids)):
+            areas.add(taken(regions, np.array([row])))
+        return areas
+
+    def alone(self, rows: Rows) -> dict[str, Any]:
+        """Covered area where one of some lamps at a time counts, with those that stay."""
+        parts = [self.regions(self.lamps((row,))) for row in rows]
+        n = len(parts[0].pose_ids)
+        each = joined(parts).at_least(1, np.tile(np.arange(n), len(parts)), one_side=False)
+        return self.figures(self.areas(each))
+
+    def figures(self, areas: AreaNetwork) -> dict[str, Any]:
+        """Covered area, ready for JSON."""
+        return areas.summary(views_by_group(self.plan, None))
+
+    def worth(self, rows: Rows) -> tuple[float, ...]:
+        """Rank of a set of lamps by their exact area together, see `DIGITS`.
+
+        What the requirements lack, less than 0, then cost, then the share; or share, then cost.
+        """
+        if rows not in self._worth:
+            lamps, cost = self.lamps(rows), float(self.pool.costs[list(rows)].sum())
+            share = lack = 0.0
+            if lamps is not None:
+                areas = self.areas(self.regions(lamps))
+                share = self.figures(areas)["percent"] / 100
+                wanted = self.limits, self.plan.task.views, self.reachable
+                lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=self._seeable))
+            else:
+                lack = sum(self.limits.values())
+            rank = (-lack, -cost, share) if self.limits else (share, -cost)
+            self._worth[rows] = tuple(round(value, DIGITS) for value in rank)
+        return self._worth[rows]
+
+    def is_allowed(self, rows: Rows) -> bool:
+        """True for a set of lamps within the limits of their number, cost and points."""
+        own = [*self._stay, *(self._kinds[self.pool.candidates.camera[row]] for row in rows)]
+        n_points = sum(self._every.lamps[row].points for row in own)
+        cost, asked = float(self.pool.costs[list(rows)].sum()), self.selection
+        budget, most = getattr(asked, "budget", None), getattr(asked, "lamps", None)
+        return (
+            1 <= n_points <= MOST_LAMPS
+            and (most is None or len(rows) <= most)
+            and (budget is None or cost <= budget + 10.0**-DIGITS)
+        )
+
+    def _on_cells(self, parts: Sequence[Regions]) -> NDArray[np.bool_]:
+        """(N, cells) that the network covers, by `task.min_coverage` of each, for some regions."""
+        found = np.zeros((len(parts), len(self.cells)), np.bool_)
+        for row, regions in enumerate(parts):
+            of_cells = self.cells.share(self._enough(regions))
+            found[row, of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
+        return found
+
+    def _enough(self, regions: Regions) -> Regions:
+        """Parts that enough cameras cover, and long enough; one row."""
+        if self.timed is not None:
+            return self.timed.result(self._camera, self._placed, self.task, regions).long_enough
+        needed, rows = views_of(self.mesh, self.plan.task.views), len(regions.pose_ids) * [0]
+        parts = [
+            regions._of_faces(needed == k).at_least(k, rows, one_side=False)
+            for k in np.unique(needed).tolist()
+        ]
+        return joined(parts).at_least(1, len(parts) * [0], one_side=False)
+
+    def problem(self, together: int) -> Problem:
+        """Cells, and the candidates that light these enough, a number of them together."""
+        n, least = len(self.pool.candidates), self.task.min_illuminance
+        part = (least - self._every.ambient) / together + self._every.ambient
+        task = replace(self.task, min_illuminance=min(part, least))
+        covers = self._on_cells([self.regions(self.lamps((row,)), task) for row in range(n)])
+        elements = self.cells.elements
+        return Problem(
+            bits=CoveredBits.from_dense(covers),
+            weights=self._weights,
+            views=np.full(len(self.cells), together),
+            costs=self.pool.costs,
+            goal=BestCoverage(cameras=0),
+            groups=tuple(group.name for group in elements.groups),
+            face_group=elements.face_group,
+        )
+
+    def _for_goal(self, problem: Problem) -> Problem:
+        """The problem with the goal of the plan, or with the nearest one that can be reached.
+
+        Weights are of what the cameras see where shares are of that.
+        """
+        goal = goal_of(self.selection, "lamps")
+        if isinstance(goal, BestCoverage):
+            return grouped(problem, goal)
+        try:
+            return grouped(problem, replace(goal, of_reachable=False))
+        except ConfigError:
+            return grouped(problem, FewestCameras(FALLBACK_SHARE, of_reachable=True))
+
+    def _start(self, problem: Problem, seconds: float) -> Rows:
+        """Lamps chosen on cells, as many as are allowed."""
+        asked = self.selection
+        found = select_by(asked.method, self._for_goal(problem), max(seconds, 1.0), asked.seed)
+        rows = sorted_rows(found.chosen)
+        while rows and not self.is_allowed(rows):
+            found = replace(found, chosen=found.chosen[:-1])  # the last of greedy order
+            rows = sorted_rows(found.chosen)
+        return rows
+
+    def _exchanged(self, best: Rows, until: float) -> Rows:
+        """A set of lamps after changes of one lamp that gain, until none does or time is up."""
+        gained: Rows | None = best
+        while gained is not None:
+            best, gained = gained, None
+            for rows in filter(self.is_allowed, self._near(best)):
+                if time.perf_counter() > until:
+                    break
+                if self.worth(rows) > self.worth(best):
+                    gained = rows
+                    break
+        return best
+
+    def _near(self, rows: Rows) -> Iterator[Rows]:
+        """Sets with a lamp less, one more, or another one."""
+        own = set(rows)
+        others = [row for row in range(len(self.pool.candidates)) if row not in own]
+        yield from (sorted_rows(own - {row}) for row in rows)
+        if not self.limits or self.worth(rows)[0] < 0:
+            yield from (sorted_rows(own | {other}) for other in others)
+        yield from (sorted_rows(own - {row} | {other}) for row in rows for other in others)
+
+    def choose(self, progress: Callable[[int, int], None]) -> LampChoice:
+        """The best lamps that are found within the time limit of the selection.
+
+        ConfigError where no set of lamps lights anything that the cameras see.
+        """
+        n, began = len(self.pool.candidates), time.perf_counter()
+        until = began + self.selection.time_limit
+        most = min(getattr(self.selection, "lamps", None) or n, n)
+        first = self.problem(1)
+        is_best = sum(comb(n, k) for k in range(most + 1)) <= MOST_SETS
+        if is_best:
+            sets = (rows for k in range(most + 1) for rows in combinations(range(n), k))
+            best = max(filter(self.is_allowed, sets), key=self.worth, default=())
+        else:
+            starts = [self._start(first, until - began)]
+            for together in TOGETHER[1:]:
+                progress(len(starts), len(TOGETHER))
+                starts.append(self._start(self.problem(together), until - began))
+            best = self._exchanged(max(starts, key=self.worth), until)
+        lamps = self.lamps(best)
+        if lamps is None or not self.worth(best)[0 if not self.limits else 2] > 0:
+            raise ConfigError(
+                f"{self.plan.name}: no choice of {plural(n, 'candidate')} for lamps lights what "
+                "the cameras see as the task asks for; ask for less light, or add candidates"
+            )
+        status, is_fewest = "optimal" if is_best else "feasible", bool(self.limits)
+        bound = (np.inf if is_best else 0.0) if is_fewest else (0.0 if is_best else 1.0)
+        problem, seconds = self._for_goal(first), time.perf_counter() - began
+        selection = finish("exchanges", problem, np.array(best, np.int64), bound, seconds, status)
+        order = tuple(selection.chosen.tolist())
+        ordered = self.lamps(order)
+        assert ordered is not None
+        return LampChoice(
+            pool=self.pool,
+            problem=problem,
+            selection=selection,
+            lamps=ordered,
+            alone=self.alone(best) if best else self.figures(self.areas(self.regions(lamps))),
+            together=self.figures(self.areas(self.regions(lamps))),
+            n_tried=len(self._worth),
+            is_best=is_best,
+        )
+
+
+def sorted_rows(rows: Any) -> Rows:
+    """Rows in ascending order, by which a set is known."""
+    return tuple(sorted(map(int, rows)))
+
+
+def _some_of(every: Lamps, rows: Sequence[int], places: FloatArray, names: list[str]) -> Lamps:
+    """Lamps of some rows of others, at these places."""
+    return Lamps(
+        [every.lamps[row] for row in rows], places, names,
+        rides=[every.rides[row] for row in rows], ambient=every.ambient, exposure=every.exposure,
+    )  # fmt: skip
+
+
+def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> CandidatePool:
+    """Places of lamps, each of which is the camera of its points."""
+    own = [
+        entry.model_copy(update={"lamp": None, "cameras": [entry.lamp]})
+        for entry in plan.lamp_entries
+    ]
+    changes: dict[str, Any] = {"camera": None, "cameras": {}, "rigs": {}, "candidates": own}
+    other = plan.model_copy(update=changes)
+    eyes = every.eyes
+    other._mounts = Mounts.of({name: eyes[every.names.index(name)] for name in kinds})
+    return candidate_pool(other, mesh)
