@@ -247,6 +247,7 @@ class Lighting:
         self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
         self.selection: SelectionSection = plan.selection
         self.task, dark = plan.build_task(), plan.with_lamps(None)
+        self.task.check_light(every)
         kinds = list(dict.fromkeys(str(entry.lamp) for entry in plan.lamp_entries))
         self._every, self._kinds = every, [every.names.index(name) for name in kinds]
         self._stay = [row for row in range(len(every)) if row not in self._kinds]

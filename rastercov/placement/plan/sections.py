@@ -1251,6 +1251,7 @@ class PlanModel(Entry):
     def _check(self, info: ValidationInfo) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("camera and cameras exclude each other; put it among the cameras")
+        self._check_lamps()
         lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
         for name in OF_LIGHT if lamps is None else ():
             if getattr(self.task, name):
@@ -1258,7 +1259,6 @@ class PlanModel(Entry):
         for name in ("ambient", "exposure") if lamps is None else ():
             if getattr(self, name):
                 raise ValueError(f"{name} is of light; add lamps as [lamps.NAME]")
-        self._check_lamps()
         self._check_motion()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
