@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural, with_bound
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.lamps import MOST_LAMPS, Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, with_lamps
@@ -31,6 +31,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.network import Network
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
@@ -42,6 +43,7 @@ from rastercov.placement.plan.network import (
     judge_areas,
     limits_of,
     most_views,
+    seeable_areas,
     views_by_group,
 )
 from rastercov.placement.plan.over_time import PlanMotion
@@ -64,6 +66,8 @@ MOST_SETS = 64
 """Sets of lamps up to which all are tried."""
 TOGETHER = (1, 2, 3)
 """Lamps that give the least illuminance together, in a start on cells."""
+START_SHARE = 0.3
+"""Share of the time limit after which no further start is made."""
 FALLBACK_SHARE = 0.99
 """Share of what single candidates light to cover where a plan requires more."""
 DIGITS = 9
@@ -162,57 +166,47 @@ class Frame:
     """
 
     def __init__(
-        self,
-        mesh: Mesh,
-        placed: Poses,
-        rig: Rig,
-        task: Task,
-        method: str,
-        lamps: Sequence[Lamps],
-        motion: Motion | None = None,
-        row: int = 0,
-    ) -> None:
+        self, mesh: Mesh, placed: Poses, rig: Rig, task: Task, method: str, lamps: Sequence[Lamps],
+        motion: Motion | None = None, row: int = 0,
+    ) -> None:  # fmt: skip
         self._rig, self._placed, self._motion = rig, placed, motion
         if motion is not None:
             mesh, self._kept = motion._at(row, of_occluders=False)
-        kinds = dict.fromkeys(lamp for each in lamps for lamp in each.lamps)
-        self._row_of = {lamp: row for row, lamp in enumerate(kinds)}
+        self._kinds = list(dict.fromkeys(lamp for each in lamps for lamp in each.lamps))
         self._known: dict[bytes, int] = {}
-        self._table: Regions | None = None
+        self._table: list[Regions] = []
         with closing(RegionPass(mesh, rig, task, method=method)) as cameras:
             self._seen = cameras.find(placed)
-        eyes = [lamp.eye for lamp in kinds]
+        eyes = [lamp.eye for lamp in self._kinds]
         with closing(RegionPass(mesh, eyes, method=method, only_task=True)) as self._finder:
-            for each in lamps:
-                self.regions(each, task)
+            self._reached(np.concatenate([each.point_places for each in lamps]), [
+                self._kinds.index(lamp) for each in lamps for lamp in each.lamps
+                for _ in range(lamp.points)
+            ])  # fmt: skip
+            self.regions(lamps[0], task)  # points on the rig, too
 
     def regions(self, lamps: Lamps | None, task: Task) -> Regions:
         """Rows of the result, in the light of lamps, or in any light."""
-        light = None if lamps is None else self._light(lamps, task)
-        rig = with_lamps(self._rig, lamps)
+        light, rig = None, with_lamps(self._rig, lamps)
+        if lamps is not None:
+            kind = np.array([self._kinds.index(lamp) for lamp in lamps.lamps])
+
+            def find(points: Poses) -> Regions:
+                return self._reached(points.world_from_camera, kind[points.camera])
+
+            light = Light(lamps, task, self._rig, find)
         found = gated(replace(self._seen, light=light), rig, self._placed)
         return found if self._motion is None else at_rest(found, self._motion, self._kept)
 
-    def _light(self, lamps: Lamps, task: Task) -> Light:
-        eye = np.array([self._row_of[lamp] for lamp in lamps.lamps], np.int32)
-
-        def find(poses: Poses) -> Regions:
-            return self._reached(Poses.of(poses.world_from_camera, camera=eye[poses.camera]))
-
-        return Light(lamps, task, self._rig, find)
-
-    def _reached(self, points: Poses) -> Regions:
-        """Regions of points of lamps; those that are known, or of the open pass."""
-        keys = [
-            b"".join(part.tobytes() for part in each)
-            for each in zip(points.world_from_camera, points.camera, strict=True)
-        ]
+    def _reached(self, places: FloatArray, kinds: Sequence[int] | IntArray) -> Regions:
+        """Regions of points of lamps, which are known, or of the open pass."""
+        keys = [place.tobytes() + bytes([kind]) for place, kind in zip(places, kinds, strict=True)]
         if new := {key: row for row, key in enumerate(keys) if key not in self._known}:
-            found = self._finder.find(points[np.array([*new.values()])])
-            self._table = found if self._table is None else joined([self._table, found])
+            rows = [*new.values()]
+            found = self._finder.find(Poses.of(places[rows], camera=np.asarray(kinds)[rows]))
+            self._table = [joined([*self._table, found])]
             self._known |= {key: len(self._known) + row for row, key in enumerate(new)}
-        assert self._table is not None
-        return taken(self._table, np.array([self._known[key] for key in keys], np.int64))
+        return taken(self._table[0], np.array([self._known[key] for key in keys], np.int64))
 
 
 class Lighting:
@@ -278,12 +272,8 @@ class Lighting:
         self._weights = weights_of(cells, plan.task.weight_by)
         if in_any_light is not None:
             self.reachable = reachable or self.areas(in_any_light)
-            self._weights = self._weights * self._on_cells([in_any_light])[0]
-        self._seeable = None
-        if plan.task.weight_by == "seeable":
-            from rastercov.mesh.unseeable import unseeable_areas
-
-            self._seeable = mesh.areas - unseeable_areas(mesh)
+            self._weights = self._weights * self._on_cells(in_any_light)
+        self._seeable = seeable_areas(plan, Network(mesh, self.task))
         self._worth: dict[Rows, tuple[float, ...]] = {}
 
     def lamps(self, rows: Rows) -> Lamps | None:
@@ -327,18 +317,19 @@ class Lighting:
         What the requirements lack, less than 0, then cost, then the share; or share, then cost.
         """
         if rows not in self._worth:
-            lamps, cost = self.lamps(rows), float(self.pool.costs[list(rows)].sum())
-            share = lack = 0.0
-            if lamps is not None:
-                areas = self.areas(self.regions(lamps))
-                share = self.figures(areas)["percent"] / 100
-                wanted = self.limits, self.plan.task.views, self.reachable
-                lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=self._seeable))
-            else:
-                lack = sum(self.limits.values())
-            rank = (-lack, -cost, share) if self.limits else (share, -cost)
-            self._worth[rows] = tuple(round(value, DIGITS) for value in rank)
+            lamps = self.lamps(rows)
+            self._worth[rows] = self._rank(rows, None if lamps is None else self.regions(lamps))
         return self._worth[rows]
+
+    def _rank(self, rows: Rows, regions: Regions | None) -> tuple[float, ...]:
+        cost, share, lack = float(self.pool.costs[list(rows)].sum()), 0.0, sum(self.limits.values())
+        if regions is not None:
+            areas = self.areas(regions)
+            share = self.figures(areas)["percent"] / 100
+            wanted = self.limits, self.plan.task.views, self.reachable
+            lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=self._seeable))
+        rank = (-lack, -cost, share) if self.limits else (share, -cost)
+        return tuple(round(value, DIGITS) for value in rank)
 
     def is_allowed(self, rows: Rows) -> bool:
         """True for a set of lamps within the limits of their number, cost and points."""
@@ -352,12 +343,13 @@ class Lighting:
             and (budget is None or cost <= budget + 10.0**-DIGITS)
         )
 
-    def _on_cells(self, parts: Sequence[Regions]) -> NDArray[np.bool_]:
-        """(N, cells) that the network covers, by `task.min_coverage` of each, for some regions."""
-        found = np.zeros((len(parts), len(self.cells)), np.bool_)
-        for row, regions in enumerate(parts):
-            of_cells = self.cells.share(self._enough(regions))
-            found[row, of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
+    def _on_cells(self, regions: Regions) -> NDArray[np.bool_]:
+        """Cells that the network covers, by `task.min_coverage` of each."""
+        found, of_cells = (
+            np.zeros(len(self.cells), np.bool_),
+            self.cells.share(self._enough(regions)),
+        )
+        found[of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
         return found
 
     def _enough(self, regions: Regions) -> Regions:
@@ -376,8 +368,12 @@ class Lighting:
         n, least = len(self.pool.candidates), self.task.min_illuminance
         part = (least - self._every.ambient) / together + self._every.ambient
         task = replace(self.task, min_illuminance=min(part, least))
-        covers = self._on_cells([self.regions(self.lamps((row,)), task) for row in range(n)])
-        elements = self.cells.elements
+        covers, elements = np.zeros((n, len(self.cells)), np.bool_), self.cells.elements
+        for row in range(n):
+            regions = self.regions(self.lamps((row,)), task)
+            covers[row] = self._on_cells(regions)
+            if together == 1:
+                self._worth[(row,)] = self._rank((row,), regions)
         return Problem(
             bits=CoveredBits.from_dense(covers),
             weights=self._weights,
@@ -447,11 +443,13 @@ class Lighting:
             sets = (rows for k in range(most + 1) for rows in combinations(range(n), k))
             best = max(filter(self.is_allowed, sets), key=self.worth, default=())
         else:
-            starts = [self._start(first, until - began)]
+            starts = [self._start(first, until - began), max(self._worth, key=self.worth)]
             for together in TOGETHER[1:]:
-                progress(len(starts), len(TOGETHER))
-                starts.append(self._start(self.problem(together), until - began))
-            best = self._exchanged(max(starts, key=self.worth), until)
+                if time.perf_counter() < began + START_SHARE * (until - began):
+                    starts.append(self._start(self.problem(together), until - began))
+                    progress(together, len(TOGETHER))
+            allowed = filter(self.is_allowed, starts)
+            best = self._exchanged(max(allowed, key=self.worth, default=()), until)
         lamps = self.lamps(best)
         if lamps is None or not self.worth(best)[0 if not self.limits else 2] > 0:
             raise ConfigError(
