@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, takewhile
 from math import comb
 from typing import Any
 
@@ -48,7 +48,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
-from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.sections import SelectionSection
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -118,20 +118,15 @@ class LampChoice:
 
     def summary(self) -> dict[str, Any]:
         """Chosen lamps and figures, ready for JSON."""
-        names, places = self.lamps.names[-len(self.chosen) :], self.lamps.places
-        first, pool = len(self.lamps) - len(self.chosen), self.pool.candidates
+        pool, rows = self.pool.candidates, self.chosen
+        columns: dict[str, Any] = {
+            "lamp": self.lamps.names[len(self.lamps) - len(rows) :], "candidate": rows,
+            "from": pool.source[rows], "position": pool.poses[rows, :3, 3],
+            "direction": pool.poses[rows, :3, 2], "cost": self.pool.costs[rows],
+        }  # fmt: skip
+        every = zip(*columns.values(), strict=True)
         return {
-            "chosen": [
-                {
-                    "lamp": name,
-                    "candidate": row,
-                    "from": pool.source[row],
-                    "position": places[first + at, :3, 3],
-                    "direction": places[first + at, :3, 2],
-                    "cost": self.pool.costs[row],
-                }
-                for at, (name, row) in enumerate(zip(names, self.chosen, strict=False))
-            ],
+            "chosen": [dict(zip(columns, each, strict=True)) for each in every],
             "alone": self.alone,
             "together": self.together,
             "sets_tried": self.n_tried,
@@ -227,14 +222,9 @@ class Lighting:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        mesh: Mesh,
-        cells: Cells,
-        placed: Poses,
-        timed: PlanMotion | None = None,
-        reachable: AreaNetwork | None = None,
-    ) -> None:
+        self, plan: Plan, mesh: Mesh, cells: Cells, placed: Poses,
+        timed: PlanMotion | None = None, reachable: AreaNetwork | None = None,
+    ) -> None:  # fmt: skip
         every = plan.built_lamps(plan.folder)
         assert every is not None
         assert plan.selection is not None
@@ -264,13 +254,9 @@ class Lighting:
                 for row in range(len(timed.motion))
             ]
         self.limits = limits_of(self.selection)
-        is_of_reachable = (
-            isinstance(self.selection, FewestSelection) and self.selection.of_reachable
-        )
-        in_any_light = self.regions(None) if is_of_reachable else None
-        self.reachable = None
-        self._weights = weights_of(cells, plan.task.weight_by)
-        if in_any_light is not None:
+        self.reachable, self._weights = None, weights_of(cells, plan.task.weight_by)
+        if getattr(self.selection, "of_reachable", False):
+            in_any_light = self.regions(None)
             self.reachable = reachable or self.areas(in_any_light)
             self._weights = self._weights * self._on_cells(in_any_light)
         self._seeable = seeable_areas(plan, Network(mesh, self.task))
@@ -278,14 +264,20 @@ class Lighting:
 
     def lamps(self, rows: Rows) -> Lamps | None:
         """Lamps that stay, and those of some candidates; None for none."""
-        every, found = self._every, self.pool.candidates
-        own = [*self._stay, *(self._kinds[found.camera[row]] for row in rows)]
+        every, own = self._every, self._of_plan(rows)
         if not own:
             return None
-        names = [every.names[row] for row in self._stay]
-        names += [f"{every.names[self._kinds[found.camera[row]]]} {row}" for row in rows]
-        places = np.concatenate([every.places[self._stay], found.poses[list(rows)]])
-        return _some_of(every, own, places, names)
+        numbers = [""] * len(self._stay) + [f" {row}" for row in rows]
+        names = [every.names[row] + number for row, number in zip(own, numbers, strict=True)]
+        stay, chosen = every.places[self._stay], self.pool.candidates.poses[list(rows)]
+        return Lamps(
+            [every.lamps[row] for row in own], np.concatenate([stay, chosen]), names,
+            rides=[every.rides[row] for row in own], ambient=every.ambient, exposure=every.exposure,
+        )  # fmt: skip
+
+    def _of_plan(self, rows: Rows) -> list[int]:
+        """Lamps of the plan that stay, and those of candidates."""
+        return [*self._stay, *(self._kinds[self.pool.candidates.camera[row]] for row in rows)]
 
     def regions(self, lamps: Lamps | None, task: Task | None = None) -> Regions:
         """Rows of the result, of each frame where bodies move, in the light of lamps, or in any."""
@@ -302,10 +294,11 @@ class Lighting:
 
     def alone(self, rows: Rows) -> dict[str, Any]:
         """Covered area where one of some lamps at a time counts, with those that stay."""
-        parts = [self.regions(self.lamps((row,))) for row in rows]
+        each: list[Rows] = [(row,) for row in rows] or [()]
+        parts = [self.regions(self.lamps(own)) for own in each]
         n = len(parts[0].pose_ids)
-        each = joined(parts).at_least(1, np.tile(np.arange(n), len(parts)), one_side=False)
-        return self.figures(self.areas(each))
+        any_of = joined(parts).at_least(1, np.tile(np.arange(n), len(parts)), one_side=False)
+        return self.figures(self.areas(any_of))
 
     def figures(self, areas: AreaNetwork) -> dict[str, Any]:
         """Covered area, ready for JSON."""
@@ -333,8 +326,7 @@ class Lighting:
 
     def is_allowed(self, rows: Rows) -> bool:
         """True for a set of lamps within the limits of their number, cost and points."""
-        own = [*self._stay, *(self._kinds[self.pool.candidates.camera[row]] for row in rows)]
-        n_points = sum(self._every.lamps[row].points for row in own)
+        n_points = sum(self._every.lamps[row].points for row in self._of_plan(rows))
         cost, asked = float(self.pool.costs[list(rows)].sum()), self.selection
         budget, most = getattr(asked, "budget", None), getattr(asked, "lamps", None)
         return (
@@ -345,10 +337,8 @@ class Lighting:
 
     def _on_cells(self, regions: Regions) -> NDArray[np.bool_]:
         """Cells that the network covers, by `task.min_coverage` of each."""
-        found, of_cells = (
-            np.zeros(len(self.cells), np.bool_),
-            self.cells.share(self._enough(regions)),
-        )
+        found = np.zeros(len(self.cells), np.bool_)
+        of_cells = self.cells.share(self._enough(regions))
         found[of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
         return found
 
@@ -375,14 +365,10 @@ class Lighting:
             if together == 1:
                 self._worth[(row,)] = self._rank((row,), regions)
         return Problem(
-            bits=CoveredBits.from_dense(covers),
-            weights=self._weights,
-            views=np.full(len(self.cells), together),
-            costs=self.pool.costs,
-            goal=BestCoverage(cameras=0),
-            groups=tuple(group.name for group in elements.groups),
-            face_group=elements.face_group,
-        )
+            bits=CoveredBits.from_dense(covers), weights=self._weights, costs=self.pool.costs,
+            views=np.full(len(self.cells), together), goal=BestCoverage(cameras=0),
+            groups=tuple(group.name for group in elements.groups), face_group=elements.face_group,
+        )  # fmt: skip
 
     def _for_goal(self, problem: Problem) -> Problem:
         """The problem with the goal of the plan, or with the nearest one that can be reached.
@@ -401,33 +387,31 @@ class Lighting:
         """Lamps chosen on cells, as many as are allowed."""
         asked = self.selection
         found = select_by(asked.method, self._for_goal(problem), max(seconds, 1.0), asked.seed)
-        rows = sorted_rows(found.chosen)
-        while rows and not self.is_allowed(rows):
-            found = replace(found, chosen=found.chosen[:-1])  # the last of greedy order
-            rows = sorted_rows(found.chosen)
-        return rows
+        chosen = found.chosen.tolist()
+        while chosen and not self.is_allowed(tuple(chosen)):
+            chosen.pop()  # the last of greedy order
+        return tuple(sorted(chosen))
 
     def _exchanged(self, best: Rows, until: float) -> Rows:
         """A set of lamps after changes of one lamp that gain, until none does or time is up."""
-        gained: Rows | None = best
-        while gained is not None:
-            best, gained = gained, None
-            for rows in filter(self.is_allowed, self._near(best)):
-                if time.perf_counter() > until:
-                    break
-                if self.worth(rows) > self.worth(best):
-                    gained = rows
-                    break
-        return best
+        while True:
+            near = filter(self.is_allowed, self._near(best))
+            in_time = takewhile(lambda _: time.perf_counter() < until, near)
+            now = self.worth(best)
+            gained = next((rows for rows in in_time if self.worth(rows) > now), None)
+            if gained is None:
+                return best
+            best = gained
 
     def _near(self, rows: Rows) -> Iterator[Rows]:
         """Sets with a lamp less, one more, or another one."""
         own = set(rows)
-        others = [row for row in range(len(self.pool.candidates)) if row not in own]
-        yield from (sorted_rows(own - {row}) for row in rows)
+        others = set(range(len(self.pool.candidates))) - own
+        near = [own - {row} for row in rows]
         if not self.limits or self.worth(rows)[0] < 0:
-            yield from (sorted_rows(own | {other}) for other in others)
-        yield from (sorted_rows(own - {row} | {other}) for row in rows for other in others)
+            near += [own | {other} for other in others]
+        near += [own - {row} | {other} for row in rows for other in others]
+        return (tuple(sorted(each)) for each in near)
 
     def choose(self, progress: Callable[[int, int], None]) -> LampChoice:
         """The best lamps that are found within the time limit of the selection.
@@ -450,42 +434,19 @@ class Lighting:
                     progress(together, len(TOGETHER))
             allowed = filter(self.is_allowed, starts)
             best = self._exchanged(max(allowed, key=self.worth, default=()), until)
-        lamps = self.lamps(best)
-        if lamps is None or not self.worth(best)[0 if not self.limits else 2] > 0:
+        problem, is_fewest = self._for_goal(first), bool(self.limits)
+        bound = (np.inf if is_best else 0.0) if is_fewest else (0.0 if is_best else 1.0)
+        seconds = time.perf_counter() - began
+        selection = finish("exchanges", problem, np.array(best, np.int64), bound, seconds)
+        lamps = self.lamps(tuple(selection.chosen.tolist()))
+        if lamps is None or not self.worth(best)[2 * is_fewest] > 0:
             raise ConfigError(
                 f"{self.plan.name}: no choice of {plural(n, 'candidate')} for lamps lights what "
                 "the cameras see as the task asks for; ask for less light, or add candidates"
             )
-        status, is_fewest = "optimal" if is_best else "feasible", bool(self.limits)
-        bound = (np.inf if is_best else 0.0) if is_fewest else (0.0 if is_best else 1.0)
-        problem, seconds = self._for_goal(first), time.perf_counter() - began
-        selection = finish("exchanges", problem, np.array(best, np.int64), bound, seconds, status)
-        order = tuple(selection.chosen.tolist())
-        ordered = self.lamps(order)
-        assert ordered is not None
-        return LampChoice(
-            pool=self.pool,
-            problem=problem,
-            selection=selection,
-            lamps=ordered,
-            alone=self.alone(best) if best else self.figures(self.areas(self.regions(lamps))),
-            together=self.figures(self.areas(self.regions(lamps))),
-            n_tried=len(self._worth),
-            is_best=is_best,
-        )
-
-
-def sorted_rows(rows: Any) -> Rows:
-    """Rows in ascending order, by which a set is known."""
-    return tuple(sorted(map(int, rows)))
-
-
-def _some_of(every: Lamps, rows: Sequence[int], places: FloatArray, names: list[str]) -> Lamps:
-    """Lamps of some rows of others, at these places."""
-    return Lamps(
-        [every.lamps[row] for row in rows], places, names,
-        rides=[every.rides[row] for row in rows], ambient=every.ambient, exposure=every.exposure,
-    )  # fmt: skip
+        both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
+        found = self.pool, problem, selection, lamps
+        return LampChoice(*found, *both, n_tried=len(self._worth), is_best=is_best)
 
 
 def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> CandidatePool:

@@ -292,13 +292,10 @@ class Job:
         self, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
     ) -> Placement:
         """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
-        cells = cells_of(plan, self.mesh)
-        if cells is None:
-            raise PlanError(
-                plan.name, ['candidates: lamps are chosen by area; leave out by = "face"']
-            )
-        timed, selection = PlanMotion.of(plan, self.mesh), plan.selection
+        cells, timed = cells_of(plan, self.mesh), PlanMotion.of(plan, self.mesh)
+        selection = plan.selection
         assert selection is not None
+        assert cells is not None  # light is by area
         placed = eyes if isinstance(eyes, Poses) else eyes.cameras.placed
         with self.clock("lamps") as progress:
             lighting = Lighting(plan, self.mesh, cells, placed, timed, reachable)
@@ -318,9 +315,8 @@ class Job:
                 )  # fmt: skip
                 cameras, required = _measured(prepared, placed, objectives)
                 origin = tuple(f"existing {row}" for row in range(len(placed)))
-                eyes = Placement(
-                    prepared, choice.selection, cameras, origin, required, steps=self.clock.seconds
-                )
+                eyes = Placement(prepared, choice.selection, cameras, origin, required)
+                eyes = replace(eyes, steps=self.clock.seconds)
             found = replace(eyes, prepared=replace(eyes.prepared, **lit), lamps=choice)
             return _at(found, objectives, found.cameras.mounted, found.origin)
 

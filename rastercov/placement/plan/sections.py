@@ -1302,9 +1302,9 @@ class PlanModel(Entry):
         own, asked = self.lamp_entries, self.selection
         n_lamps = getattr(asked, "lamps", None)
         if not own:
-            for path, value in (("existing", self.existing), ("selection.lamps", n_lamps)):
-                if value is not None:
-                    raise ValueError(f"{path} is of lamps to choose; give candidates with a lamp")
+            if self.existing is not None or n_lamps is not None:
+                path = "selection.lamps" if self.existing is None else "existing"
+                raise ValueError(f"{path} is of lamps to choose; give candidates with a lamp")
             return
         for entry in own:
             if entry.lamp not in self.lamps:
@@ -1318,25 +1318,24 @@ class PlanModel(Entry):
                     f"lamps.{entry.lamp}.{name}: candidates are its places, in the cell; leave it "
                     "out, or leave out these candidates"
                 )
-        if self.exposure is None and not any(
-            getattr(self.task, name) for name in (*OF_LIGHT, "gloss")
-        ):
+        limits = [getattr(self.task, name) for name in (*OF_LIGHT, "gloss")]
+        if self.exposure is None and not any(limits):
             raise ValueError(
                 "candidates: lamps are chosen by a threshold of light; give "
                 "task.min_illuminance, max_illuminance, gloss, or exposure"
             )
-        is_both = len(own) < len(self.candidates)
-        if is_both and self.existing is not None:
-            raise ValueError("existing: candidates are of cameras, too; leave out one of the two")
         if self.existing is not None:
-            for name in ("refine", "optimise", "tolerance"):
+            if len(own) < len(self.candidates):
+                raise ValueError("existing: candidates are of cameras, too; leave out one of both")
+            for name in ("refine", "optimise", "tolerance", "cameras"):
                 if getattr(asked, name, None):
-                    raise ValueError(f"selection.{name}: lamps are chosen, not moved; leave it out")
-        if isinstance(asked, BestSelection):
-            if is_both and (asked.cameras is None or n_lamps is None or asked.budget is not None):
-                raise ValueError("selection: of cameras and lamps, give the number of both, alone")
-            if self.existing is not None and asked.cameras is not None:
-                raise ValueError("selection.cameras: these are there; give lamps")
+                    raise ValueError(f"selection.{name} is of cameras to choose; leave it out")
+        elif (
+            len(own) < len(self.candidates)
+            and isinstance(asked, BestSelection)
+            and (asked.cameras is None or n_lamps is None or asked.budget is not None)
+        ):
+            raise ValueError("selection: of cameras and lamps, give the number of both, alone")
 
     def _check_arm(self) -> bool:
         """True where candidates are on an arm; ValueError for those that do not go with it."""
