@@ -307,7 +307,7 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
         ({"existing": "gone.json"}, "existing: wanted a file, got 'gone.json'"),
         (
             {"selection": {"goal": "best_coverage", "cameras": 2}},
-            "selection.cameras is of cameras to choose; leave it out",
+            "selection.cameras: cameras are there, and lamps are chosen",
         ),
         (
             {"existing": None, "candidates": [ENTRY, SPOT]},
@@ -315,7 +315,7 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
         ),
         (
             {"selection": {**PLAN["selection"], "refine": True}},
-            "selection.refine is of cameras to choose; leave it out",
+            "selection.refine: cameras are there, and lamps are chosen",
         ),
         (
             {"task": {**PLAN["task"], "min_illuminance": "3 W/m2"}},

@@ -385,8 +385,7 @@ class Lighting:
 
     def _start(self, problem: Problem, seconds: float) -> Rows:
         """Lamps chosen on cells, as many as are allowed."""
-        asked = self.selection
-        found = select_by(asked.method, self._for_goal(problem), max(seconds, 1.0), asked.seed)
+        found = select_by(self.selection, self._for_goal(problem), max(seconds, 1.0))
         chosen = found.chosen.tolist()
         while chosen and not self.is_allowed(tuple(chosen)):
             chosen.pop()  # the last of greedy order

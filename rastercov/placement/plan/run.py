@@ -265,9 +265,7 @@ class Job:
             if objectives.cells is not None and over_time is None:
                 prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
             with self.clock("selection"):
-                chosen = select_by(
-                    selection.method, prepared.problem, selection.time_limit, selection.seed
-                )
+                chosen = select_by(selection, prepared.problem)
             placement = _placed(prepared, chosen, objectives, self.clock.seconds)
             return self.improved(placement, objectives, steps)
 
@@ -452,14 +450,14 @@ def _seen_past_arm(placement: Placement, objectives: Objectives, progress: Progr
         if found.arm is None or not found.arm.is_hidden.any():
             break
         progress(tried, RAISES)
-        problem, selection = found.prepared.problem, found.prepared.selection
+        problem = found.prepared.problem
         try:
             bits = _without(problem, found.chosen[found.arm.is_hidden])
             problem = replace(problem, bits=bits)
         except ConfigError:  # the rest does not reach the goal
             break
         prepared = replace(found.prepared, problem=problem)
-        chosen = select_by(selection.method, problem, selection.time_limit, selection.seed)
+        chosen = select_by(found.prepared.selection, problem)
         found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
         best = max(best, found, key=lambda each: each.worth)
     return best
@@ -515,8 +513,7 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
         if tighter.problem.goal == found.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
-        asked = tighter.selection
-        chosen = select_by(asked.method, tighter.problem, left, asked.seed)
+        chosen = select_by(tighter.selection, tighter.problem, left)
         found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
         best = max(best, found, key=lambda each: each.worth)
         if not _is_short(found):

@@ -1327,15 +1327,20 @@ class PlanModel(Entry):
         if self.existing is not None:
             if len(own) < len(self.candidates):
                 raise ValueError("existing: candidates are of cameras, too; leave out one of both")
-            for name in ("refine", "optimise", "tolerance", "cameras"):
-                if getattr(asked, name, None):
-                    raise ValueError(f"selection.{name} is of cameras to choose; leave it out")
+            names = "refine", "optimise", "tolerance", "cameras"
+            self._refuse(names, "cameras are there, and lamps are chosen")
         elif (
             len(own) < len(self.candidates)
             and isinstance(asked, BestSelection)
             and (asked.cameras is None or n_lamps is None or asked.budget is not None)
         ):
             raise ValueError("selection: of cameras and lamps, give the number of both, alone")
+
+    def _refuse(self, names: Sequence[str], why: str) -> None:
+        """ValueError for a selection with one of some entries."""
+        for name in names:
+            if getattr(self.selection, name, None):
+                raise ValueError(f"selection.{name}: {why}; leave it out")
 
     def _check_arm(self) -> bool:
         """True where candidates are on an arm; ValueError for those that do not go with it."""
@@ -1351,10 +1356,7 @@ class PlanModel(Entry):
             raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
         if self.motion is not None:
             raise ValueError("candidates: on_arm is of a still scene; leave out motion")
-        for field in ("optimise", "tolerance"):
-            if self.selection is not None and getattr(self.selection, field):
-                why = "cameras are moved by the joints of an arm"
-                raise ValueError(f"selection.{field}: {why}; leave it out")
+        self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
         return True
 
     def _check_motion(self) -> None:
@@ -1374,11 +1376,8 @@ class PlanModel(Entry):
             raise ValueError("selection.of_reachable over time is of one view; leave it out")
         if self.task.weight_by == "seeable":
             raise ValueError("task.weight_by seeable is of a still scene; give area")
-        for name in ("refine", "optimise", "tolerance"):
-            if self.selection is not None and getattr(self.selection, name):
-                raise ValueError(
-                    f"selection.{name}: cameras are chosen over time, not moved; leave it out"
-                )
+        names = "refine", "optimise", "tolerance"
+        self._refuse(names, "cameras are chosen over time, not moved")
 
     @property
     def camera_names(self) -> tuple[str, ...]:

@@ -75,11 +75,11 @@ PAIRS_A_LOOK = 5_000_000
 """Pairs of candidates compared between two checks of the clock when directions are separated."""
 
 
-def select_by(method: str, problem: Problem, seconds: float, seed: int) -> Selection:
-    """Selection by a method, greedy or integer, the latter within some seconds."""
-    if method == "greedy":
-        return select_greedy(problem, seed=seed)
-    return select_integer(problem, time_limit=seconds, seed=seed)
+def select_by(asked: Any, problem: Problem, seconds: float | None = None) -> Selection:
+    """Selection by `method` of a section of a plan, its `seed`, and `time_limit` or `seconds`."""
+    if asked.method == "greedy":
+        return select_greedy(problem, seed=asked.seed)
+    return select_integer(problem, time_limit=seconds or asked.time_limit, seed=asked.seed)
 
 
 @typed
