@@ -15,6 +15,8 @@ from plans import told
 import rastercov as rc
 from rastercov.placement.plan import lamps as choice
 from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.placement.plan.prepare import cells_of
+from rastercov.placement.plan.scene import named_scene
 
 CAMERA = {"width": 96, "height": 72, "fx": 90.0, "fy": 90.0}
 EYES = rc.look_at([(0, -4, 1.5), (3.5, 0, 2)], (0, 0, 0))
@@ -140,15 +142,25 @@ def test_the_cheapest_set_that_reaches_a_goal_is_chosen(scene, part):
     assert costs[found.chosen].sum() <= min(enough, default=np.inf)
 
 
-def test_two_lamps_reach_together_what_none_reaches_alone():
-    task = {"min_illuminance": 60.0}
-    plan = PLAN | {"ambient": 0.0, "task": task, "lamps": {"key": PLAN["lamps"]["key"]}}
-    plan["candidates"] = [
-        {"generator": "on_sphere", "count": 40, "distances": [5.0], "lamp": "key"}
-    ]
-    placed = rc.place(plan)
+def test_three_lamps_reach_together_what_no_two_reach():
+    key = {"generator": "on_sphere", "count": 40, "distances": [5.0], "lamp": "key"}
+    plan = PLAN | {"ambient": 0.0, "lamps": {"key": PLAN["lamps"]["key"]}, "candidates": [key]}
+    goal = {"goal": "best_coverage", "lamps": 3}
+    placed = rc.place(plan | {"task": {"min_illuminance": 108.0}, "selection": goal})
+    assert len(placed.lamps.chosen) == 3
     assert placed.lamps.alone["percent"] == 0
-    assert placed.lamps.together["percent"] > 5
+    assert placed.lamps.together["percent"] > 2
+
+
+def test_exchanges_lead_from_any_lamp_to_the_best():
+    plan = plan_of(PLAN | {"selection": {"goal": "best_coverage", "lamps": 1}}, Path("plan.toml"))
+    mesh, plan, _ = named_scene(plan)
+    lighting = choice.Lighting(plan, mesh, cells_of(plan, mesh), rc.Poses.of(EYES))
+    alone = {(row,): lighting.worth((row,)) for row in range(13)}
+    best = max(alone.values())
+    assert min(alone.values()) < best
+    for start in alone:
+        assert lighting.worth(lighting.exchanged(start, np.inf)) == best
 
 
 def toml(table, head=""):

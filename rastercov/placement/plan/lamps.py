@@ -391,7 +391,7 @@ class Lighting:
             chosen.pop()  # the last of greedy order
         return tuple(sorted(chosen))
 
-    def _exchanged(self, best: Rows, until: float) -> Rows:
+    def exchanged(self, best: Rows, until: float) -> Rows:
         """A set of lamps after changes of one lamp that gain, until none does or time is up."""
         while True:
             near = filter(self.is_allowed, self._near(best))
@@ -432,7 +432,7 @@ class Lighting:
                     starts.append(self._start(self.problem(together), until - began))
                     progress(together, len(TOGETHER))
             allowed = filter(self.is_allowed, starts)
-            best = self._exchanged(max(allowed, key=self.worth, default=()), until)
+            best = self.exchanged(max(allowed, key=self.worth, default=()), until)
         problem, is_fewest = self._for_goal(first), bool(self.limits)
         bound = (np.inf if is_best else 0.0) if is_fewest else (0.0 if is_best else 1.0)
         seconds = time.perf_counter() - began
