@@ -1,10 +1,9 @@
 """Choice of lamps for cameras whose poses are known, from candidates that name a lamp.
 
 A set of lamps is worth the exact area that the cameras cover in its light and that of the lamps
-that stay. Few sets are all tried. Otherwise sets to start from are chosen on cells, as cameras are:
-m candidates count together that give 1 / m of the least illuminance each, which is no more than
-they do, as long as nothing is too bright. Lamps are then left out, added and exchanged while the
-exact area of all of them together gains.
+that stay. Few sets are all tried. Otherwise sets to start from are chosen on cells, as cameras are,
+where m candidates count together that give 1 / m of the least illuminance each: light adds up. Then
+lamps are left out, added and exchanged while the exact area of all of them together gains.
 """
 
 import time
