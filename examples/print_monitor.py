@@ -2,7 +2,8 @@
 
 Bed, gantry and head are boxes, the print is a star-shaped tower at four heights. The head goes
 around the contour of each. Faults of a print are found where it is new; a part counts where a
-camera sees it in 90 % of the time, because a head is in front of any camera now and then.
+camera sees it in 90 % of the time, because a head is in front of any camera now and then. Lamps are
+chosen for the cameras then, whose light the head hides as well.
 """
 
 import json
@@ -18,6 +19,7 @@ NEW = 0.01  # m that are watched
 POINTS = 6  # of the star; the head stops at each and between two
 OVER = 0.9  # of the time
 SPACING = 0.068  # of places for cameras on the frame of the printer, m: 204
+LAMPS = 2  # at corners of the frame
 
 
 def ring(z):
@@ -101,11 +103,25 @@ def plan(folder, selection):
     }  # fmt: skip
 
 
+def under_lamps(folder, placed):
+    """The placed cameras in the light of the best lamps at corners of the frame."""
+    (folder / "eyes.json").write_text(
+        json.dumps({"world_from_camera": placed.cameras.poses.tolist()})
+    )
+    asked = plan(folder, {"goal": "best_coverage", "lamps": LAMPS})
+    asked["existing"] = str(folder / "eyes.json")
+    asked["lamps"] = {"led": {"kind": "spot", "half_angle_deg": 60.0, "intensity_cd": 60.0}}
+    asked["task"]["min_illuminance"] = "100 lx"
+    asked["candidates"][0] |= {"lamp": "led", "sides": ["-x", "+x"], "spacing": 1.0}
+    return rc.place(asked)
+
+
 def main():
     wanted = {"goal": "fewest_cameras", "coverage": OVER, "of_reachable": True}
     with tempfile.TemporaryDirectory() as folder:
         placed = rc.place(plan(Path(folder), wanted))
         motion = placed.prepared.over_time.motion
+        lit = under_lamps(Path(folder), placed)
     chosen, every = placed.cameras.areas.over_time, placed.prepared.reachable.over_time
     print(f"{len(placed.prepared.pool.candidates)} places, {len(motion)} stops of the head")
     camera = placed.cameras.areas.over_time.camera
@@ -114,6 +130,7 @@ def main():
     for name, found in (
         ("all places", every), ("a corner above, as usual", usual),
         (f"{len(placed.cameras.placed)} chosen", chosen),
+        (f"these under {', '.join(lit.lamps.lamps.names)}", lit.cameras.areas.over_time),
     ):  # fmt: skip
         said = found.summary()
         print(
@@ -126,7 +143,7 @@ def main():
             f"not seen for long enough: {1e6 * zone['area_m2']:.0f} mm2, hidden by",
             zone["hidden_by"],
         )
-    return chosen, every
+    return chosen, every, lit
 
 
 if __name__ == "__main__":

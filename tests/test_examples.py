@@ -33,9 +33,12 @@ def test_the_example_runs(path, tmp_path):
 def test_cameras_of_a_printer_reach_nine_tenths_of_what_all_places_see(monkeypatch, capsys):
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.setattr("print_monitor.SPACING", 0.2)
+    monkeypatch.setattr("print_monitor.LAMPS", 1)
     from print_monitor import OVER, main
 
-    chosen, every = main()
+    chosen, every, lit = main()
+    assert len(lit.lamps.chosen) == 1
+    assert 0 < lit.cameras.share < chosen.share()
     assert chosen.over == OVER == 0.9
     assert chosen.share() >= OVER * every.share() > 0
     assert len(chosen.poses) < 26

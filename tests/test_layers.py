@@ -95,12 +95,12 @@ BUDGET = {
     "exact": 760,
     "mesh": 5_250,
     "native": 44,
-    "placement": 8_105,
+    "placement": 8_545,
     "raster": 2_350,
-    "report": 4_210,
-    "viewer": 2_034,
+    "report": 4_222,
+    "viewer": 2_035,
 }
-MOST_FILES = 249
+MOST_FILES = 250
 # Code lines of C++ in native/, without blank lines, comments, includes and texts: the border,
 # vectors and loops.
 BUDGET_OF_CPP = 14_777

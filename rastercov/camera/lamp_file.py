@@ -160,7 +160,9 @@ def _read(entries: Any, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
         raise CameraError(f"rig must be true, or the name of a camera or rig, got {shown(on_rig)}")
     points = entries.get("positions", [entries.get("position", [0.0, 0.0, 0.0])])
     if "position" not in entries and "positions" not in entries and not on_rig:
-        raise CameraError("a lamp needs position, [x, y, z] in metres, or rig = true")
+        raise CameraError(
+            "a lamp needs position, [x, y, z] in metres, rig = true, or candidates in a plan"
+        )
     try:
         at = np.array(points, np.float64).reshape(-1, 3)
     except (TypeError, ValueError):

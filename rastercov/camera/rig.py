@@ -477,7 +477,7 @@ class Views(InOneLine):
             [self.rig.cameras[index]],
             [self.rig.names[index]],
             self.rig.rig_from_camera[index][None],
-        )
+        )._lit(self.rig.lamps)
         return self._with_rows(np.flatnonzero(self.poses.camera == index), rig)
 
     def _with_rows(self, rows: NDArray[np.intp], rig: "Rig | None") -> "Views":

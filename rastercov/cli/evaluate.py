@@ -21,7 +21,7 @@ from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of_poses, with_lamps
+from rastercov.camera.rig import Cameras, lamps_of, names_of_poses, with_lamps
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
@@ -117,7 +117,7 @@ def evaluate(
     skips = conventions.skip_bad_poses
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
-    lit = None if lamps is None else load_lamps(lamps)
+    lit = lamps_of(eyes.rig) if lamps is None else load_lamps(lamps)
     moving = None
     if motion is not None:
         from rastercov.placement.plan.over_time import PlanMotion

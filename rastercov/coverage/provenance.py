@@ -73,11 +73,14 @@ def plain_cameras(camera: Cameras) -> dict[str, Any]:
     Of a rig with a rule, that and the thresholds of its cameras, too.
     """
     cameras = cameras_of(camera)
-    if len(cameras) == 1:
-        return {"camera": cameras[0].to_json()}
+    return {"camera": cameras[0].to_json()} if len(cameras) == 1 else named_cameras(camera)
+
+
+def named_cameras(camera: Cameras) -> dict[str, Any]:
+    """Entry "cameras" with the names of all, as of `plain_cameras` of several."""
     entries = [
         {"name": name} | each.to_json()
-        for name, each in zip(names_of(camera), cameras, strict=True)
+        for name, each in zip(names_of(camera), cameras_of(camera), strict=True)
     ]
     return {"cameras": entries} | (rule_entries(camera) if isinstance(camera, Rig) else {})
 

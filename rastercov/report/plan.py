@@ -30,7 +30,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json
 from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.provenance import plain_cameras, provenance_of
+from rastercov.coverage.provenance import named_cameras, provenance_of
 from rastercov.placement.plan.arm import MOST_LOST, ArmPoses
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
@@ -137,19 +137,25 @@ def save(
 def poses_of(placement: Placement) -> dict[str, Any]:
     """Content of the pose file, with the origin of each camera.
 
-    Where there are several cameras, with all of them and the name of that of each pose.
+    Where there are several cameras, or chosen lamps, with all of them and the name of the camera of
+    each pose.
     """
     mounts, cameras = placement.prepared.mounts, placement.cameras
+    is_chosen = placement.prepared.plan.existing is None
     content: dict[str, Any] = {
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
-        "candidate": placement.chosen[cameras.owner],
+        **({"candidate": placement.chosen[cameras.owner]} if is_chosen else {}),
         **_of_arm(placement),
     }
-    if len(mounts.rig) == 1:
+    if placement.lamps is not None:
+        content["lamps"] = placement.lamps.lamps.to_json()
+    if len(mounts.rig) == 1 and placement.lamps is None:
         return content
     content["camera"] = [mounts.rig.names[index] for index in cameras.placed.camera]
-    if mounts.has_rigs:  # number of the rig, or the lone camera, and the poses of these
+    if (
+        mounts.has_rigs and is_chosen
+    ):  # number of the rig, or the lone camera, and the poses of these
         content["mount"] = cameras.owner
         content["mounts"] = [
             {"name": mounts.names[index], "world_from_mount": pose}
@@ -157,7 +163,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
                 cameras.mounted.camera, cameras.mounted.world_from_camera, strict=True
             )
         ]
-    return plain_cameras(mounts.rig) | content
+    return named_cameras(mounts.rig) | content
 
 
 def joints_csv(placement: Placement) -> str:
@@ -229,6 +235,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         "network": network,
         "cameras": _cameras(placement),
         "arm": _of_arm(placement) or None,
+        "lamps": placement.lamps and placement.lamps.summary(),
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -266,15 +273,17 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
     costs, found = placement.prepared.pool.costs, []
     for row, pose in enumerate(cameras.poses):
         owner = int(cameras.owner[row])
-        candidate = int(placement.chosen[owner])
-        entry = {"origin": placement.origin[owner], "candidate": candidate}
+        entry: dict[str, Any] = {"origin": placement.origin[owner]}
+        if placement.prepared.plan.existing is None:
+            candidate = int(placement.chosen[owner])
+            entry |= {"candidate": candidate, "cost": costs[candidate]}
         entry |= {"position": pose[:3, 3], "direction": pose[:3, 2]}
         if len(mounts.rig) > 1:
             entry["camera"] = mounts.rig.names[cameras.placed.camera[row]]
         if mounts.has_rigs:
             entry["mount"] = owner
         entry["heading_deg"], entry["down_deg"] = heading_and_tilt(pose)
-        entry |= {"cost": costs[candidate], "covered_faces": cameras.network.covered_faces[row]}
+        entry["covered_faces"] = cameras.network.covered_faces[row]
         found.append(entry | {"share_so_far": cameras.curve[row]})
     return found
 
@@ -313,8 +322,12 @@ def cameras_table(placement: Placement) -> Table:
 def lines(placement: Placement) -> list[str]:
     """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
-    said = [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
-    said.append(_selected(placement))
+    said: list[str] = []
+    if prepared.plan.existing is None:
+        said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
+        said.append(_selected(placement))
+    if placement.lamps is not None:
+        said += placement.lamps.lines()
     network = summary_of(prepared.plan, placement.cameras)
     said += [line.replace("covered:", "exact area:") for line in area_lines(network)]
     of = _of(prepared)

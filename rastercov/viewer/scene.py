@@ -201,7 +201,8 @@ class Scene:
     def placement(self) -> dict[str, Any]:
         """Way to place cameras, ready for JSON: by the plan or not, number to propose, words."""
         cameras: int | None = None
-        asked = self.plan.selection if self.plan and self.pool and self.plan.candidates else None
+        has_some = self.pool is not None and len(self.pool.candidates) > 0
+        asked = self.plan.selection if self.plan and has_some else None
         if asked is None:
             words, cameras = "one after another, each where it adds most", 4
         elif isinstance(asked, BestSelection):

@@ -7,7 +7,8 @@
 Images of one `frame` were taken at the same instant; `has_unit` is false where lengths are those of
 a reconstruction without scale. `rule`, with its entries, is that of a rig whose cameras measure
 together, `tasks` has thresholds of its cameras by name, and `fixed` names of those that stay.
-`camera` has the index or the name of the camera of each pose; a file of poses alone may have names
+`lamps` are those that light what the cameras see, chosen by `place`. `camera` has the index or the
+name of the camera of each pose; a file of poses alone may have names
 of cameras that another file holds. `read_poses` reads the poses of such files, too. Other lengths
 are metres.
 """
@@ -28,8 +29,9 @@ from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
+from rastercov.camera.lamps import lamps_of_json
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.camera.rig import Rig, Views
+from rastercov.camera.rig import Rig, Views, with_lamps
 from rastercov.camera.rule import All, rule_of, rule_to_json, task_to_json
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
@@ -38,7 +40,7 @@ UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tou
 RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 KNOWN = UNUSED | {
     "cameras", "rig_from_camera", "world_from_camera", "camera", "frame", "has_unit", *RULE,
-    "tasks", "fixed",
+    "tasks", "fixed", "lamps",
 }  # fmt: skip
 """Entries of a file of cameras and poses."""
 
@@ -75,10 +77,18 @@ def _with_rule(views: Views, content: Mapping[str, Any]) -> Views:
     """The views with the rule of their rig, and thresholds of its cameras, where there are any."""
     given = {name: content[name] for name in RULE if name in content}
     more = {name: content[name] for name in ("tasks", "fixed") if name in content}
-    if views.rig is None or not (given or more):
+    if views.rig is None:
         return views
     own = views.rig.cameras, views.rig.names, views.rig.rig_from_camera
-    return replace(views, rig=Rig(*own, rule=rule_of(given), **more))
+    rig = Rig(*own, rule=rule_of(given), **more) if given or more else views.rig
+    if "lamps" not in content:
+        return replace(views, rig=rig)
+    try:
+        return replace(views, rig=with_lamps(rig, lamps_of_json(content["lamps"])))
+    except (TypeError, AttributeError, KeyError):
+        raise CameraError(
+            f"lamps must be as place writes them, got {shown(content['lamps'])}"
+        ) from None
 
 
 def rule_entries(rig: Rig) -> dict[str, Any]:

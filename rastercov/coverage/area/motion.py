@@ -162,7 +162,7 @@ class Frames(NamedTuple):
                     finder.set_mesh(mesh)
                     moved = carried_by(self.carried[:, row], placed)
                     if is_found[row].any() or not none:
-                        own = _at_rest(finder.find(moved[is_found[row]]), motion, kept)
+                        own = at_rest(finder.find(moved[is_found[row]]), motion, kept)
                         none = none or [taken(own, np.arange(0))]
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
                         known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
@@ -170,7 +170,7 @@ class Frames(NamedTuple):
                         light = finder.lit_by(partial(lamps.find, row, kept))
                         own = _in_frame(joined(none + rows_of(row)), mesh, kept, moved)
                         found = gated(replace(own, light=light), camera, moved)
-                        frames[row] = _at_rest(found, motion, kept)
+                        frames[row] = at_rest(found, motion, kept)
         if has_rules:
             return joined([frames[row] for row in rows.tolist()])
         found = joined(none + [each for row in rows.tolist() for each in rows_of(row)])
@@ -217,7 +217,7 @@ def _by_presence(motion: Motion) -> list[IntArray]:
     return [np.flatnonzero(which == index) for index in range(which.max() + 1)]
 
 
-def _at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
+def at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
     """Regions of a frame on the mesh at rest; sides are not those of the eyes there, nor light."""
     return replace(
         found,
@@ -230,7 +230,7 @@ def _at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions
 
 
 def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses) -> Regions:
-    """The reverse of `_at_rest`."""
+    """The reverse of `at_rest`."""
     place = np.zeros(found.mesh.n_faces, np.int32)
     place[kept] = np.arange(len(kept))
     eyes = poses.world_from_camera[:, :3, 3]
@@ -306,7 +306,7 @@ class OfLamps:
         near = near_limits(finder.cameras, finder.mesh.opaque.bounds, poses)
         keys, known = self._sights.of(row, poses, near), self._known
         if new := {key: at for at, key in enumerate(keys) if key not in known}:
-            found = _at_rest(finder.find(poses[np.array(list(new.values()))]), self._motion, kept)
+            found = at_rest(finder.find(poses[np.array(list(new.values()))]), self._motion, kept)
             known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}
         own = {key: known.pop(key) for key in dict.fromkeys(keys)}
         known |= own  # last, and so kept longest

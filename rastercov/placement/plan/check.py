@@ -20,8 +20,9 @@ from rastercov.base.files import parsed_json
 from rastercov.base.format import InNotebook, InOneLine, plural
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Views, names_of_poses
+from rastercov.camera.rig import Views, lamps_of, names_of_poses
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.task import Task
@@ -222,10 +223,19 @@ def check(
     """
     given = read_views(poses_file) if poses is None else poses
     images: tuple[str, ...] = ()
+    chosen: Lamps | None = None
     if isinstance(given, Views):
         images = given.images
+        chosen = lamps_of(given.rig) if given.rig else None
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
+    if plan.lamp_entries:
+        if chosen is None:
+            raise PoseError(
+                f"{plan.name} has lamps to choose, and {poses_file.name} no chosen ones; give the "
+                "poses.json that place wrote"
+            )
+        plan = plan.with_lamps(chosen)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         mesh, plan, names = named_scene(plan)

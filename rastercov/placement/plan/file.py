@@ -21,11 +21,12 @@ from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.rig import Rig, is_joint, with_lamps
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.robot import Robot
@@ -252,6 +253,19 @@ class Plan(PlanModel):
             raise ConfigError(f"there is no room {name!r}; rooms are {known}")
         return self._rooms[name]
 
+    def with_lamps(self, lamps: Lamps | None) -> Self:
+        """The same plan where these light; None for the plan in any light, without lamps."""
+        changes: dict[str, Any] = {}
+        if lamps is None:
+            own = [entry for entry in self.candidates if entry.lamp is None]
+            dark = dict.fromkeys((*OF_LIGHT, "gloss")) | {"min_illuminance": 0.0}
+            task = self.task.model_copy(update=dark | {"max_highlight_deg": 0.0})
+            changes = {"lamps": {}, "ambient": 0.0, "exposure": None, "task": task}
+            changes["candidates"] = own
+        other = self.model_copy(update=changes)
+        other._mounts = replace(self.mounts, rig=self.rig._lit(lamps))
+        return other
+
     def with_cameras(self, rig: Rig) -> Self:
         """The same plan with other cameras, each a mount of its own; a rig with a rule is one."""
         other = self.model_copy()
@@ -285,7 +299,8 @@ class Plan(PlanModel):
 
     def _own_cost(self, mount: str) -> float | None:
         if mount not in self.rigs:
-            return self.cameras[mount].cost if mount in self.cameras else None
+            priced = self.cameras.get(mount) or self.lamps.get(mount)
+            return None if priced is None else priced.cost
         rig = self.rigs[mount]
         if rig.cost is not None:
             return rig.cost

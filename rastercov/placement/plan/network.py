@@ -114,6 +114,11 @@ class Requirement:
         """Difference of limit and share; 0 where the requirement holds."""
         return max(0.0, self.limit - self.share) if self.status != HOLDS else 0.0
 
+    @property
+    def lack(self) -> float:
+        """Limit less the share that is certainly covered; 0 where the requirement holds."""
+        return 0.0 if self.status == HOLDS else self.limit - self.low
+
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         covered, uncovered, ends = self._parts()
@@ -175,11 +180,11 @@ OF = {"area": "the area", "seeable": "the area that can be seen", "count": "the 
 """Words for the whole of a share, by `weight_by`."""
 
 
-def goal_of(selection: SelectionSection) -> Goal:
-    """Goal of a plan, as `problem_of` takes it."""
+def goal_of(selection: SelectionSection, what: str = "cameras") -> Goal:
+    """Goal of a plan, as `problem_of` takes it, for its cameras or its lamps."""
     if isinstance(selection, FewestSelection):
         return value_of(selection, FewestCameras)
-    return value_of(selection, BestCoverage)
+    return value_of(selection, BestCoverage, cameras=getattr(selection, what))
 
 
 def _rows(mesh: Mesh, limits: Mapping[str | None, float]) -> Rows:

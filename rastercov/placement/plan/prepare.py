@@ -165,7 +165,12 @@ class Prepared:
 
     @property
     def measured(self) -> Poses:
-        """Cameras of all candidates, without those that kill the process that measures them."""
+        """Cameras of all candidates, without those that kill the process that measures them.
+
+        None of existing ones, whose candidates are of lamps.
+        """
+        if self.plan.existing is not None:
+            return Poses.of(np.zeros((0, 4, 4)))
         return self.mounts.cameras(without(self.pool.candidates, self.quarantined))[0]
 
     @property

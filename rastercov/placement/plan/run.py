@@ -7,8 +7,8 @@ are selected and moved on cells of the surface, and the network is measured by i
 """
 
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
-from rastercov.camera.pose import Poses
+from rastercov.camera.formats import read_views
+from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import led_by, rows_of_result
 from rastercov.cluster import Workers
+from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.coverage import in_batches
+from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.improve.objective import CellObjective, Objective
@@ -34,7 +37,9 @@ from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.plan.arm import ArmPoses, PlanArm
+from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
+from rastercov.placement.plan.lamps import LampChoice, Lighting
 from rastercov.placement.plan.network import (
     HOLDS,
     CellRequirement,
@@ -65,11 +70,12 @@ from rastercov.placement.plan.prepare import (
 )
 from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection, value_of
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection
-from rastercov.placement.uncovered import Leftover
+from rastercov.placement.uncovered import CandidateBounds, Leftover
 
+TURNS = 2
+"""Times that cameras, and then lamps for these, are chosen."""
 RAISES = 8
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
 MOST_PAIRS = 50_000_000
@@ -101,6 +107,9 @@ class Placement(InOneLine, InNotebook):
         or without which the goal over time is met.
     arm : ArmPoses or None
         Joint angles of the network, where a robot carries the cameras.
+    lamps : LampChoice or None
+        Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
+        `selection` are of.
     """
 
     prepared: Prepared
@@ -117,6 +126,7 @@ class Placement(InOneLine, InNotebook):
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
     arm: ArmPoses | None = None
+    lamps: LampChoice | None = None
 
     @property
     def chosen(self) -> NDArray[np.int64]:
@@ -131,7 +141,7 @@ class Placement(InOneLine, InNotebook):
     @property
     def worth(self) -> tuple[float, float]:
         """Rank among placements of a plan: what its requirements lack, less than 0, then share."""
-        return -sum(_lack(each) for each in self.requirements), self.cameras.share
+        return -sum(each.lack for each in self.requirements), self.cameras.share
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +155,11 @@ class Objectives:
     def moved(self) -> Objective:
         """The one by which cameras are moved."""
         return self.faces if self.cells is None else self.cells
+
+
+Work = Callable[[Placement, Objectives, Progress], Placement]
+Improvement = tuple[str, Callable[[Placement], object], Work]
+"""Name of a step after the selection, whether a placement asks for it, and its function."""
 
 
 def place(
@@ -183,51 +198,152 @@ def place(
     ConfigError
         When no candidate is left.
     """
-    missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
-    missing += [] if plan.has_cameras else [NO_CAMERA]
+    lamps = plan.lamp_entries
+    is_there = len(plan.candidates) > len(lamps) or plan.existing is not None
+    why = "existing: missing; lamps are chosen for cameras: give their poses, or candidates of them"
+    why = why if lamps else "candidates: missing; place needs one entry or more"
+    missing = [] if is_there else [why]
+    missing += [] if plan.has_cameras or plan.existing else [NO_CAMERA]
     missing += [] if plan.selection else ["selection: missing; place needs a goal"]
     if missing:
         raise PlanError(plan.name, missing)
-
+    eyes: Poses | None = None
+    if plan.existing is not None:
+        plan, given = seen_by_cameras(plan, read_views(plan.folder / plan.existing))
+        eyes = renumbered(given)
+        eyes.check_cameras(len(plan.rig))
     clock = Clock(step)
     with clock("scene"):
         mesh, plan, _ = named_scene(plan)
-        selection, task = plan.selection, plan.build_task()
-        assert selection is not None
-        cells = cells_of(plan, mesh)
-        over_time = PlanMotion.of(plan, mesh)
-    with ExitStack() as opened:
-        observer = opened.enter_context(observer_of(plan, mesh))
-        own = counting(plan.task) | {"mounts": plan.mounts}
-        faces = Objective.of(observer, task, **own)
-        on_cells = None
-        if cells is not None:
-            most = plan.build_task(most_views(plan))
-            finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
-            opened.enter_context(closing(finder))
-            on_cells = CellObjective.of_cells(observer, finder, cells, **own)
-        objectives = Objectives(faces, on_cells)
-        shards = None if folder is None else folder / "matrix"
-        prepared = prepare(
-            plan, selection, observer, task, shards, clock, cells, workers, over_time
-        )
-        if on_cells is not None and over_time is None:
-            prepared = _with_reachable(prepared, on_cells.finder, clock)
-        with clock("selection"):
-            chosen = _select(prepared.problem, selection, selection.time_limit)
-        placement = _placed(prepared, chosen, objectives, clock.seconds)
-        for name, is_asked, work in STEPS:
+    job = Job(mesh, folder, clock, save, workers)
+    if not lamps:
+        return job.cameras(plan, STEPS)
+    found = _in_turns(job, plan) if eyes is None else job.lit(plan, eyes)
+    if found.interrupted:
+        return found
+    with job.objectives(found.prepared.plan, found.prepared.cells) as objectives:
+        return job.improved(found, objectives, STEPS[-N_LAST:])
+
+
+@dataclass(frozen=True)
+class Job:
+    """The scene of a placement and the arguments of `place`."""
+
+    mesh: Mesh
+    folder: Path | None
+    clock: Clock
+    save: Callable[[Placement], None]
+    workers: Workers | None
+
+    @contextmanager
+    def objectives(self, plan: Plan, cells: Cells | None) -> Iterator[Objectives]:
+        """Objectives of networks of a plan, on cells where there are some."""
+        with ExitStack() as opened:
+            observer = opened.enter_context(observer_of(plan, self.mesh))
+            own: dict[str, Any] = counting(plan.task)
+            own["mounts"] = None if plan.existing else plan.mounts
+            faces, on_cells = Objective.of(observer, plan.build_task(), **own), None
+            if cells is not None:
+                most = plan.build_task(most_views(plan))
+                finder = RegionPass(self.mesh, observer.camera, most, method=plan.task.method)
+                opened.enter_context(closing(finder))
+                on_cells = CellObjective.of_cells(observer, finder, cells, **own)
+            yield Objectives(faces, on_cells)
+
+    def cameras(self, plan: Plan, steps: Sequence[Improvement]) -> Placement:
+        """Cameras chosen among the candidates of a plan, after some steps."""
+        with self.clock("scene"):
+            selection, cells = plan.selection, cells_of(plan, self.mesh)
+            assert selection is not None
+            over_time = PlanMotion.of(plan, self.mesh)
+        with self.objectives(plan, cells) as objectives:
+            prepared = prepare(
+                plan, selection, objectives.faces.observer, plan.build_task(),
+                None if self.folder is None else self.folder / "matrix",
+                self.clock, cells, self.workers, over_time,
+            )  # fmt: skip
+            if objectives.cells is not None and over_time is None:
+                prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
+            with self.clock("selection"):
+                chosen = select_by(selection, prepared.problem)
+            placement = _placed(prepared, chosen, objectives, self.clock.seconds)
+            return self.improved(placement, objectives, steps)
+
+    def improved(
+        self, placement: Placement, objectives: Objectives, steps: Sequence[Improvement]
+    ) -> Placement:
+        """The placement after the steps that it asks for."""
+        for name, is_asked, work in steps:
             if placement.interrupted:
                 break
             if not is_asked(placement):
                 continue
             try:
-                save(replace(placement, interrupted=name))
-                with clock(name) as progress:
+                self.save(replace(placement, interrupted=name))
+                with self.clock(name) as progress:
                     placement = work(placement, objectives, progress)
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
-    return placement
+        return placement
+
+    def lit(
+        self, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
+    ) -> Placement:
+        """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
+        cells, timed = cells_of(plan, self.mesh), PlanMotion.of(plan, self.mesh)
+        selection = plan.selection
+        assert selection is not None
+        assert cells is not None  # light is by area
+        placed = eyes if isinstance(eyes, Poses) else eyes.cameras.placed
+        with self.clock("lamps") as progress:
+            lighting = Lighting(plan, self.mesh, cells, placed, timed, reachable)
+            choice = lighting.choose(progress)
+        own = plan.with_lamps(choice.lamps)
+        lit: dict[str, Any] = {
+            "plan": own, "mounts": own.mounts, "task": own.build_task(),
+            "reachable": lighting.reachable,
+        }  # fmt: skip
+        with self.objectives(own, cells) as objectives:
+            if isinstance(eyes, Poses):
+                prepared = Prepared(
+                    selection=selection, mesh=self.mesh, pool=choice.pool, segmentation=None,
+                    openings=None, bounds=CandidateBounds(self.mesh.n_faces, self.mesh.task_mask),
+                    pairs=choice.pairs, measured_by=asdict(objectives.faces.observer.info),
+                    problem=choice.problem, notes=(), cells=cells, over_time=timed, **lit,
+                )  # fmt: skip
+                cameras, required = _measured(prepared, placed, objectives)
+                origin = tuple(f"existing {row}" for row in range(len(placed)))
+                eyes = Placement(prepared, choice.selection, cameras, origin, required)
+                eyes = replace(eyes, steps=self.clock.seconds)
+            found = replace(eyes, prepared=replace(eyes.prepared, **lit), lamps=choice)
+            return _at(found, objectives, found.cameras.mounted, found.origin)
+
+
+def _in_turns(job: Job, plan: Plan) -> Placement:
+    """Cameras as if all were lit, and lamps for these; then both again, the former in their light.
+
+    The better of the two; shares of what can be reached are of the same in both.
+    """
+    found: Placement | None = None
+    for _ in range(TURNS):
+        lamps = None if found is None or found.lamps is None else found.lamps.lamps
+        eyes = job.cameras(plan.with_lamps(lamps), STEPS[:-N_LAST])
+        if eyes.interrupted:
+            return eyes if found is None else replace(found, interrupted=eyes.interrupted)
+        lit = job.lit(plan, eyes, (found or eyes).prepared.reachable)
+        found = lit if found is None else max(found, lit, key=_rank)
+    assert found is not None
+    return found
+
+
+def _rank(placement: Placement) -> tuple[float, float, float]:
+    """Rank among placements of cameras and lamps: `worth`, and cost before share for a goal."""
+    lack, share = placement.worth
+    chosen = placement.lamps
+    if chosen is None or not placement.requirements:
+        return lack, 0.0, share
+    cost = placement.prepared.pool.costs[placement.chosen].sum() + chosen.selection.cost
+    return round(lack, 9), -float(cost), share
 
 
 def _placed(
@@ -334,14 +450,14 @@ def _seen_past_arm(placement: Placement, objectives: Objectives, progress: Progr
         if found.arm is None or not found.arm.is_hidden.any():
             break
         progress(tried, RAISES)
-        problem, selection = found.prepared.problem, found.prepared.selection
+        problem = found.prepared.problem
         try:
             bits = _without(problem, found.chosen[found.arm.is_hidden])
             problem = replace(problem, bits=bits)
         except ConfigError:  # the rest does not reach the goal
             break
         prepared = replace(found.prepared, problem=problem)
-        chosen = _select(problem, selection, selection.time_limit)
+        chosen = select_by(found.prepared.selection, problem)
         found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
         best = max(best, found, key=lambda each: each.worth)
     return best
@@ -378,11 +494,6 @@ def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
     return replace(prepared, reachable=areas)
 
 
-def _lack(requirement: Requirement) -> float:
-    """Share that is certainly covered, less than the limit by this; 0 where that holds."""
-    return 0.0 if requirement.status == HOLDS else requirement.limit - requirement.low
-
-
 def _is_short(placement: Placement) -> bool:
     """True where cells meet the goal of the plan, and the exact area of the network does not."""
     goal = placement.prepared.problem.goal
@@ -402,7 +513,7 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
         if tighter.problem.goal == found.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
-        chosen = _select(tighter.problem, tighter.selection, left)
+        chosen = select_by(tighter.selection, tighter.problem, left)
         found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
         best = max(best, found, key=lambda each: each.worth)
         if not _is_short(found):
@@ -460,7 +571,7 @@ def _raised(placement: Placement) -> Prepared:
     whole, *_ = problem.required
     now = problem.by_group(problem.covered_by(placement.selection.chosen)[1])
     most = problem.by_group(problem.reachable)
-    short = {each.group: 1.05 * _lack(each) for each in placement.requirements}
+    short = {each.group: 1.05 * each.lack for each in placement.requirements}
 
     def raised(share: float, rows: Any, lack: float) -> float:
         of = max(1, whole[rows].sum())
@@ -487,12 +598,6 @@ def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
         progress(done, max(done, total))
 
     return replace(objective, watch=watch)
-
-
-def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Selection:
-    if selection.method == "greedy":
-        return select_greedy(problem, seed=selection.seed)
-    return select_integer(problem, time_limit=seconds, seed=selection.seed)
 
 
 def _optimise(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -613,8 +718,7 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
     return moved
 
 
-Work = Callable[[Placement, Objectives, Progress], Placement]
-STEPS: tuple[tuple[str, Callable[[Placement], object], Work], ...] = (
+STEPS: tuple[Improvement, ...] = (
     ("area", lambda found: found.prepared.cells is not None, _by_area),
     ("arm", lambda found: found.arm is not None and found.arm.is_hidden.any(), _seen_past_arm),
     ("stricter selection", lambda found: found.cameras.areas and _is_short(found), _selected_anew),
@@ -624,4 +728,6 @@ STEPS: tuple[tuple[str, Callable[[Placement], object], Work], ...] = (
     ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
     ("what is left", lambda found: True, _explain_uncovered),
 )
-"""Name of each step after the selection, whether a placement asks for it, and its function."""
+"""Steps after the selection, in their order."""
+N_LAST = 2
+"""Steps of these that come after the choice of lamps, where there is one."""

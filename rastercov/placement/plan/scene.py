@@ -312,7 +312,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     parts: list[Part] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, entries.PerCavity):
+        if isinstance(entry, entries.PerCavity) or entry.lamp is not None:
             continue
         try:
             for index, cost in mounts_of_entry(plan, entry):

@@ -493,7 +493,10 @@ class RigSection(Entry):
 
 
 class LampSection(Entry):
-    """A lamp, or several of one kind at `positions`, that must light what cameras see."""
+    """A lamp, or several of one kind at `positions`, that must light what cameras see.
+
+    Candidates may name one without a place, which are places to choose from.
+    """
 
     kind: Annotated[str, *among(LAMPS)] | None = None
     """Kind: point, spot, bar, ring, dome or area."""
@@ -521,16 +524,24 @@ class LampSection(Entry):
     """Point that it looks at; straight down unless given, or along the axis of its rig."""
     rig: bool | Name = False
     """The rig or camera that it rides on, true for each of them."""
+    cost: NotNegative | None = None
+    """Of one of them, added to that of its place, where candidates name it."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
         folder = Path((info.context or {}).get("folder", "."))
-        lamps_of({"lamps": {"lamp": self.entries()}}, folder)
+        lamps_of({"lamps": {"lamp": self.entries(is_placed=not self.places)}}, folder)
         return self
 
-    def entries(self) -> dict[str, Any]:
-        """Entries of a file of lamps."""
-        return self.model_dump(exclude_none=True)
+    @property
+    def places(self) -> list[str]:
+        """Entries given that are of its place."""
+        return [name for name in ("position", "positions", "aim", "rig") if getattr(self, name)]
+
+    def entries(self, *, is_placed: bool = False) -> dict[str, Any]:
+        """Entries of a file of lamps; with a place at the origin where it has none."""
+        own = self.model_dump(exclude_none=True, exclude={"cost"})
+        return own | ({"position": [0.0, 0.0, 0.0]} if is_placed else {})
 
 
 class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made of fields
@@ -553,6 +564,8 @@ class Generator(Entry):
     """Of a place of this entry, added to that of the camera; 1 where neither has one."""
     cameras: list[Name] = []
     """Types of cameras at these places; all if empty."""
+    lamp: Name | None = None
+    """Lamp to place here instead of cameras, one of the plan without a place of its own."""
 
 
 class Framed(Generator):
@@ -1178,10 +1191,12 @@ class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignor
     goal: Literal["best_coverage"]
     cameras: Count | None = None
     """Cameras at most."""
+    lamps: Count | None = None
+    """Lamps at most, where candidates are of lamps."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.cameras is None and self.budget is None:
+        if self.cameras is None and self.budget is None and self.lamps is None:
             raise ValueError("wanted cameras, budget or both, got neither; give one")
         return self
 
@@ -1228,7 +1243,9 @@ class PlanModel(Entry):
     task: TaskSection = TaskSection()
     """Thresholds that a face must meet to be covered."""
     candidates: list[CandidateEntry] = []
-    """Poses to choose from."""
+    """Poses to choose from, of cameras or of lamps."""
+    existing: File | None = None
+    """Poses of cameras that are there, for which lamps are chosen; a file as of candidates."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
@@ -1240,6 +1257,7 @@ class PlanModel(Entry):
     def _check(self, info: ValidationInfo) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("camera and cameras exclude each other; put it among the cameras")
+        self._check_lamps()
         lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
         for name in OF_LIGHT if lamps is None else ():
             if getattr(self.task, name):
@@ -1269,15 +1287,66 @@ class PlanModel(Entry):
         return self
 
     def built_lamps(self, folder: Path) -> Lamps | None:
-        """The lamps, with files of a folder; None where there are none."""
+        """The lamps, with files of a folder, those of candidates at the origin; None for none."""
         if not self.lamps:
             return None
-        own = {name: each.entries() for name, each in self.lamps.items()}
+        chosen = {entry.lamp for entry in self.lamp_entries}
+        own = {name: each.entries(is_placed=name in chosen) for name, each in self.lamps.items()}
         try:
             more = {} if self.exposure is None else {"exposure": self.exposure.model_dump()}
             return lamps_of({"ambient": self.ambient, "lamps": own} | more, folder)
         except RastercovError as error:
             raise ValueError(str(error)) from None
+
+    @property
+    def lamp_entries(self) -> list[CandidateEntry]:
+        """Candidates that are places of lamps."""
+        return [entry for entry in self.candidates if entry.lamp is not None]
+
+    def _check_lamps(self) -> None:
+        """ValueError for lamps that cannot be chosen, and for cameras that do not go with them."""
+        own, asked = self.lamp_entries, self.selection
+        n_lamps = getattr(asked, "lamps", None)
+        if not own:
+            if self.existing is not None or n_lamps is not None:
+                path = "selection.lamps" if self.existing is None else "existing"
+                raise ValueError(f"{path} is of lamps to choose; give candidates with a lamp")
+            return
+        for entry in own:
+            if entry.lamp not in self.lamps:
+                known = ", ".join(self.lamps) or "none"
+                raise ValueError(f"candidates: there is no lamp {entry.lamp!r}; lamps are {known}")
+            if entry.cameras or isinstance(entry, PerCavity | OnArm):
+                what = "cameras" if entry.cameras else f"generator {entry.generator}"
+                raise ValueError(f"candidates: {what} does not go with lamp {entry.lamp}")
+            for name in self.lamps[entry.lamp].places:
+                raise ValueError(
+                    f"lamps.{entry.lamp}.{name}: candidates are its places, in the cell; leave it "
+                    "out, or leave out these candidates"
+                )
+        limits = [getattr(self.task, name) for name in (*OF_LIGHT, "gloss")]
+        if self.exposure is None and not any(limits):
+            raise ValueError(
+                "candidates: lamps are chosen by a threshold of light; give "
+                "task.min_illuminance, max_illuminance, gloss, or exposure"
+            )
+        if self.existing is not None:
+            if len(own) < len(self.candidates):
+                raise ValueError("existing: candidates are of cameras, too; leave out one of both")
+            names = "refine", "optimise", "tolerance", "cameras"
+            self._refuse(names, "cameras are there, and lamps are chosen")
+        elif (
+            len(own) < len(self.candidates)
+            and isinstance(asked, BestSelection)
+            and (asked.cameras is None or n_lamps is None or asked.budget is not None)
+        ):
+            raise ValueError("selection: of cameras and lamps, give the number of both, alone")
+
+    def _refuse(self, names: Sequence[str], why: str) -> None:
+        """ValueError for a selection with one of some entries."""
+        for name in names:
+            if getattr(self.selection, name, None):
+                raise ValueError(f"selection.{name}: {why}; leave it out")
 
     def _check_arm(self) -> bool:
         """True where candidates are on an arm; ValueError for those that do not go with it."""
@@ -1293,10 +1362,7 @@ class PlanModel(Entry):
             raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
         if self.motion is not None:
             raise ValueError("candidates: on_arm is of a still scene; leave out motion")
-        for field in ("optimise", "tolerance"):
-            if self.selection is not None and getattr(self.selection, field):
-                why = "cameras are moved by the joints of an arm"
-                raise ValueError(f"selection.{field}: {why}; leave it out")
+        self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
         return True
 
     def _check_motion(self) -> None:
@@ -1314,11 +1380,8 @@ class PlanModel(Entry):
             raise ValueError("selection.of_reachable over time is of one view; leave it out")
         if self.task.weight_by == "seeable":
             raise ValueError("task.weight_by seeable is of a still scene; give area")
-        for name in ("refine", "optimise", "tolerance"):
-            if self.selection is not None and getattr(self.selection, name):
-                raise ValueError(
-                    f"selection.{name}: cameras are chosen over time, not moved; leave it out"
-                )
+        names = "refine", "optimise", "tolerance"
+        self._refuse(names, "cameras are chosen over time, not moved")
 
     @property
     def camera_names(self) -> tuple[str, ...]:

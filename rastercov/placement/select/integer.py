@@ -43,7 +43,7 @@ from rastercov.placement.select.bounds import (
     share_of,
 )
 from rastercov.placement.select.cover import CoverState
-from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
+from rastercov.placement.select.greedy import EFFORT, complete, construct, improve, select_greedy
 from rastercov.placement.select.presolve import ReducedProblem, presolve
 from rastercov.placement.select.problem import (
     PROVED,
@@ -73,6 +73,13 @@ SETUP_SECONDS_A_PAIR = 3e-7
 """Seconds a pair to build a program and to start HiGHS on it: 0.6 s for two million pairs."""
 PAIRS_A_LOOK = 5_000_000
 """Pairs of candidates compared between two checks of the clock when directions are separated."""
+
+
+def select_by(asked: Any, problem: Problem, seconds: float | None = None) -> Selection:
+    """Selection by `method` of a section of a plan, its `seed`, and `time_limit` or `seconds`."""
+    if asked.method == "greedy":
+        return select_greedy(problem, seed=asked.seed)
+    return select_integer(problem, time_limit=seconds or asked.time_limit, seed=asked.seed)
 
 
 @typed

@@ -1,0 +1,460 @@
+"""Choice of lamps for cameras whose poses are known, from candidates that name a lamp.
+
+A set of lamps is worth the exact area that the cameras cover in its light and that of the lamps
+that stay. Few sets are all tried. Otherwise sets to start from are chosen on cells, as cameras are,
+where m candidates count together that give 1 / m of the least illuminance each: light adds up. Then
+lamps are left out, added and exchanged while the exact area of all of them together gains.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import combinations, takewhile
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural, with_bound
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.lamps import MOST_LAMPS, Lamps
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig, with_lamps
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.motion import at_rest, carried_by, carriers
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.network import Network
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
+from rastercov.placement.bits import CoveredBits
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import (
+    goal_of,
+    judge_areas,
+    limits_of,
+    most_views,
+    seeable_areas,
+    views_by_group,
+)
+from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.scene import CandidatePool, candidate_pool
+from rastercov.placement.plan.sections import SelectionSection
+from rastercov.placement.select.integer import select_by
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    Problem,
+    Selection,
+    finish,
+    grouped,
+    views_of,
+    weights_of,
+)
+
+Rows = tuple[int, ...]
+MOST_SETS = 64
+"""Sets of lamps up to which all are tried."""
+TOGETHER = (1, 2, 3)
+"""Lamps that give the least illuminance together, in a start on cells."""
+START_SHARE = 0.3
+"""Share of the time limit after which no further start is made."""
+FALLBACK_SHARE = 0.99
+"""Share of what single candidates light to cover where a plan requires more."""
+DIGITS = 9
+"""Of shares and costs that are compared: unions in other orders differ by less."""
+
+
+@dataclass(frozen=True, eq=False)
+class LampChoice:
+    """Lamps chosen among candidates, for cameras whose poses are known.
+
+    Attributes
+    ----------
+    pool : CandidatePool
+        Places of lamps; the camera of a candidate is the row of its lamp among those of the plan
+        that candidates name.
+    problem, selection : Problem, Selection
+        Cells that single candidates light enough, and the chosen ones.
+    lamps : Lamps
+        Those of the plan that stay, then the chosen ones.
+    alone, together : dict
+        Covered area where one of the chosen lamps at a time counts with those that stay, and where
+        all do, as of `AreaNetwork.summary`.
+    n_tried : int
+        Sets of lamps whose exact area was found.
+    is_best : bool
+        True where these were all.
+    """
+
+    pool: CandidatePool
+    problem: Problem
+    selection: Selection
+    lamps: Lamps
+    alone: dict[str, Any]
+    together: dict[str, Any]
+    n_tried: int
+    is_best: bool
+
+    @property
+    def pairs(self) -> int:
+        """Pairs of candidate and cell that it lights enough."""
+        bits = self.problem.bits
+        return sum(len(bits.faces_of(row)) for row in range(bits.n_rows))
+
+    @property
+    def chosen(self) -> list[int]:
+        """Candidates of the chosen lamps."""
+        return [*map(int, self.selection.chosen)]
+
+    def summary(self) -> dict[str, Any]:
+        """Chosen lamps and figures, ready for JSON."""
+        pool, rows = self.pool.candidates, self.chosen
+        columns: dict[str, Any] = {
+            "lamp": self.lamps.names[len(self.lamps) - len(rows) :], "candidate": rows,
+            "from": pool.source[rows], "position": pool.poses[rows, :3, 3],
+            "direction": pool.poses[rows, :3, 2], "cost": self.pool.costs[rows],
+        }  # fmt: skip
+        every = zip(*columns.values(), strict=True)
+        return {
+            "chosen": [dict(zip(columns, each, strict=True)) for each in every],
+            "alone": self.alone,
+            "together": self.together,
+            "sets_tried": self.n_tried,
+            "is_best": self.is_best,
+            "candidates": self.pool.summary(),
+        }
+
+    def lines(self) -> list[str]:
+        """The choice for people."""
+        found = [
+            f"lamp {each['lamp']} at ({', '.join(f'{x:.3g}' for x in each['position'])}) m, "
+            f"towards ({', '.join(f'{x:.2f}' for x in each['direction'])})"
+            for each in self.summary()["chosen"]
+        ]
+        one, every = (
+            with_bound(each["percent"], each["bound_percent"])
+            for each in (self.alone, self.together)
+        )
+        how = "the best of all" if self.is_best else "no bound; the best of"
+        return [
+            f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps: "
+            f"seen and lit as asked for by one of them {one} of the area, by all together {every} "
+            f"({how} {plural(self.n_tried, 'set')} tried)",
+            *found,
+        ]
+
+
+class Frame:
+    """What cameras see at one time, and what of it any lamps light; each point is found once.
+
+    In a frame of a motion, a row of it, regions are on the mesh at rest.
+    """
+
+    def __init__(
+        self, mesh: Mesh, placed: Poses, rig: Rig, task: Task, method: str, lamps: Sequence[Lamps],
+        motion: Motion | None = None, row: int = 0,
+    ) -> None:  # fmt: skip
+        self._rig, self._placed, self._motion = rig, placed, motion
+        if motion is not None:
+            mesh, self._kept = motion._at(row, of_occluders=False)
+        self._kinds = list(dict.fromkeys(lamp for each in lamps for lamp in each.lamps))
+        self._known: dict[bytes, int] = {}
+        self._table: list[Regions] = []
+        with closing(RegionPass(mesh, rig, task, method=method)) as cameras:
+            self._seen = cameras.find(placed)
+        eyes = [lamp.eye for lamp in self._kinds]
+        with closing(RegionPass(mesh, eyes, method=method, only_task=True)) as self._finder:
+            self._reached(np.concatenate([each.point_places for each in lamps]), [
+                self._kinds.index(lamp) for each in lamps for lamp in each.lamps
+                for _ in range(lamp.points)
+            ])  # fmt: skip
+            self.regions(lamps[0], task)  # points on the rig, too
+
+    def regions(self, lamps: Lamps | None, task: Task) -> Regions:
+        """Rows of the result, in the light of lamps, or in any light."""
+        light, rig = None, with_lamps(self._rig, lamps)
+        if lamps is not None:
+            kind = np.array([self._kinds.index(lamp) for lamp in lamps.lamps])
+
+            def find(points: Poses) -> Regions:
+                return self._reached(points.world_from_camera, kind[points.camera])
+
+            light = Light(lamps, task, self._rig, find)
+        found = gated(replace(self._seen, light=light), rig, self._placed)
+        return found if self._motion is None else at_rest(found, self._motion, self._kept)
+
+    def _reached(self, places: FloatArray, kinds: Sequence[int] | IntArray) -> Regions:
+        """Regions of points of lamps, which are known, or of the open pass."""
+        keys = [place.tobytes() + bytes([kind]) for place, kind in zip(places, kinds, strict=True)]
+        if new := {key: row for row, key in enumerate(keys) if key not in self._known}:
+            rows = [*new.values()]
+            found = self._finder.find(Poses.of(places[rows], camera=np.asarray(kinds)[rows]))
+            self._table = [joined([*self._table, found])]
+            self._known |= {key: len(self._known) + row for row, key in enumerate(new)}
+        return taken(self._table[0], np.array([self._known[key] for key in keys], np.int64))
+
+
+class Lighting:
+    """Lamp candidates of a plan before cameras whose poses are known.
+
+    Parameters
+    ----------
+    plan : Plan
+    mesh : Mesh
+    cells : Cells
+    placed : Poses
+        Of the cameras of the plan.
+    timed : PlanMotion or None
+        Where bodies move; lamps stay.
+    reachable : AreaNetwork or None
+        Area that shares of what can be reached are of; what the cameras see in any light unless
+        given.
+    """
+
+    def __init__(
+        self, plan: Plan, mesh: Mesh, cells: Cells, placed: Poses,
+        timed: PlanMotion | None = None, reachable: AreaNetwork | None = None,
+    ) -> None:  # fmt: skip
+        every = plan.built_lamps(plan.folder)
+        assert every is not None
+        assert plan.selection is not None
+        self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
+        self.selection: SelectionSection = plan.selection
+        self.task, dark = plan.build_task(), plan.with_lamps(None)
+        self.task.check_light(every)
+        kinds = list(dict.fromkeys(str(entry.lamp) for entry in plan.lamp_entries))
+        self._every, self._kinds = every, [every.names.index(name) for name in kinds]
+        self._stay = [row for row in range(len(every)) if row not in self._kinds]
+        self.pool = _pool(plan, mesh, kinds, every)
+        n = len(self.pool.candidates)
+        if not n:
+            raise ConfigError(
+                f"{plan.name}: no candidate for lamps is left ({'; '.join(self.pool.lines())}); "
+                "allow more, or add some"
+            )
+        self._camera, self._placed = dark.rig, placed
+        single = [each for row in range(n) if (each := self.lamps((row,)))]
+        own = dark.rig, dark.build_task(), plan.task.method, single
+        if timed is None:
+            self._frames = [Frame(mesh, placed, *own)]
+        else:
+            carried = carriers(timed.motion, dark.rig, timed.bodies, placed)
+            self._frames = [
+                Frame(mesh, carried_by(carried[:, row], placed), *own, motion=timed.motion, row=row)
+                for row in range(len(timed.motion))
+            ]
+        self.limits = limits_of(self.selection)
+        self.reachable, self._weights = None, weights_of(cells, plan.task.weight_by)
+        if getattr(self.selection, "of_reachable", False):
+            in_any_light = self.regions(None)
+            self.reachable = reachable or self.areas(in_any_light)
+            self._weights = self._weights * self._on_cells(in_any_light)
+        self._seeable = seeable_areas(plan, Network(mesh, self.task))
+        self._worth: dict[Rows, tuple[float, ...]] = {}
+
+    def lamps(self, rows: Rows) -> Lamps | None:
+        """Lamps that stay, and those of some candidates; None for none."""
+        every, own = self._every, self._of_plan(rows)
+        if not own:
+            return None
+        numbers = [""] * len(self._stay) + [f" {row}" for row in rows]
+        names = [every.names[row] + number for row, number in zip(own, numbers, strict=True)]
+        stay, chosen = every.places[self._stay], self.pool.candidates.poses[list(rows)]
+        return Lamps(
+            [every.lamps[row] for row in own], np.concatenate([stay, chosen]), names,
+            rides=[every.rides[row] for row in own], ambient=every.ambient, exposure=every.exposure,
+        )  # fmt: skip
+
+    def _of_plan(self, rows: Rows) -> list[int]:
+        """Lamps of the plan that stay, and those of candidates."""
+        return [*self._stay, *(self._kinds[self.pool.candidates.camera[row]] for row in rows)]
+
+    def regions(self, lamps: Lamps | None, task: Task | None = None) -> Regions:
+        """Rows of the result, of each frame where bodies move, in the light of lamps, or in any."""
+        return joined([frame.regions(lamps, task or self.task) for frame in self._frames])
+
+    def areas(self, regions: Regions) -> AreaNetwork:
+        """Exact covered area, as of the network."""
+        if self.timed is not None:
+            return self.timed.result(self._camera, self._placed, self.task, regions).areas
+        areas = AreaNetwork(self.mesh, self.plan.build_task(most_views(self.plan)))
+        for row in range(len(regions.pose_ids)):
+            areas.add(taken(regions, np.array([row])))
+        return areas
+
+    def alone(self, rows: Rows) -> dict[str, Any]:
+        """Covered area where one of some lamps at a time counts, with those that stay."""
+        each: list[Rows] = [(row,) for row in rows] or [()]
+        parts = [self.regions(self.lamps(own)) for own in each]
+        n = len(parts[0].pose_ids)
+        any_of = joined(parts).at_least(1, np.tile(np.arange(n), len(parts)), one_side=False)
+        return self.figures(self.areas(any_of))
+
+    def figures(self, areas: AreaNetwork) -> dict[str, Any]:
+        """Covered area, ready for JSON."""
+        return areas.summary(views_by_group(self.plan, None))
+
+    def worth(self, rows: Rows) -> tuple[float, ...]:
+        """Rank of a set of lamps by their exact area together, see `DIGITS`.
+
+        What the requirements lack, less than 0, then cost, then the share; or share, then cost.
+        """
+        if rows not in self._worth:
+            lamps = self.lamps(rows)
+            self._worth[rows] = self._rank(rows, None if lamps is None else self.regions(lamps))
+        return self._worth[rows]
+
+    def _rank(self, rows: Rows, regions: Regions | None) -> tuple[float, ...]:
+        cost, share, lack = float(self.pool.costs[list(rows)].sum()), 0.0, sum(self.limits.values())
+        if regions is not None:
+            areas = self.areas(regions)
+            share = self.figures(areas)["percent"] / 100
+            wanted = self.limits, self.plan.task.views, self.reachable
+            lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=self._seeable))
+        rank = (-lack, -cost, share) if self.limits else (share, -cost)
+        return tuple(round(value, DIGITS) for value in rank)
+
+    def is_allowed(self, rows: Rows) -> bool:
+        """True for a set of lamps within the limits of their number, cost and points."""
+        n_points = sum(self._every.lamps[row].points for row in self._of_plan(rows))
+        cost, asked = float(self.pool.costs[list(rows)].sum()), self.selection
+        budget, most = getattr(asked, "budget", None), getattr(asked, "lamps", None)
+        return (
+            1 <= n_points <= MOST_LAMPS
+            and (most is None or len(rows) <= most)
+            and (budget is None or cost <= budget + 10.0**-DIGITS)
+        )
+
+    def _on_cells(self, regions: Regions) -> NDArray[np.bool_]:
+        """Cells that the network covers, by `task.min_coverage` of each."""
+        found = np.zeros(len(self.cells), np.bool_)
+        of_cells = self.cells.share(self._enough(regions))
+        found[of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
+        return found
+
+    def _enough(self, regions: Regions) -> Regions:
+        """Parts that enough cameras cover, and long enough; one row."""
+        if self.timed is not None:
+            return self.timed.result(self._camera, self._placed, self.task, regions).long_enough
+        needed, rows = views_of(self.mesh, self.plan.task.views), len(regions.pose_ids) * [0]
+        parts = [
+            regions._of_faces(needed == k).at_least(k, rows, one_side=False)
+            for k in np.unique(needed).tolist()
+        ]
+        return joined(parts).at_least(1, len(parts) * [0], one_side=False)
+
+    def problem(self, together: int) -> Problem:
+        """Cells, and the candidates that light these enough, a number of them together."""
+        n, least = len(self.pool.candidates), self.task.min_illuminance
+        part = (least - self._every.ambient) / together + self._every.ambient
+        task = replace(self.task, min_illuminance=min(part, least))
+        covers, elements = np.zeros((n, len(self.cells)), np.bool_), self.cells.elements
+        for row in range(n):
+            regions = self.regions(self.lamps((row,)), task)
+            covers[row] = self._on_cells(regions)
+            if together == 1:
+                self._worth[(row,)] = self._rank((row,), regions)
+        return Problem(
+            bits=CoveredBits.from_dense(covers), weights=self._weights, costs=self.pool.costs,
+            views=np.full(len(self.cells), together), goal=BestCoverage(cameras=0),
+            groups=tuple(group.name for group in elements.groups), face_group=elements.face_group,
+        )  # fmt: skip
+
+    def _for_goal(self, problem: Problem) -> Problem:
+        """The problem with the goal of the plan, or with the nearest one that can be reached.
+
+        Weights are of what the cameras see where shares are of that.
+        """
+        goal = goal_of(self.selection, "lamps")
+        if isinstance(goal, BestCoverage):
+            return grouped(problem, goal)
+        try:
+            return grouped(problem, replace(goal, of_reachable=False))
+        except ConfigError:
+            return grouped(problem, FewestCameras(FALLBACK_SHARE, of_reachable=True))
+
+    def _start(self, problem: Problem, seconds: float) -> Rows:
+        """Lamps chosen on cells, as many as are allowed."""
+        found = select_by(self.selection, self._for_goal(problem), max(seconds, 1.0))
+        chosen = found.chosen.tolist()
+        while chosen and not self.is_allowed(tuple(chosen)):
+            chosen.pop()  # the last of greedy order
+        return tuple(sorted(chosen))
+
+    def exchanged(self, best: Rows, until: float) -> Rows:
+        """A set of lamps after changes of one lamp that gain, until none does or time is up."""
+        while True:
+            near = filter(self.is_allowed, self._near(best))
+            in_time = takewhile(lambda _: time.perf_counter() < until, near)
+            now = self.worth(best)
+            gained = next((rows for rows in in_time if self.worth(rows) > now), None)
+            if gained is None:
+                return best
+            best = gained
+
+    def _near(self, rows: Rows) -> Iterator[Rows]:
+        """Sets with a lamp less, one more, or another one."""
+        own = set(rows)
+        others = set(range(len(self.pool.candidates))) - own
+        near = [own - {row} for row in rows]
+        if not self.limits or self.worth(rows)[0] < 0:
+            near += [own | {other} for other in others]
+        near += [own - {row} | {other} for row in rows for other in others]
+        return (tuple(sorted(each)) for each in near)
+
+    def choose(self, progress: Callable[[int, int], None]) -> LampChoice:
+        """The best lamps that are found within the time limit of the selection.
+
+        ConfigError where no set of lamps lights anything that the cameras see.
+        """
+        n, began = len(self.pool.candidates), time.perf_counter()
+        until = began + self.selection.time_limit
+        most = min(getattr(self.selection, "lamps", None) or n, n)
+        first = self.problem(1)
+        is_best = sum(comb(n, k) for k in range(most + 1)) <= MOST_SETS
+        if is_best:
+            sets = (rows for k in range(most + 1) for rows in combinations(range(n), k))
+            best = max(filter(self.is_allowed, sets), key=self.worth, default=())
+        else:
+            starts = [self._start(first, until - began), max(self._worth, key=self.worth)]
+            for together in TOGETHER[1:]:
+                if time.perf_counter() < began + START_SHARE * (until - began):
+                    starts.append(self._start(self.problem(together), until - began))
+                    progress(together, len(TOGETHER))
+            allowed = filter(self.is_allowed, starts)
+            best = self.exchanged(max(allowed, key=self.worth, default=()), until)
+        problem, is_fewest = self._for_goal(first), bool(self.limits)
+        bound = (np.inf if is_best else 0.0) if is_fewest else (0.0 if is_best else 1.0)
+        seconds = time.perf_counter() - began
+        selection = finish("exchanges", problem, np.array(best, np.int64), bound, seconds)
+        lamps = self.lamps(tuple(selection.chosen.tolist()))
+        if lamps is None or not self.worth(best)[2 * is_fewest] > 0:
+            raise ConfigError(
+                f"{self.plan.name}: no choice of {plural(n, 'candidate')} for lamps lights what "
+                "the cameras see as the task asks for; ask for less light, or add candidates"
+            )
+        both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
+        found = self.pool, problem, selection, lamps
+        return LampChoice(*found, *both, n_tried=len(self._worth), is_best=is_best)
+
+
+def _pool(plan: Plan, mesh: Mesh, kinds: Sequence[str], every: Lamps) -> CandidatePool:
+    """Places of lamps, each of which is the camera of its points."""
+    own = [
+        entry.model_copy(update={"lamp": None, "cameras": [entry.lamp]})
+        for entry in plan.lamp_entries
+    ]
+    changes: dict[str, Any] = {"camera": None, "cameras": {}, "rigs": {}, "candidates": own}
+    other = plan.model_copy(update=changes)
+    eyes = every.eyes
+    other._mounts = Mounts.of({name: eyes[every.names.index(name)] for name in kinds})
+    return candidate_pool(other, mesh)
