@@ -95,15 +95,15 @@ BUDGET = {
     "exact": 760,
     "mesh": 5_250,
     "native": 44,
-    "placement": 8_545,
+    "placement": 8_560,
     "raster": 2_350,
-    "report": 4_222,
-    "viewer": 2_035,
+    "report": 4_210,
+    "viewer": 2_040,
 }
 MOST_FILES = 250
 # Code lines of C++ in native/, without blank lines, comments, includes and texts: the border,
 # vectors and loops.
-BUDGET_OF_CPP = 14_777
+BUDGET_OF_CPP = 14_800
 MOST_LINES_OF_CPP_FILE = 600
 
 

@@ -123,7 +123,8 @@ def test_fingers_of_one_range_that_mirror_each_other_move(tmp_path):
     assert "limits of 'k' leave 'j' no room; not used" in found.mesh.warnings
     wider = joint("k", "a", "c", more='<limit lower="-0.3" upper="0"/>' + mimic)
     found = robot(tmp_path, *map(link, "abc"), wider, joint("j", "a", "b", more=ends))
-    assert found.limits.tolist() == [[0, 0.3]] and not np.signbit(found.limits).any()
+    assert found.limits.tolist() == [[0, 0.3]]
+    assert not np.signbit(found.limits).any()
     assert "room" not in str(found.mesh.warnings)
 
 
@@ -218,7 +219,8 @@ def test_what_is_no_robot_of_rigid_links_is_refused_in_one_line(tmp_path, name):
         ("a.xacro", "<robot/>", "run xacrodoc a.xacro -o a.urdf"),
         (
             "a.urdf",
-            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="b"/></robot>',
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="b"/>'
+            "</robot>",
             "run xacrodoc a.urdf -o a.whole.urdf",
         ),
         ("b.urdf", "<model/>", "an element robot wanted, got 'model'"),
