@@ -4,7 +4,8 @@
 # make quick   the same without the slow ones
 # make lint    formatting, style, types
 # make native  compile what has changed of the loops in C++, as all of the above do
-# make wheel   dist/: a wheel with the loops for every processor of this kind
+# make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
+#              commit and one compiler give the same bytes in any folder
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
@@ -40,6 +41,7 @@ TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS
 
 # What compiles the loops, and the options for CMake that .ci/compiler found.
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
+DIST_TOOLS := 'auditwheel>=6.4' 'build>=1.2' 'twine>=6.1'
 NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
 CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python $$(cat $(VENV)/compiler)
@@ -58,10 +60,10 @@ INSTALL := $(PIP) install --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint native wheel sanitize stubs docs bench opengl osmesa chromium clean
+.PHONY: demo test quick lint native dist sanitize stubs docs bench opengl osmesa chromium clean
 
 test quick: LEVELS := runnable
-wheel: LEVELS := known
+dist: LEVELS := known
 
 # From nothing, apt and pip work at once, then the compiler and, for Mesa, apt. The demo counts on the
 # CPU where there is no GPU, so missing OpenGL does not stop it.
@@ -95,11 +97,14 @@ native: $(NATIVE)/build.ninja
 $(NATIVE)/build.ninja: $(VENV)/tools $(VENV)/compiler
 	@$(STEP) "configuring the build of the loops in C++" $(CMAKE) -B $(NATIVE) $(CONFIGURED)
 
-wheel: native
-	@$(STEP) "packing a wheel, some seconds" env PATH="$(CURDIR)/$(BIN):$$PATH" \
+# The wheel is made from the sdist. Its tag names the oldest glibc that has what the loops ask for.
+dist: native $(VENV)/installed-dist
+	@rm -rf dist; $(STEP) "packing an sdist and a wheel, some seconds" env PATH="$(CURDIR)/$(BIN):$$PATH" \
+	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
 	CMAKE_ARGS="$$(cat $(VENV)/compiler) -DRASTERCOV_BUILT=$(CURDIR)/rastercov/native" \
-	$(PIP) wheel --no-deps --no-build-isolation -w dist .
-	@ls dist/*.whl
+	sh -c 'python -m build --no-isolation && auditwheel addtag -w dist dist/*-linux_*.whl && rm dist/*-linux_*.whl && \
+	twine check --strict dist/*'
+	@sha256sum dist/*
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
 	@for kind in address,undefined thread; do \
@@ -154,6 +159,10 @@ $(VENV)/installed-dev: $(VENV)/tools pyproject.toml
 $(VENV)/installed-docs: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and what its documentation needs in $(VENV), about a minute" $(INSTALL) '.[docs]'
 	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-dist: $(VENV)/tools pyproject.toml
+	@$(STEP) "installing what makes a release in $(VENV), some seconds" $(PIP) install $(DIST_TOOLS)
+	@touch $@
 
 $(VENV)/installed-bench: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and its peers in $(VENV), about 2 minutes" $(INSTALL) '.[bench]'
