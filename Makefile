@@ -5,7 +5,7 @@
 # make lint    formatting, style, types
 # make native  compile what has changed of the loops in C++, as all of the above do
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
-#              commit and one compiler give the same bytes in any folder
+#              commit gives the same bytes in any folder
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
@@ -41,7 +41,6 @@ TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS
 
 # What compiles the loops, and the options for CMake that .ci/compiler found.
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
-DIST_TOOLS := 'auditwheel>=6.4' 'build>=1.2' 'twine>=6.1'
 NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
 CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python $$(cat $(VENV)/compiler)
@@ -63,7 +62,6 @@ endif
 .PHONY: demo test quick lint native dist sanitize stubs docs bench opengl osmesa chromium clean
 
 test quick: LEVELS := runnable
-dist: LEVELS := known
 
 # From nothing, apt and pip work at once, then the compiler and, for Mesa, apt. The demo counts on the
 # CPU where there is no GPU, so missing OpenGL does not stop it.
@@ -97,14 +95,13 @@ native: $(NATIVE)/build.ninja
 $(NATIVE)/build.ninja: $(VENV)/tools $(VENV)/compiler
 	@$(STEP) "configuring the build of the loops in C++" $(CMAKE) -B $(NATIVE) $(CONFIGURED)
 
-# The wheel is made from the sdist. Its tag names the oldest glibc that has what the loops ask for.
-dist: native $(VENV)/installed-dist
-	@rm -rf dist; $(STEP) "packing an sdist and a wheel, some seconds" env PATH="$(CURDIR)/$(BIN):$$PATH" \
+# The wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018).
+dist: $(VENV)/tools $(VENV)/compiler-dist
+	@rm -rf dist; $(STEP) "compiling the loops for all processors of this kind, some minutes" \
+	env PATH="$(CURDIR)/$(BIN):$$PATH" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist)" \
 	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
-	CMAKE_ARGS="$$(cat $(VENV)/compiler) -DRASTERCOV_BUILT=$(CURDIR)/rastercov/native" \
-	sh -c 'python -m build --no-isolation && auditwheel addtag -w dist dist/*-linux_*.whl && rm dist/*-linux_*.whl && \
-	twine check --strict dist/*'
-	@sha256sum dist/*
+	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$(uname -m) python -m build --no-isolation
+	@$(BIN)/twine check --strict dist/* && sha256sum dist/*
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
 	@for kind in address,undefined thread; do \
@@ -148,6 +145,10 @@ $(VENV)/tools: $(BIN)/python pyproject.toml
 $(VENV)/compiler: $(BIN)/python .ci/compiler
 	@TOGETHER=$(TOGETHER) sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
 
+$(VENV)/compiler-dist: $(VENV)/tools .ci/compiler
+	@$(STEP) "installing what packs a release, some seconds" $(PIP) install 'build>=1.2' 'twine>=6.1'
+	@CXX=zig sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
+
 $(VENV)/installed: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and what it needs in $(VENV), about a minute" $(INSTALL) .
 	@touch $@
@@ -159,10 +160,6 @@ $(VENV)/installed-dev: $(VENV)/tools pyproject.toml
 $(VENV)/installed-docs: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and what its documentation needs in $(VENV), about a minute" $(INSTALL) '.[docs]'
 	@touch $@ $(VENV)/installed
-
-$(VENV)/installed-dist: $(VENV)/tools pyproject.toml
-	@$(STEP) "installing what makes a release in $(VENV), some seconds" $(PIP) install $(DIST_TOOLS)
-	@touch $@
 
 $(VENV)/installed-bench: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and its peers in $(VENV), about 2 minutes" $(INSTALL) '.[bench]'
