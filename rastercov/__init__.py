@@ -70,6 +70,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.visibility import visibility as visibility
     from rastercov.mesh import Group as Group
     from rastercov.mesh import Mesh as Mesh
+    from rastercov.mesh import shapes as shapes
     from rastercov.mesh.collisions import Collisions as Collisions
     from rastercov.mesh.motion import Motion as Motion
     from rastercov.mesh.motion import conveyor as conveyor
