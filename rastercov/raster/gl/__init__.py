@@ -34,7 +34,5 @@ def __getattr__(name: str) -> Any:
     try:
         from rastercov.raster.gl import rasterizer
     except ImportError as error:
-        raise DeviceError(
-            f"OpenGL needs moderngl ({error}); pip install moderngl, or take backend 'cpu'"
-        ) from error
+        raise DeviceError(f"no OpenGL: {error}; pip install moderngl, or take 'cpu'") from error
     return getattr(rasterizer, name)
