@@ -4,7 +4,8 @@
 # make quick   the same without the slow ones
 # make lint    formatting, style, types
 # make native  compile what has changed of the loops in C++, as all of the above do
-# make wheel   dist/: a wheel with the loops for every processor of this kind
+# make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
+#              commit gives the same bytes in any folder
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
@@ -58,10 +59,9 @@ INSTALL := $(PIP) install --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint native wheel sanitize stubs docs bench opengl osmesa chromium clean
+.PHONY: demo test quick lint native dist sanitize stubs docs bench opengl osmesa chromium clean
 
 test quick: LEVELS := runnable
-wheel: LEVELS := known
 
 # From nothing, apt and pip work at once, then the compiler and, for Mesa, apt. The demo counts on the
 # CPU where there is no GPU, so missing OpenGL does not stop it.
@@ -95,11 +95,13 @@ native: $(NATIVE)/build.ninja
 $(NATIVE)/build.ninja: $(VENV)/tools $(VENV)/compiler
 	@$(STEP) "configuring the build of the loops in C++" $(CMAKE) -B $(NATIVE) $(CONFIGURED)
 
-wheel: native
-	@$(STEP) "packing a wheel, some seconds" env PATH="$(CURDIR)/$(BIN):$$PATH" \
-	CMAKE_ARGS="$$(cat $(VENV)/compiler) -DRASTERCOV_BUILT=$(CURDIR)/rastercov/native" \
-	$(PIP) wheel --no-deps --no-build-isolation -w dist .
-	@ls dist/*.whl
+# The wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018).
+dist: $(VENV)/tools $(VENV)/compiler-dist
+	@rm -rf dist; $(STEP) "compiling the loops for all processors of this kind, some minutes" \
+	env PATH="$(CURDIR)/$(BIN):$$PATH" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist)" \
+	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
+	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$(uname -m) python -m build --no-isolation
+	@$(BIN)/twine check --strict dist/* && sha256sum dist/*
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
 	@for kind in address,undefined thread; do \
@@ -142,6 +144,10 @@ $(VENV)/tools: $(BIN)/python pyproject.toml
 
 $(VENV)/compiler: $(BIN)/python .ci/compiler
 	@TOGETHER=$(TOGETHER) sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
+
+$(VENV)/compiler-dist: $(VENV)/tools .ci/compiler
+	@$(STEP) "installing what packs a release, some seconds" $(PIP) install 'build>=1.2' 'twine>=6.1'
+	@CXX=zig sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
 
 $(VENV)/installed: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and what it needs in $(VENV), about a minute" $(INSTALL) .

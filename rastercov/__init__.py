@@ -70,6 +70,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.visibility import visibility as visibility
     from rastercov.mesh import Group as Group
     from rastercov.mesh import Mesh as Mesh
+    from rastercov.mesh import shapes as shapes
     from rastercov.mesh.collisions import Collisions as Collisions
     from rastercov.mesh.motion import Motion as Motion
     from rastercov.mesh.motion import conveyor as conveyor
@@ -89,7 +90,7 @@ if _TYPE_CHECKING:
     from rastercov.report.notebook import show as show
     from rastercov.report.notebook import table as table
 
-__version__ = "0.1.0"
+    __version__: str
 
 _NAMES = {
     "base.errors": "CameraError ConfigError DeviceError MeshError PoseError RastercovError "
@@ -145,6 +146,10 @@ def __getattr__(name: str) -> _Any:
 
         found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
         return found
+    if name == "__version__":
+        from importlib.metadata import version  # that of pyproject.toml
+
+        return version("rastercov")
     if name == "shapes":
         return _import_module("rastercov.mesh.shapes")
     if not name.startswith("_") and _find_spec(f"rastercov.{name}"):

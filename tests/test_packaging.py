@@ -1,20 +1,30 @@
 """The wheel holds the package, all of it and nothing else, and works from where it was put."""
 
+import json
+import os
+import re
 import subprocess
 import sys
 import tarfile
 import tomllib
 import warnings
 import zipfile
+from importlib import metadata
 from pathlib import Path, PurePosixPath
 
+import nanobind
 import pytest
+import yaml
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
 from nightly import IS_NIGHTLY
 from processes import python
 
+import rastercov
 from rastercov import native
 
 ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LINKED = {"rastercov/reference": "reference", "rastercov/shaders": "shaders"}
 """Folders that stand at the top level of the tree, and inside the package of the wheel."""
 
@@ -49,12 +59,10 @@ def expected():
     return names
 
 
-@pytest.fixture(scope="module")
-def tree(tmp_path_factory):
-    """A copy of the tree: nothing that an earlier build left in it."""
+def copied(copy):
+    """The tree in another folder: nothing that an earlier build left in it."""
     if not (ROOT / ".git").exists():
         pytest.skip("git says what belongs to the tree, and this is no clone")
-    copy = tmp_path_factory.mktemp("tree")
     for name in tracked():
         target = copy / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -65,19 +73,24 @@ def tree(tmp_path_factory):
     return copy
 
 
-@pytest.fixture(scope="module")
-def built(tree, tmp_path_factory):
-    """Folder with the wheel and the sdist, by the tools that are here; loops of one level.
+def build(tree, out):
+    """Put the wheel and the sdist into a folder, by the tools that are here; loops of one level.
 
     At night the loops are compiled from the sdist, else the wheel takes those of this tree.
     """
-    out = tmp_path_factory.mktemp("dist")
     build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(tree)]
     build.append("-Ccmake.define.RASTERCOV_LEVELS=own")
     if not IS_NIGHTLY:
         build.append(f"-Ccmake.define.RASTERCOV_BUILT={native.FOLDER}")
-    command(*build, cwd=out)
-    return out  # the wheel is built from the sdist
+    command(*build, cwd=out)  # the wheel is built from the sdist
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Folder with the wheel and the sdist."""
+    out = tmp_path_factory.mktemp("dist")
+    build(copied(tmp_path_factory.mktemp("tree")), out)
+    return out
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +140,44 @@ def test_the_sdist_holds_all_that_the_loops_are_compiled_from(built):
         found = {name.partition("/")[2] for name in archive.getnames()}
     assert sources <= found
     assert not {name for name in found if name.endswith((".so", ".pyi"))}
+    assert not {name for name in found if name.startswith("tests")}  # all of them, or none
+
+
+@pytest.mark.slow
+def test_two_folders_give_the_same_bytes(built, tmp_path):
+    tree = copied(tmp_path / "another" / "tree")
+    for path in tree.rglob("*.py"):
+        path.chmod(0o600)
+        os.utime(path, (1.6e9, 1.6e9))
+    again = tmp_path / "dist"
+    again.mkdir()
+    build(tree, again)
+    assert {path.name for path in again.iterdir()} == {path.name for path in built.iterdir()}
+    for path in again.iterdir():
+        assert path.read_bytes() == (built / path.name).read_bytes(), path.name
+
+
+@pytest.mark.slow
+def test_the_bill_of_materials_names_what_is_compiled_into_the_loops(unzipped):
+    (file,) = unzipped.glob("*.dist-info/sboms/*")
+    text = file.read_text(encoding="utf-8")
+    assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
+    bill = json.loads(text)
+    assert bill["metadata"]["component"]["version"] == PROJECT["version"]
+    versions = {part["name"]: part["version"] for part in bill["components"]}
+    assert all(part["purl"].endswith(f"@{part['version']}") for part in bill["components"])
+    assert versions["nanobind"] == metadata.version("nanobind")
+    header = "ext/robin_map/include/tsl/robin_growth_policy.h"
+    source = (Path(nanobind.__file__).parent / header).read_text(encoding="utf-8")
+    numbers = re.findall(r"TSL_RH_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)", source)
+    assert versions["robin-map"] == ".".join(numbers)
+
+
+def test_the_version_is_that_of_the_project_wherever_it_is_written():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest = re.search(r"^## (\S+)", changes, re.MULTILINE)[1]
+    assert {citation["version"], newest, rastercov.__version__} == {PROJECT["version"]}
 
 
 @pytest.mark.slow
@@ -190,6 +241,7 @@ def test_a_warning_in_a_file_of_ours_is_an_error(module):
 def test_the_wheel_names_its_command_and_licence(unzipped):
     (info,) = unzipped.glob("*.dist-info")
     assert "rastercov = rastercov.cli:main" in (info / "entry_points.txt").read_text()
-    assert (info / "licenses" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
-    metadata = (info / "METADATA").read_text(encoding="utf-8")
-    assert "\nLicense-Expression: MIT\n" in metadata
+    for name in PROJECT["license-files"]:
+        assert (info / "licenses" / name).read_bytes() == (ROOT / name).read_bytes()
+    text = (info / "METADATA").read_text(encoding="utf-8")
+    assert "\nLicense-Expression: MIT\n" in text

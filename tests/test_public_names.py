@@ -4,7 +4,6 @@ import ast
 import dataclasses
 import importlib
 import inspect
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -161,10 +160,6 @@ def test_every_array_of_a_result_is_documented(name):
 @pytest.mark.parametrize("name", [n for n in rastercov.__all__ if n.endswith("Error")])
 def test_every_error_is_one_of_ours(name):
     assert issubclass(getattr(rastercov, name), rastercov.RastercovError)
-
-
-def test_the_version_is_that_of_the_distribution():
-    assert rastercov.__version__ == version("rastercov")
 
 
 @pytest.mark.slow

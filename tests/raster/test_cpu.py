@@ -261,10 +261,18 @@ import sys
 sys.modules["moderngl"] = None
 import rastercov as rc
 from rastercov import shapes
-with rc.open_rasterizer(shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8), "cpu") as r:
+scene = shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8)
+with rc.open_rasterizer(*scene, "cpu") as r:
     print(int(r.count(rc.look_at((0, 0, 3), (0, 0, 0))).visible.sum()))
+try:
+    rc.open_rasterizer(*scene, device="surfaceless")
+except rc.DeviceError as error:
+    print(error)
 """
-    assert int(run_python("-c", code).stdout) > 0
+    seen, error = run_python("-c", code).stdout.splitlines()
+    assert int(seen) > 0
+    assert error.startswith("no OpenGL: import of moderngl halted; ")
+    assert error.endswith("; pip install moderngl, or take 'cpu'")
 
 
 @pytest.mark.native

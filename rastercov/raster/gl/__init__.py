@@ -13,6 +13,8 @@ rasteriser and moderngl are therefore imported when one of the names below is fi
 
 from typing import TYPE_CHECKING, Any
 
+from rastercov.base.errors import DeviceError
+
 if TYPE_CHECKING:
     from rastercov.raster.gl.rasterizer import PLANS, WAYS, GLRasterizer
 
@@ -20,9 +22,17 @@ __all__ = ["PLANS", "WAYS", "GLRasterizer"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the rasteriser on first use of `GLRasterizer`, `PLANS` or `WAYS`."""
+    """Import the rasteriser on first use of `GLRasterizer`, `PLANS` or `WAYS`.
+
+    Raises
+    ------
+    DeviceError
+        Where moderngl is not installed, as for Linux on aarch64, or is broken.
+    """
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from rastercov.raster.gl import rasterizer
-
+    try:
+        from rastercov.raster.gl import rasterizer
+    except ImportError as error:
+        raise DeviceError(f"no OpenGL: {error}; pip install moderngl, or take 'cpu'") from error
     return getattr(rasterizer, name)
