@@ -19,7 +19,8 @@ view_camera, navigation, maths
                           y down, z forward
 gizmo, frusta, constraints, tools, drawing, time
                           handles; cameras and lamps; places that the plan allows; pick, aim,
-                          measure, sections; the drawing under the floor plan; frames and joints of bodies
+                          measure, sections; the drawing under the floor plan; frames and
+                          joints of bodies
 object_panel, cameras_panel, camera_panel, network_panel, modes, fields, finder, tabs, start_card,
 variants                  panels, and their controls from what the program says of each field
 why, legend, bars, status, help, dom
