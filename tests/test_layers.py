@@ -91,7 +91,7 @@ BUDGET = {
     "camera": 6_150,
     "cli": 1_580,
     "cluster": 652,
-    "coverage": 5_290,
+    "coverage": 5_295,
     "exact": 760,
     "mesh": 5_250,
     "native": 44,

@@ -368,9 +368,9 @@ def over_time(
     """
     check_choice("views_at", views_at, VIEWS_AT)
     if views_at == "one time":
-        return _long_enough(by_time(regions, motion, views), motion, over)
+        return for_long_enough(by_time(regions, motion, views), motion, over)
     rows = np.arange(len(regions.pose_ids)).reshape(len(motion), _rows_a_frame(regions, motion))
-    alone = [_long_enough(taken(regions, own), motion, over) for own in rows.T]
+    alone = [for_long_enough(taken(regions, own), motion, over) for own in rows.T]
     return joined(alone).at_least(views, one_side=False)
 
 
@@ -394,7 +394,7 @@ def _rows_a_frame(regions: Regions, motion: Motion) -> int:
     return n_rows // len(motion)
 
 
-def _long_enough(frames: Regions, motion: Motion, over: str | float) -> Regions:
+def for_long_enough(frames: Regions, motion: Motion, over: str | float) -> Regions:
     """Parts that rows of `by_time` cover long enough; one row."""
     needed, units = motion._needed(over), in_units(frames, motion)
     parts = [

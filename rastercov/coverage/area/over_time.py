@@ -30,6 +30,7 @@ from rastercov.coverage.area.motion import (
     by_time,
     carried_by,
     carriers,
+    for_long_enough,
     in_units,
     over_time,
     regions_over_time,
@@ -93,9 +94,10 @@ class OverTime(InOneLine):
     @cached_property
     def long_enough(self) -> Regions:
         """Parts that are covered for as long as is asked for; one row."""
-        return over_time(
-            self.regions, self.motion, self.over, views=self.task.views, views_at=self.views_at
-        )
+        motion, over, views = self.motion, self.over, self.task.views
+        if self.views_at == "one time":
+            return for_long_enough(self.frames, motion, over)
+        return over_time(self.regions, motion, over, views=views, views_at=self.views_at)
 
     def alone(self) -> Regions:
         """Parts that each camera covers long enough by itself; rows of a frame."""
@@ -286,6 +288,7 @@ class OverTime(InOneLine):
         rows = np.arange(len(motion)) % 2 == 0
         some = self.regions.of_poses(np.repeat(rows, n_rows))
         found = replace(self, motion=motion._of_frames(rows), regions=some)
+        found.__dict__.update(frames=taken(self.frames, np.flatnonzero(rows)))
         return 100 * found.share()
 
     def lines(self) -> list[str]:
