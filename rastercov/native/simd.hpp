@@ -267,9 +267,11 @@ template <class T, int BYTES, int L> INLINE Vec<T, L> ones(LaneMask<BYTES, L> ma
 // Bits of a mask, lane 0 lowest.
 template <int BYTES, int L> INLINE int64_t bits(LaneMask<BYTES, L> mask) {
     int64_t found = 0;
-    const auto of_register = EACH(k) { // GCC 12 may read a spilled mask wider than it is
-        if constexpr (BYTES == 4) return _cvtmask16_u32(mask.r[k]);
-        else return _cvtmask8_u32(mask.r[k]);
+    const auto of_register = EACH(k) {
+        uint32_t its; // not by conversion: GCC 12 may spill 16 bits of it, and read 64 back
+        if constexpr (BYTES == 4) asm("kmovw %1, %0" : "=r"(its) : "k"(mask.r[k]));
+        else asm("kmovb %1, %0" : "=r"(its) : "k"(mask.r[k]));
+        return its;
     };
     unroll<mask.N>(EACH(k) { found |= int64_t(of_register(k)) << k * mask.WIDTH; });
     return found;
