@@ -25,7 +25,15 @@ from rastercov.base.format import InOneLine
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light
-from rastercov.camera.photometry import Profile, read_ies, share_at, table_of
+from rastercov.camera.photometry import (
+    ASCEND,
+    LARGEST_NUMBER,
+    Profile,
+    are_angles,
+    read_ies,
+    share_at,
+    table_of,
+)
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 
@@ -520,10 +528,10 @@ def _checked(profile: Any) -> Profile:
         (number("angle of a profile", angle), number("share of a profile", share))
         for angle, share in (two("profile", each) for each in pairs)
     )
-    angles = np.array([angle for angle, _ in found])
-    is_ascending = (np.diff(angles) > 0).all() and (
-        not found or angles[0] == 0 <= angles[-1] <= 180
-    )
-    if found and (len(found) < 2 or not is_ascending or min(share for _, share in found) < 0):
-        raise CameraError("profile must have angles ascending from 0, and shares of 0 or more")
+    if found and not (
+        are_angles(np.array(found)[:, 0])
+        and all(0 <= share <= LARGEST_NUMBER for _, share in found)
+    ):
+        wanted = f"shares of 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
+        raise CameraError(f"profile must have {wanted}")
     return found
