@@ -7,6 +7,7 @@ call is named for what it calls, and for what is special after a comma.
 """
 
 import inspect
+import sys
 import warnings
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -238,22 +239,33 @@ class Call:
         return replace(self, arguments=self.arguments | values)
 
     def fault(self):
-        """Fault of a call, empty if there is none.
+        """Fault of the call, empty if there is none; see `fault_of`."""
+        return fault_of(lambda: self.function(**self.arguments))
 
-        It must return, or raise one of our errors with one printable line, and warn of nothing.
-        """
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                self.function(**self.arguments)
-        except rc.RastercovError as error:
-            text = str(error)
-            if not text or not text.isprintable() or len(text) > 700:
-                return f"no line for people: {text[:200]!r}"
-            return "calls itself a defect" if "defect of rastercov" in text else ""
-        except Exception as error:
-            return f"{type(error).__name__}: {error}"[:200]
-        return ""
+
+def fault_of(function):
+    """Fault of a call, empty if there is none.
+
+    It must return, or raise one of our errors with one printable line, warn of nothing, and leave
+    nothing open.
+    """
+    unraised = []
+    hook, sys.unraisablehook = sys.unraisablehook, lambda found: unraised.append(found.exc_value)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            function()
+    except rc.RastercovError as error:
+        text = str(error)
+        if not text or not text.isprintable() or len(text) > 700:
+            return f"no line for people: {text[:200]!r}"
+        if "defect of rastercov" in text:
+            return "calls itself a defect"
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"[:200]
+    finally:
+        sys.unraisablehook = hook
+    return "; ".join(map(repr, unraised))[:200]
 
 
 def public_callables():
