@@ -244,7 +244,7 @@ LINES = {
     "lamp.ies": f"{EVALUATE} -o out --lamps lamps.toml --min-illuminance 1",
     "rig.json": "evaluate part.obj -p {} --pictures 0 --table none -o out",
     "lit/summary.json": "view lit --export out/a.html",
-    "lit/poses.json": "view lit --export out/a.html",
+    "lit/rig.json": "view lit --export out/a.html",
     "moved/summary.json": "view moved --export out/a.html",
     "placed/plan.json": "view placed --export out/a.html",
     "placed/poses.json": "sheet placed -o out/a.svg",
