@@ -147,6 +147,11 @@ VALID: dict[str, str] = {
 }  # fmt: skip
 """Files by name, each beside the others."""
 TOKEN = re.compile(rb"[\w.+-]+")
+NUMBER = re.compile(rb"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?")
+NUMBERS = (
+    *(b"-1", b"0", b"1e-320", b"1e-30", b"1e-9", b"0.5", b"1.5", b"2", b"7", b"90", b"180", b"360"),
+    *(b"1e3", b"1e9", b"1e29", b"1e31", b"1e160", b"1e308", b"-1e308", b"-0.0", b"4", b"1", b"12"),
+)
 TOKENS = (
     *(b"-1", b"0", b"1e400", b"1e-320", b"1e30", b"nan", b"inf", b"true", b"[]", b"{}", b"''"),
     *(b"\xff\xfe", b"\xc3", b"\x00", b"1e160", b"99999999999999999999", b"&#0;", b"<", b'"', b"]"),
@@ -168,13 +173,15 @@ def altered(data: bytes, rng: np.random.Generator) -> bytes:
     """The file after changes of bytes, lines, numbers, words, or entries of JSON."""
     if data[:1] == b"{" and rng.random() < 0.6:
         return altered_json(data, rng)
-    if rng.random() < 0.4:
+    if rng.random() < 0.3:
         return mutated(data, rng)
+    # Numbers for numbers, which reach farther into a reader, or any word for another.
+    kind, new_ones = ((NUMBER, NUMBERS), (TOKEN, TOKENS))[rng.integers(2)]
     for _ in range(rng.integers(1, 4)):
-        words = list(TOKEN.finditer(data))
+        words = list(kind.finditer(data))
         if words:
             old, other = (words[int(at)] for at in rng.integers(len(words), size=2))
-            new = other[0] if rng.random() < 0.4 else TOKENS[int(rng.integers(len(TOKENS)))]
+            new = other[0] if rng.random() < 0.4 else new_ones[int(rng.integers(len(new_ones)))]
             data = data[: old.start()] + new + data[old.end() :]
     return data
 

@@ -409,8 +409,12 @@ class Lamps(InOneLine):
 
     def at(self, lamp: int, place: ArrayLike) -> "Lamps":
         """The same with another place of a lamp by its row; errors as of the class."""
-        places = self.places.copy()
-        places[lamp] = place
+        if finite_number(lamp) not in range(len(self)):
+            raise CameraError(f"lamp must be 0 to {len(self) - 1}, got {shown(lamp)}")
+        given, places = valid_poses(place), self.places.copy()
+        if len(given) != 1:
+            raise PoseError(f"place must be one pose, got {len(given)}")
+        places[int(lamp)] = given[0]
         own: dict[str, Any] = {"rides": self.rides, "ambient": self.ambient}
         own |= {"exposure": self.exposure}
         return Lamps(self.lamps, places, self.names, **own)
