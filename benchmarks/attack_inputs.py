@@ -159,7 +159,9 @@ TOKENS = (
 )
 BOMB = (
     '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">'
-    + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+    + "".join(
+        f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+    )
     + "]>"
 )
 """Entities that grow to 10^9 characters."""
@@ -325,7 +327,9 @@ def files(report: Report, n: int) -> None:
     for number, (name, read) in enumerate(READS.items()):
         data = Path(name).read_bytes()
         own = Path(name).with_name(f"altered{Path(name).suffix}")
-        report.check(f"{name}: the valid file is read", not fault_of(lambda r=read, p=name: r(Path(p))))
+        report.check(
+            f"{name}: the valid file is read", not fault_of(lambda r=read, p=name: r(Path(p)))
+        )
         for seed in range(n):
             rng = np.random.default_rng([seed, number])
             own.write_bytes(BOMB.encode() + data if seed == 0 else altered(data, rng))
@@ -372,14 +376,22 @@ def names(report: Report) -> None:
     """Pages and drawings of a scene all of whose names are pieces of HTML."""
     word, text = EVIL.replace(" ", ""), json.dumps(EVIL)
     Path("part.obj").write_text(PART.replace("lid", word).replace("rest", f"{word}2"))
-    Path("arm.urdf").write_text(re.sub('"(hand|pan|upper|arm)"', lambda found: f'"{found[1]} {html.escape(EVIL)}"', URDF))
+    Path("arm.urdf").write_text(
+        re.sub('"(hand|pan|upper|arm)"', lambda found: f'"{found[1]} {html.escape(EVIL)}"', URDF)
+    )
     Path("path.csv").write_text(PATH.replace("pan", '"pan ' + EVIL.replace('"', '""') + '"'))
     hand = json.dumps(f"arm/hand {EVIL}")
     Path("m.toml").write_text(
-        MOTION.replace('"arm/hand"', hand).replace('"plate"', text).replace('["lid"]', f"[{json.dumps(word)}]")
+        MOTION.replace('"arm/hand"', hand)
+        .replace('"plate"', text)
+        .replace('["lid"]', f"[{json.dumps(word)}]")
     )
     Path("lamps.toml").write_text(LAMPS.replace("lamps.key", f"lamps.{text}"))
-    Path("plan.toml").write_text(PLAN.replace('"key"', text).replace("lamps.key", f"lamps.{text}").replace("page = false", ""))
+    Path("plan.toml").write_text(
+        PLAN.replace('"key"', text)
+        .replace("lamps.key", f"lamps.{text}")
+        .replace("page = false", "")
+    )
     rig = rc.Rig([rc.Camera.load("camera.toml")] * 2, [EVIL, f"{EVIL}2"])
     views = rc.Views(rig, rc.Poses.of(EYES, camera=[0, 1]), (f"x{EVIL}", f"y{EVIL}"))
     rc.write_views("rig.json", views, overwrite=True)

@@ -520,6 +520,14 @@ def test_ies_files_that_cannot_be_used_are_one_line(change, words, tmp_path):
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize(
+    "profile", [[(0, 1), (1e-9, 0), (90, 0)], [(0, 1), (90, 1e308)], [(0, 1)], [(1, 1), (2, 1)]]
+)
+def test_a_profile_made_by_hand_keeps_to_the_limits_of_those_of_files(profile):
+    with pytest.raises(CameraError, match=r"profile must have shares of 0 to 1e\+12"):
+        rc.Lamp(kind="spot", intensity=5, half_angle_deg=90, profile=profile)
+
+
 GLTF = {
     "asset": {"version": "2.0"},
     "extensions": {"KHR_lights_punctual": {"lights": [
