@@ -150,7 +150,7 @@ OWN: dict[str, dict[str, Any]] = {
     "load_lamps": {"path": FOLDER / "lamps.toml"},
     "AtLeast": {"k": 1},
     "Camera.check_pinhole": {"what": "this test"},
-    "Lamps.at": {"lamp": LAMPS.lamps[0], "place": POSES[0]},
+    "Lamps.at": {"lamp": 1, "place": POSES[0]},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
     "Robot": {"description": urdf.read(FOLDER / "arm.urdf", "collision"), "base": np.eye(4)},
     "Robot.load": {"path": FOLDER / "arm.urdf", "rest": (0.1,), "name": "own"},
