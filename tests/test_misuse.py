@@ -1,6 +1,7 @@
 """Whatever is passed where: a result, or one line of ours that names what is wrong."""
 
 import inspect
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ from misuse_values import CAMERA, MESH, POSES, VALUES
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.base.typed import VARIADIC
+from rastercov.base.checks import LONGEST_SHOWN, shown
+from rastercov.base.files import StrPath
+from rastercov.base.typed import VARIADIC, check_type
 
 NAMES = names_of_calls()
 PUBLIC = public_callables()
@@ -125,6 +128,19 @@ def test_an_array_is_compared_with_no_name(right, name, argument):
     """It would be a comparison of each element, and that many bytes."""
     many = np.broadcast_to(np.int8(0), (2**40, 3))
     assert not right[name].spoiled(**{argument: many}).fault()
+
+
+def test_a_value_is_shown_in_a_few_characters():
+    poses = np.eye(4).tolist()
+    assert shown(3.5) == "3.5"
+    assert len(shown({"places": [[poses] * 9] * 9, "a\nb": "x" * 900})) <= LONGEST_SHOWN
+
+
+def test_a_path_object_fits_the_annotation_of_a_path():
+    """An error inside a function must not blame a path that was right."""
+    check_type("path", Path("a"), StrPath)
+    with pytest.raises(rc.ConfigError, match="path must be a text or a path, got 3"):
+        check_type("path", 3, StrPath)
 
 
 @pytest.mark.parametrize("n", [2**31, 2**40])

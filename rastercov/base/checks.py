@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import CameraError
+from rastercov.base.format import shortened
 
 MAX_IMAGE_SIDE = 1 << 17
 """Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
 MOST_COEFFICIENTS = 100
 """OpenCV has 14 at most."""
+LONGEST_SHOWN = 240
+"""Characters of a value in a line."""
 
 LONGEST = 1e12
 """Pixels: largest focal length, and farthest principal point. float64 tells directions apart to
@@ -123,8 +126,8 @@ def is_inf(value: Any) -> bool:
 
 
 def shown(value: Any) -> str:
-    """`value` in a few characters on one line, whatever it is."""
-    return " ".join(reprlib.repr(value).split())
+    """`value` in at most `LONGEST_SHOWN` characters on one line, whatever it is."""
+    return shortened(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
 
 
 def share_meant(value: Any) -> str:

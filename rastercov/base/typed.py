@@ -17,6 +17,7 @@ import math
 import sys
 from collections.abc import Callable, Collection, Mapping
 from enum import Enum
+from os import PathLike
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -39,6 +40,7 @@ ARRAY = get_args(ArrayLike) or (ArrayLike,)
 ARRAYS = (np.ndarray, NDArray)
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
+WORDS[PathLike] = "a path"
 
 
 def typed(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -218,7 +220,7 @@ def fits(value: Any, hint: Any) -> bool:
     if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
         names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]
         return not isinstance(value, type) and all(hasattr(value, name) for name in names)
-    if not isinstance(origin, type) or not kinds or origin is type:
+    if not isinstance(origin, type) or not kinds or origin in (type, PathLike):
         return not isinstance(origin, type) or isinstance(value, origin)
     if issubclass(origin, Mapping):
         return isinstance(value, Mapping) and all(
@@ -268,8 +270,8 @@ def _wanted(hint: Any) -> str:
         return f"a tuple ({', '.join(each)}{', ...' if kinds[-1] is ... else ''})"
     if hint is NoneType:
         return "None"
-    if hint in WORDS:
-        return WORDS[hint]
+    if origin in WORDS:
+        return WORDS[origin]
     name = getattr(origin, "__name__", str(origin))
     if name == "Callable":
         return "a function"

@@ -25,7 +25,15 @@ from rastercov.base.format import InOneLine
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light
-from rastercov.camera.photometry import Profile, read_ies, share_at, table_of
+from rastercov.camera.photometry import (
+    ASCEND,
+    LARGEST_NUMBER,
+    Profile,
+    are_angles,
+    read_ies,
+    share_at,
+    table_of,
+)
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 
@@ -401,8 +409,12 @@ class Lamps(InOneLine):
 
     def at(self, lamp: int, place: ArrayLike) -> "Lamps":
         """The same with another place of a lamp by its row; errors as of the class."""
-        places = self.places.copy()
-        places[lamp] = place
+        if finite_number(lamp) not in range(len(self)):
+            raise CameraError(f"lamp must be 0 to {len(self) - 1}, got {shown(lamp)}")
+        given, places = valid_poses(place), self.places.copy()
+        if len(given) != 1:
+            raise PoseError(f"place must be one pose, got {len(given)}")
+        places[int(lamp)] = given[0]
         own: dict[str, Any] = {"rides": self.rides, "ambient": self.ambient}
         own |= {"exposure": self.exposure}
         return Lamps(self.lamps, places, self.names, **own)
@@ -520,10 +532,10 @@ def _checked(profile: Any) -> Profile:
         (number("angle of a profile", angle), number("share of a profile", share))
         for angle, share in (two("profile", each) for each in pairs)
     )
-    angles = np.array([angle for angle, _ in found])
-    is_ascending = (np.diff(angles) > 0).all() and (
-        not found or angles[0] == 0 <= angles[-1] <= 180
-    )
-    if found and (len(found) < 2 or not is_ascending or min(share for _, share in found) < 0):
-        raise CameraError("profile must have angles ascending from 0, and shares of 0 or more")
+    if found and not (
+        are_angles(np.array(found)[:, 0])
+        and all(0 <= share <= LARGEST_NUMBER for _, share in found)
+    ):
+        wanted = f"shares of 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
+        raise CameraError(f"profile must have {wanted}")
     return found

@@ -19,6 +19,11 @@ Profile = tuple[tuple[float, float], ...]
 
 LARGEST_IES = 1 << 20
 """Bytes of a file."""
+LARGEST_NUMBER = 1e12
+"""Of a file; products and sums of them are finite."""
+LEAST_STEP = 1e-3
+"""Degrees between angles of a profile, whose cosines then differ."""
+ASCEND = f"ascend from 0 to 180 at most, each {LEAST_STEP:g} degrees or more above the last"
 MOST_AROUND = 0.1
 """Difference of intensities around the axis, relative to the largest, that is averaged."""
 _NUMBER = re.compile(r"[\s,]+")
@@ -43,6 +48,7 @@ def _profile(text: str) -> tuple[float, Profile]:
         raise CameraError(f"wanted TILT=NONE, got TILT={printable(kind.strip()[:20])}")
     try:
         values = np.array([float(each) for each in _NUMBER.split(numbers.strip()) if each])
+        values[~(np.abs(values) <= LARGEST_NUMBER)] = np.nan  # which no whole number is
         n_down, n_around, type_c = (int(values[at]) for at in (3, 4, 5))
         factor = float(values[2] * values[10])
         down, around = values[13 : 13 + n_down], values[13 + n_down : 13 + n_down + n_around]
@@ -51,11 +57,10 @@ def _profile(text: str) -> tuple[float, Profile]:
         raise CameraError("its numbers are not as many as it says, or no numbers") from None
     if type_c != 1:
         raise CameraError(f"wanted photometric type C, 1, got {type_c}")
-    is_sorted = n_down >= 2 and (np.diff(down) > 0).all() and len(around) == n_around
-    if not is_sorted or down[0] != 0 or down[-1] > 180:
-        raise CameraError("vertical angles must ascend from 0 to 180 at most")
-    if not np.isfinite(candela).all() or (candela < 0).any() or not factor > 0:
-        raise CameraError("intensities must be 0 or more")
+    if not are_angles(down) or len(around) != n_around:
+        raise CameraError(f"vertical angles must {ASCEND}")
+    if not (candela >= 0).all() or not factor > 0:
+        raise CameraError(f"intensities must be 0 or more, within {LARGEST_NUMBER:g}")
     largest = float(candela.max())
     if not largest > 0:
         raise CameraError("its intensities are all zero")
@@ -68,6 +73,12 @@ def _profile(text: str) -> tuple[float, Profile]:
     mean = candela.mean(axis=0)
     share = mean / mean.max()
     return factor * float(mean.max()), tuple(zip(down.tolist(), share.tolist(), strict=True))
+
+
+def are_angles(degrees: FloatArray) -> bool:
+    """True for angles of a profile, which `ASCEND`."""
+    is_ascending = len(degrees) >= 2 and (np.diff(degrees) >= LEAST_STEP).all()
+    return bool(is_ascending and degrees[0] == 0 and degrees[-1] <= 180)
 
 
 def table_of(profile: Profile) -> FloatArray:

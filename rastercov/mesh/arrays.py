@@ -118,9 +118,18 @@ def normals_and_areas(
     return normals, areas, least
 
 
+def unit(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Vectors (..., n) of length 1 along others, which are finite and not 0, of any length."""
+    array = np.asarray(vectors, np.float64)
+    # Powers of two, which change no digit: squares of 1e160 would overflow.
+    scaled = np.ldexp(array, -np.frexp(np.abs(array).max(axis=-1, keepdims=True))[1])
+    found: NDArray[np.float64] = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return found
+
+
 def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     """(3, 3) rotation by radians, counter-clockwise seen against an axis of length above 0."""
-    x, y, z = np.asarray(axis, np.float64) / np.linalg.norm(axis)
+    x, y, z = unit(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
     rotation: NDArray[np.float64] = (

@@ -741,7 +741,7 @@ def moved_points(
         raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
     if not np.isfinite(angle):
         raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
-    if not np.linalg.norm(direction) > 0:
+    if not direction.any():
         raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
     with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
         moved = points * factor

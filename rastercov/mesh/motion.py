@@ -20,7 +20,7 @@ from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
 from rastercov.base.threads import Once
-from rastercov.mesh.arrays import frozen, rotation_about
+from rastercov.mesh.arrays import frozen, rotation_about, unit
 from rastercov.mesh.bodies import Rest, moved_boxes
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import Mesh, names_of
@@ -269,7 +269,7 @@ def turntable(
     """
     direction = finite_points("axis", axis, (3,), "a direction", ConfigError)
     point = finite_points("centre", centre, (3,), "three finite numbers", ConfigError)
-    if not np.linalg.norm(direction) > 0:
+    if not direction.any():
         raise ConfigError(f"axis must be a direction, got {direction.tolist()}")
     poses = _still(steps)
     for row, angle in enumerate(_steps(degrees, len(poses), is_closed=True)):
@@ -284,11 +284,11 @@ def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray
     The first is the rest pose, the last at the distance.
     """
     along = finite_points("direction", direction, (3,), "a direction", ConfigError)
-    if not np.linalg.norm(along) > 0:
+    if not along.any():
         raise ConfigError(f"direction must not be zero, got {along.tolist()}")
     poses = _still(steps)
     away = _steps(distance, len(poses), is_closed=False)
-    poses[:, :3, 3] = away[:, None] * along / np.linalg.norm(along)
+    poses[:, :3, 3] = away[:, None] * unit(along)
     return poses
 
 

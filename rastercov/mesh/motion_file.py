@@ -29,7 +29,7 @@ from rastercov.base.files import (
     read_json,
     suffix_of,
 )
-from rastercov.mesh.arrays import rotations_of_quaternions
+from rastercov.mesh.arrays import rotations_of_quaternions, unit
 from rastercov.mesh.formats import animation_of, metres_per
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.motion import MOST_FRAMES, Motion
@@ -242,10 +242,10 @@ def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
         found[:, axis, 3] = own.get(field, 0.0)
     if any(field in own for field in TURN):
         turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
-        size = np.linalg.norm(turns, axis=1, keepdims=True)
-        if not (size > 0).all() or not np.isfinite(size).all():
-            raise ConfigError(f"body {shown(name)}, frame {int(size.argmin())}: no quaternion")
-        found[:, :3, :3] = rotations_of_quaternions((turns / size)[:, [1, 2, 3, 0]])
+        is_turn = turns.any(axis=1)
+        if not is_turn.all():
+            raise ConfigError(f"body {shown(name)}, frame {int(is_turn.argmin())}: no quaternion")
+        found[:, :3, :3] = rotations_of_quaternions(unit(turns)[:, [1, 2, 3, 0]])
     return found
 
 

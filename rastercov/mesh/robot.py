@@ -96,12 +96,15 @@ class Robot(InOneLine):
         self,
         description: urdf.Description,
         shapes: Mapping[str, Mesh],
-        base: FloatArray,
+        base: ArrayLike | None = None,
         rest: ArrayLike | None = None,
         name: str | None = None,
     ) -> None:
         limits = frozen(description.limits)
-        kinematics = Kinematics(tuple(description.links), description.joints, limits, base)
+        root = np.eye(4) if base is None else checked_poses("base", base)[0]
+        kinematics = Kinematics(tuple(description.links), description.joints, limits, root)
+        if unknown := [link for link in shapes if link not in description.links]:
+            raise MeshError(f"shapes must be of links of the robot, got {shown(unknown)}")
         values: dict[str, Any] = {
             "name": name or description.name, "links": tuple(description.links),
             "joint_names": description.names, "limits": limits, "kinematics": kinematics,
@@ -160,7 +163,6 @@ class Robot(InOneLine):
             For another geometry, a base that is no pose, a rest outside the limits.
         """
         check_choice("geometry", geometry, GEOMETRIES)
-        root = np.eye(4) if base is None else checked_poses("base", base)[0]
         found, folders = urdf.read(path, geometry), dict(packages or {})
         folder, cached, n_faces = Path(path).parent, dict[Any, Mesh](), 0
         shapes: dict[str, Mesh] = {}
@@ -179,7 +181,7 @@ class Robot(InOneLine):
                 f"{printable(str(path))}: {geometry} shapes wanted, got none; "
                 f'try geometry="{other}"'
             )
-        return cls(found, shapes, root, rest, name)
+        return cls(found, shapes, base, rest, name)
 
     def frames(self, joints: ArrayLike) -> dict[str, FloatArray]:
         """world_from_link of all links, (T, 4, 4) each, in (T, J) or (J,) configurations.

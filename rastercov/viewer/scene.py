@@ -476,8 +476,19 @@ def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     Raises
     ------
     ConfigError
-        For another folder, one without its cameras, and a mesh that is not that of the result.
+        For another folder, one without its cameras, a mesh that is not that of the result, and
+        entries that no command wrote.
     """
+    try:
+        return _opened(folder, load)
+    except (LookupError, TypeError, AttributeError):
+        raise ConfigError(
+            f"{printable(str(folder))} has entries that rastercov did not write; make it again"
+        ) from None
+
+
+def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
+    """Scene of a result; errors of entries of other types are those of Python."""
     run = run_of(folder)
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
     rig_file = folder / rig_name

@@ -507,6 +507,10 @@ def test_a_luminaire_of_an_ies_file_lights_by_its_profile(tmp_path):
         (("1 1000 2 6 1 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0\n",
           "1 1000 2 6 2 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0 90\n90 80 70 60 50 0\n"),
          "varies by 78 % around its axis"),
+        (("2 6 1 1", "2 inf 1 1"), "not as many as it says"),
+        (("1 1000 2", "1 1000 1e200"), r"0 or more, within 1e\+12"),
+        (("400 380", "1.7e308 1.7e308"), r"0 or more, within 1e\+12"),
+        (("0 15 30", "0 1e-9 30"), "each 0.001 degrees or more above the last"),
     ],
 )  # fmt: skip
 def test_ies_files_that_cannot_be_used_are_one_line(change, words, tmp_path):
@@ -514,6 +518,14 @@ def test_ies_files_that_cannot_be_used_are_one_line(change, words, tmp_path):
     with pytest.raises(CameraError, match=words) as caught:
         rc.Lamp.from_ies(tmp_path / "lamp.ies")
     assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "profile", [[(0, 1), (1e-9, 0), (90, 0)], [(0, 1), (90, 1e308)], [(0, 1)], [(1, 1), (2, 1)]]
+)
+def test_a_profile_made_by_hand_keeps_to_the_limits_of_those_of_files(profile):
+    with pytest.raises(CameraError, match=r"profile must have shares of 0 to 1e\+12"):
+        rc.Lamp(kind="spot", intensity=5, half_angle_deg=90, profile=profile)
 
 
 GLTF = {

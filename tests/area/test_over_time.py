@@ -170,7 +170,7 @@ def test_absent_frames_do_not_count_for_what_is_absent():
 
 def quaternion_rows():
     half = np.sqrt(0.5)
-    return f"time,b.x,b.qw,b.qz,b.present\n0,0,1,0,1\n0.1,1,{half},{half},1\n0.3,2,2,0,0\n"
+    return f"time,b.x,b.qw,b.qz,b.present\n0,0,1,0,1\n0.1,1,{half},{half},1\n0.3,2,2e300,0,0\n"
 
 
 def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):

@@ -7,7 +7,7 @@ from mesh_files import Glb
 import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.coverage.area.union import unite
-from rastercov.mesh.arrays import rotation_about, rotations_of_quaternions
+from rastercov.mesh.arrays import rotation_about, rotations_of_quaternions, unit
 from rastercov.mesh.formats.gltf_animation import slerp
 from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report.coverage_files import write_covered_mesh
@@ -94,6 +94,15 @@ def test_slerp_turns_evenly_the_short_way():
             assert np.allclose(found * np.sign(found @ expected), expected, atol=1e-12)
     same = slerp(one, one, np.array([[0.5]]))
     assert np.allclose(same, one, atol=1e-15)
+
+
+@pytest.mark.parametrize("length", [5e-324, 1e-200, 3.0, 1e200, 1.7e308])
+def test_a_direction_of_any_length_becomes_a_unit_vector(length):
+    axis = np.array((0, 0, 1.0))
+    assert np.array_equal(unit(length * axis), axis)
+    assert np.array_equal(rotation_about(length * axis, 0.3), rotation_about(axis, 0.3))
+    poses = rc.conveyor(2, direction=(0, 0, min(length, 1e30)), distance=2)
+    assert np.array_equal(poses[1, :3, 3], (0, 0, 2))
 
 
 def test_quaternions_of_rotations_are_theirs():

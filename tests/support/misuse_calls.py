@@ -7,6 +7,7 @@ call is named for what it calls, and for what is special after a comma.
 """
 
 import inspect
+import sys
 import warnings
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -19,6 +20,7 @@ from misuse_values import CAMERA, FOLDER, MESH, PLAN, POSES, TASK
 import rastercov as rc
 from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
+from rastercov.mesh.formats import urdf
 from rastercov.placement.candidates.segments import segment
 
 MODULES = ("rastercov", "rastercov.mesh.shapes", "rastercov.mesh.targets", "rastercov.placement")
@@ -146,6 +148,11 @@ OWN: dict[str, dict[str, Any]] = {
     "Lamp.area": {"width": 0.5, "height": 0.2, "intensity": 5.0, "points": 4},
     "Lamps": {"lamps": LAMPS.lamps, "places": POSES, "names": ["a", "b"], "rides": [True, False]},
     "load_lamps": {"path": FOLDER / "lamps.toml"},
+    "AtLeast": {"k": 1},
+    "Camera.check_pinhole": {"what": "this test"},
+    "Lamps.at": {"lamp": 1, "place": POSES[0]},
+    "RegionUnion.fill": {"chosen": np.arange(12) < 3},
+    "Robot": {"description": urdf.read(FOLDER / "arm.urdf", "collision"), "base": np.eye(4)},
     "Robot.load": {"path": FOLDER / "arm.urdf", "rest": (0.1,), "name": "own"},
     "Collisions": {"robot": rc.Robot.load(FOLDER / "arm.urdf"), "scene": [MESH]}
     | {"allowed": [("hand", "base")]},
@@ -194,9 +201,8 @@ OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(place
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those in `OWN`."""
 UNTRIED = {
-    "Evaluation": "is made by evaluate; its arrays are those of Coverage",
-    "Robot": "is made by Robot.load",
-    "RegionUnion.fill": "takes a mask of faces that `with_rest` has made",
+    "LaserLine": "is made by laser_line",
+    "OverTime": "is made by over_time",
 }
 """What is not tried, and why."""
 
@@ -238,22 +244,33 @@ class Call:
         return replace(self, arguments=self.arguments | values)
 
     def fault(self):
-        """Fault of a call, empty if there is none.
+        """Fault of the call, empty if there is none; see `fault_of`."""
+        return fault_of(lambda: self.function(**self.arguments))
 
-        It must return, or raise one of our errors with one printable line, and warn of nothing.
-        """
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                self.function(**self.arguments)
-        except rc.RastercovError as error:
-            text = str(error)
-            if not text or not text.isprintable() or len(text) > 700:
-                return f"no line for people: {text[:200]!r}"
-            return "calls itself a defect" if "defect of rastercov" in text else ""
-        except Exception as error:
-            return f"{type(error).__name__}: {error}"[:200]
-        return ""
+
+def fault_of(function):
+    """Fault of a call, empty if there is none.
+
+    It must return, or raise one of our errors with one printable line, warn of nothing, and leave
+    nothing open.
+    """
+    unraised = []
+    hook, sys.unraisablehook = sys.unraisablehook, lambda found: unraised.append(found.exc_value)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            function()
+    except rc.RastercovError as error:
+        text = str(error)
+        if not text or not text.isprintable() or len(text) > 700:
+            return f"no line for people: {text[:200]!r}"
+        if "defect of rastercov" in text:
+            return "calls itself a defect"
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"[:200]
+    finally:
+        sys.unraisablehook = hook
+    return "; ".join(map(repr, unraised))[:200]
 
 
 def public_callables():
@@ -329,7 +346,7 @@ def calls():
             for each in parameters_of(function)
             if each.kind not in VARIADIC and f"{called} {each.name}" not in UNTRIED
         } | OWN.get(name, {})
-        assert inspect.Parameter.empty not in list(map(type, arguments.values())), name
+        assert not any(each is inspect.Parameter.empty for each in arguments.values()), name
         if method and owner in objects:
             function = getattr(objects[owner], method)
         found[name] = Call(name, MADE.get(called, lambda f: f)(function), arguments)
@@ -355,6 +372,7 @@ def right_objects():
         rc.Robot.load(FOLDER / "arm.urdf"), rc.Collisions(rc.Robot.load(FOLDER / "arm.urdf")),
         rc.Exposure(**OF_SENSOR), LAMPS.lamps[0],
         observer.observe(POSES), rasterizer.render(POSES[0]), rc.Workers(1),
+        rc.evaluate(MESH, CAMERA, POSES), rc.visibility(MESH, CAMERA, POSES),
         next(rc.evaluate_batches(observer, POSES)),
     ]  # fmt: skip
     objects = {type(each).__name__.lstrip("_"): each for each in made}

@@ -144,3 +144,26 @@ def test_an_audit_without_a_scale_is_in_units(room, capsys):
 def test_an_audit_is_opened_without_its_options(room, capsys):
     done(capsys, f"audit rig.json {SCENES['all']} -o audit")
     assert seen(capsys, "audit")["faces"] >= 0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda run: run.update(mesh=[{}]),
+        lambda run: run.update(mesh=3),
+        lambda run: run["scene"].update(groups=[1.5]),
+        lambda run: run.update(scene=[]),
+        lambda run: run.update(task=0.5),
+    ],
+    ids=range(5),
+)
+def test_entries_that_no_command_wrote_are_refused_in_one_line(change, room, capsys):
+    made_report(capsys, "plain")
+    path = Path("report", "summary.json")
+    content = json.loads(path.read_text())
+    change(content["run"])
+    path.write_text(json.dumps(content))
+    said = refusal(capsys, line_of(capsys, "report"))
+    assert "report" in said
+    assert "defect" not in said
+    assert not Path("page.html").exists()

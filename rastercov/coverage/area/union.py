@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.arguments import checked_array
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.threads import Once
@@ -99,9 +100,13 @@ class RegionUnion:
         return union
 
     def fill(self, chosen: NDArray[np.bool_]) -> None:
-        """Take in one more camera, which covers all of some faces, (F,)."""
+        """Take in one more camera, which covers all of some faces: a mask, (F,)."""
         n_faces = self.mesh.n_faces
-        self._overlay.unite(NO_PIECES, chosen.astype(np.int64), np.zeros(n_faces))
+        wanted = f"a mask of {n_faces} faces"
+        mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
+        if mask.shape != (n_faces,):
+            raise ConfigError(f"chosen must be {wanted}, got shape {mask.shape}")
+        self._overlay.unite(NO_PIECES, mask.astype(np.int64), np.zeros(n_faces))
 
     def covered(self) -> Covered:
         """Area that the regions so far cover, and its pieces."""

@@ -25,6 +25,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 from rastercov.coverage.area.cells import cells
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import unit
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
@@ -387,8 +388,7 @@ def _whole_in_view(mesh: Mesh, camera: Camera, framing: Framing, centre: FloatAr
 
 def _upright(framing: Framing) -> FloatArray:
     """(3, 3) rotation that turns z to `Framing.up`; none where they are the same."""
-    up = np.asarray(framing.up, np.float64)
-    up = up / np.linalg.norm(up)
+    up = unit(framing.up)
     if up[2] == 1.0:
         return np.eye(3)
     first = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
