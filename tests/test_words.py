@@ -32,6 +32,7 @@ def test_an_area_is_in_its_unit_and_within_its_digits(square_metres):
         ("image", "see", ("0 images see", "1 image sees", "2 images see")),
         ("camera", "cover", ("0 cameras cover", "1 camera covers", "2 cameras cover")),
         ("face", "are", ("0 faces are", "1 face is", "2 faces are")),
+        ("face", "may be", ("0 faces may be", "1 face may be", "2 faces may be")),
         ("candidate", "have", ("0 candidates have", "1 candidate has", "2 candidates have")),
         ("mesh", "belong", ("0 meshes belong", "1 mesh belongs", "2 meshes belong")),
         ("vertex", "", ("0 vertices", "1 vertex", "2 vertices")),

@@ -148,8 +148,8 @@ def plural(count: int, noun: str, action: str = "") -> str:
 
 def verb(count: int, action: str) -> str:
     """A verb, given for several, as it goes with a count: "covers" for 1, "cover" for others."""
-    if count != 1 or not action:
-        return action
     first, _, rest = action.partition(" ")
+    if count != 1 or first in ("", "may", "could"):
+        return action
     own = {"are": "is", "were": "was", "have": "has", "do": "does"}.get(first, f"{first}s")
     return f"{own} {rest}" if rest else own

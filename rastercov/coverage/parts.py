@@ -43,7 +43,8 @@ class PartRow(NamedTuple):
     of_seeable_percent : float or None
         Covered, of its area that can be seen; None where none can be.
     reason : str
-        Words on the reason of most of the area of whole faces that can be seen and are not covered.
+        Words on the reason of most of the area of whole faces that can be seen and are not covered;
+        none where every point is.
     """
 
     name: str
@@ -60,7 +61,7 @@ class PartRow(NamedTuple):
         percent = entry.get("covered_area", entry["covered"])["percent"]
         why = entry.get("seeable_not_covered_because", {})
         most = max(why, key=lambda each: float(why[each]["area_percent"]), default="")
-        reason = REASONS[most].label if most else ""
+        reason = REASONS[most].label if most and percent < 100 else ""
         of_seeable = entry["covered_of_seeable_percent"]
         return cls(name, entry["area_m2"], percent, of_seeable, reason)
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import area, percent, plural, verb
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
@@ -303,14 +303,14 @@ class Leftover:
         summary = self.summary()
         if not summary["left"]["faces"]:
             return ["Every face is covered."]
-        lines = [f"{_amount(summary['left'])} are not covered."]
+        lines = [f"{_amount(summary['left'], 'are not covered')}."]
         reasons = sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"])
-        lines += [f"  {_amount(share)} {REASONS[name].sentence}" for name, share in reasons]
+        lines += [f"  {_amount(share, REASONS[name].sentence)}" for name, share in reasons]
         if self.n_candidates:
             lines.append(f"Of these, with {plural(self.n_candidates, 'candidate')}:")
             for name, words in COULD.items():
                 if summary[name]["faces"]:
-                    lines.append(f"  {_amount(summary[name])} {words}")
+                    lines.append(f"  {_amount(summary[name], words)}")
         parts = rows_at(self.mesh.groups, 1)
         found = {name: self.of_groups(name, rows, 1)["hidden_by"] for name, rows in parts.items()}
         for part in sorted(found, key=lambda name: -sum(found[name].values()))[:MOST_ROWS]:
@@ -474,9 +474,10 @@ class NearestCameras:
         self.camera[better] = batch.pose_ids[leader[better]]
 
 
-def _amount(share: dict[str, Any]) -> str:
-    """Words for a share of faces."""
-    return f"{plural(share['faces'], 'face')} ({percent(share['area_percent'] / 100)} of the area)"
+def _amount(share: dict[str, Any], action: str) -> str:
+    """Sentence on a share of faces; `action` is what several do."""
+    count, part = share["faces"], percent(share["area_percent"] / 100)
+    return f"{plural(count, 'face')} ({part} of the area) {verb(count, action)}"
 
 
 def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:

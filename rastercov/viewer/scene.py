@@ -25,7 +25,7 @@ from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views
+from rastercov.camera.rig import Rig, Views, lamps_of
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -76,6 +76,10 @@ LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
 LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
 """Note on a result that was lit."""
+LAMPS_TO_CHOOSE = (
+    "lamps are to be chosen: shown is any light; --poses takes the poses.json of place"
+)
+"""Note on a plan whose lamps are not chosen."""
 OF_CAMERAS, OF_LAMPS = ("catalogue", "camera", "cameras", "rigs"), ("lamps", "ambient", "exposure")
 """Entries of a plan that its cameras, and its lamps, are made of."""
 RESULTS = {
@@ -407,6 +411,9 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     """
     plan = read_plan(path)
     mesh, plan, _ = named_scene(plan)
+    chosen = lamps_of(rig.rig) if rig is not None and rig.rig is not None else None
+    notes: tuple[str, ...] = (LAMPS_TO_CHOOSE,) if plan.lamp_entries and chosen is None else ()
+    plan = plan.with_lamps(chosen) if plan.lamp_entries else plan
     pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
@@ -425,7 +432,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
-    notes = rule_notes(cameras or (rig.rig if rig is not None else None))
+    notes += rule_notes(cameras or (rig.rig if rig is not None else None))
     moving = PlanMotion.of(plan, mesh)
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving)
 
@@ -526,10 +533,13 @@ def scene_of_place(folder: Path) -> Shown | None:
         needed = told["plan"].keys() & {"meshes", "targets", "rooms", *OF_LAMPS}
         if told["plan"].get("motion"):
             needed |= told["plan"].keys() & {"bodies", "motion", "task", *OF_CAMERAS}
-        entries = {name: told["plan"][name] for name in needed}
+        of_lamps = [entry for entry in told["plan"].get("candidates", ()) if entry.get("lamp")]
+        entries = {name: told["plan"][name] for name in needed} | {"candidates": of_lamps}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)
-        return PlanMotion.of(plan, mesh) or mesh, plan.built_lamps(plan.folder)
+        chosen = read_views(folder / "poses.json").rig if of_lamps else None
+        lamps = lamps_of(chosen) if chosen else plan.built_lamps(plan.folder)
+        return PlanMotion.of(plan, mesh) or mesh, lamps
     except RastercovError:  # such as a file that was moved
         return None
 

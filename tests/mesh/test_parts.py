@@ -10,7 +10,7 @@ from scenes import joined
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.coverage.parts import part_rows
+from rastercov.coverage.parts import PartRow, part_rows
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.formats.polygons import names_in_tree
 from rastercov.mesh.groups import Names
@@ -190,3 +190,13 @@ def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     of_arm, of_tool = judge(mesh, np.ones(48, np.int64), {"arm": 0.3, "arm/tool": 0.6}, faces)
     assert (of_arm.status, of_arm.share, of_arm.n_groups) == ("holds", pytest.approx(1 / 3), 3)
     assert of_tool.words().startswith("part arm/tool: 50.0 % covered, 60.0 % wanted")
+
+
+@pytest.mark.parametrize(("percent", "reason"), [(100.0, ""), (99.9, "too few pixels")])
+def test_a_part_of_which_every_point_is_covered_has_no_reason_why_not(percent, reason):
+    entry = {
+        "area_m2": 1.0, "covered": {"percent": 98.0}, "covered_area": {"percent": percent},
+        "covered_of_seeable_percent": percent,
+        "seeable_not_covered_because": {"too_coarse": {"area_percent": 2.0}},  # as a whole face
+    }  # fmt: skip
+    assert PartRow.of(entry).reason == reason

@@ -1,6 +1,7 @@
 """Lamps in the viewer: devices that are moved, and figures of what they light."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -262,6 +263,39 @@ def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
     session.close()
 
 
+def exported(capsys, sources):
+    """Content of the page that `view` writes."""
+    done(capsys, f"view {sources} --export page.html")
+    page = Path("page.html").read_text("utf-8")
+    return json.loads(page.partition('id="export">')[2].partition("</script>")[0])
+
+
+@pytest.mark.slow
+def test_results_and_plans_show_the_lamps_that_were_chosen(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    moving_scene(tmp_path, steps=3)
+    PART.to_trimesh().export("part.stl")
+    rc.write_poses("eyes.json", POSES)
+    joints = (tmp_path / "m.toml").read_text()
+    Path("plan.toml").write_text(
+        'existing = "eyes.json"\n[[meshes]]\npath = "part.stl"\n[task]\nmin_illuminance = 12.0\n'
+        '[selection]\ngoal = "best_coverage"\nlamps = 1\n[[candidates]]\nlamp = "key"\n'
+        'generator = "on_sphere"\ncount = 4\ndistances = [0.6]\n[outputs]\npage = false\n[camera]\n'
+        "width = 320\nheight = 240\nhfov_deg = 50.0\n[lamps.key]\nintensity_cd = 9\n" + joints
+    )
+    done(capsys, "place plan.toml")
+    chosen = rc.read_views("plan/poses.json").rig.lamps
+    for sources in ("plan", "plan.toml -p plan/poses.json"):
+        data = exported(capsys, sources)
+        shown = {each["name"]: each["pose"] for each in data["state"]["lamps"]}
+        assert list(shown) == list(chosen.names)
+        assert np.allclose(np.reshape(list(shown.values()), (-1, 4, 4)), chosen.places)
+        assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
+    data = exported(capsys, "plan.toml -p eyes.json")  # none is chosen yet: in any light
+    assert not data["state"].get("lamps")
+    assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
+
+
 @pytest.mark.slow
 def test_results_show_their_lamps_and_motion_again(tmp_path, monkeypatch, capsys):
     enter(tmp_path, monkeypatch)
@@ -281,9 +315,7 @@ def test_results_show_their_lamps_and_motion_again(tmp_path, monkeypatch, capsys
     )
     done(capsys, "place plan.toml")
     for folder, n_frames in (("report", 3), ("plan", 0)):
-        done(capsys, f"view {folder} --export page.html")
-        page = (tmp_path / "page.html").read_text("utf-8")
-        data = json.loads(page.partition('id="export">')[2].partition("</script>")[0])
+        data = exported(capsys, folder)
         assert [each["name"] for each in data["state"]["lamps"]] == ["key"]
         assert len(data["scene"].get("motion", {}).get("durations", ())) == n_frames
         frame = data["frames"]["reason@2" if n_frames else "reason"]

@@ -21,6 +21,7 @@ import { Session } from "rastercov/session.js";
 import { startCard } from "rastercov/start_card.js";
 import { Jobs, connectionBanner, messages, offerLost } from "rastercov/status.js";
 import { tabs } from "rastercov/tabs.js";
+import { timePanel } from "rastercov/time.js";
 import { Tools } from "rastercov/tools.js";
 import { whyPanel, zonesPanel } from "rastercov/why.js";
 
@@ -65,7 +66,7 @@ async function open() {
     ],
     1,
   );
-  const left = side("left", "Panels", panels.root);
+  const left = side("left", "Panels", timePanel(session), panels.root);
   panels.onShow(left.unfold);
   isImageShown = () => panels.isShown("One camera");
 

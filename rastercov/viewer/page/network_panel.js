@@ -3,14 +3,13 @@
 import { button, element, fill, percent, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
-import { jointsPanel, timePanel } from "rastercov/time.js";
+import { jointsPanel } from "rastercov/time.js";
 
 export function networkPanel(session) {
   const modes = modeList(session, "network");
   return element(
     "div",
     {},
-    timePanel(session),
     jointsPanel(session),
     section("All cameras together", [modes, reasons(session)]),
     session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
