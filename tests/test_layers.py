@@ -103,7 +103,7 @@ BUDGET = {
 MOST_FILES = 250
 # Code lines of C++ in native/, without blank lines, comments, includes and texts: the border,
 # vectors and loops.
-BUDGET_OF_CPP = 14_800
+BUDGET_OF_CPP = 14_805
 MOST_LINES_OF_CPP_FILE = 600
 
 
