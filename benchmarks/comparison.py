@@ -100,7 +100,7 @@ class Contestant:
 
     name: str
     kind: str
-    """What decides its errors; they are those of all of a kind."""
+    """Kind of its errors, which all of a kind share."""
     fractions: Callable[[int], FloatArray]
     """(F,) in a pose."""
     work: Callable[[], object]
@@ -268,7 +268,7 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
 
 
 def check(report: Report, name: str, scene: Scene, entered: list[Contestant]) -> None:
-    """What must hold before anything is timed."""
+    """Check everything that must hold before anything is timed."""
     rng = np.random.default_rng(0)
     partly = (scene.fraction[0] > 0) & (scene.fraction[0] < 1) & scene.judged[0]
     some = rng.permutation(np.flatnonzero(partly))[:CHECKED_BY_FRACTIONS]
@@ -318,7 +318,7 @@ def race(entered: list[Contestant], n_poses: int, rounds: int) -> None:
 
 
 def rounds_of(entered: list[Contestant], rounds: int):
-    """Contestants whose turn it is, round by round."""
+    """Contestants in turns, round by round."""
     for _ in range(rounds + 1):
         yield from [each for each in entered if each.spent < MOST_SECONDS]
 

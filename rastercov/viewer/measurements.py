@@ -21,7 +21,7 @@ from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
-from rastercov.coverage.advice import advice, depth_in_words
+from rastercov.coverage.advice import advice, depth_in_words, general_advice
 from rastercov.coverage.area.criteria import baseline_holds, deviations
 from rastercov.coverage.area.failures import LightOfPoints, illuminance_of_faces
 from rastercov.coverage.area.light import failing_lamp
@@ -486,7 +486,7 @@ def _of_station(
         rig, name = state.rig(), NAMES[failed]
         lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])
         lamp = failing_lamp(rig, lead, mesh.centroids[face], mesh.normals[face], failed)
-        words, tip = f"{REASONS[name].label} ({lamp})", REASONS[name].advice
+        words, tip = f"{REASONS[name].label} ({lamp})", general_advice(name)
     return {
         "station": station.id,
         "name": station.name,

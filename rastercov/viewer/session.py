@@ -151,7 +151,7 @@ class Session:
 
     @property
     def measurements(self) -> Measurements:
-        """What is measured at that time."""
+        """Everything that is measured at that time."""
         return self.moment.measurements
 
     @property

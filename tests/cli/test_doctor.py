@@ -22,7 +22,7 @@ from rastercov.raster.gl import WAYS, GLRasterizer, devices, diagnose, libraries
 from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(
-    r"By default rastercov counts on the CPU, rastercov [\d.]+, \d+ threads?, because .*\.$"
+    r"By default rastercov counts on the CPU, rastercov [\w.]+, \d+ threads?, because .*\.$"
 )
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)
 
@@ -144,7 +144,7 @@ def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_cont
 def test_printed_report_has_every_device_and_ends_with_the_default(report, width):
     report["environment"] = {"LIBGL_ALWAYS_SOFTWARE": "1", "CUDA_VISIBLE_DEVICES": "[2]"}
     text = printed(report, width)
-    rows = [r"cpu +rastercov [\d.]+ +- +software +passed *$"]
+    rows = [r"cpu +rastercov [\w.]+ +- +software +passed *$"]
     rows += [rf"{row['device']['label']} .*passed" for row in report["reports"]]
     places = [re.search(f"^ ?{row}", text, re.MULTILINE).start() for row in rows]
     assert places[0] == min(places)

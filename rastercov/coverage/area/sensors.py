@@ -254,7 +254,7 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
     triangles = np.stack([*fan, covered.xy[following(covered.starts)]], axis=1)
 
     def deviation(value: FloatArray) -> FloatArray:
-        """That of the least eigenvalue of the criterion, g + 1 = (limit / deviation)^2."""
+        """Value of the least eigenvalue of the criterion, g + 1 = (limit / deviation)^2."""
         return np.asarray(gate.most_deviation / np.sqrt(1 + np.maximum(value, 0.0)))
 
     for halving in range(MOST_HALVINGS + 1):  # a few us a triangle

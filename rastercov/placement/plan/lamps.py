@@ -154,7 +154,7 @@ class LampChoice:
 
 
 class Frame:
-    """What cameras see at one time, and what of it any lamps light; each point is found once.
+    """Parts that cameras see at one time, and those of them that lamps light; each point is found once.
 
     In a frame of a motion, a row of it, regions are on the mesh at rest.
     """
