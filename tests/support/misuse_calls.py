@@ -204,7 +204,7 @@ UNTRIED = {
     "LaserLine": "is made by laser_line",
     "OverTime": "is made by over_time",
 }
-"""What is not tried, and why."""
+"""Classes, each with the reason why it is not tried."""
 
 
 def opened_and_closed(function):
