@@ -154,7 +154,7 @@ class LampChoice:
 
 
 class Frame:
-    """Parts that cameras see at one time, and those of them that lamps light; each point is found once.
+    """Parts that cameras see at one time, and those that lamps light; each point is found once.
 
     In a frame of a motion, a row of it, regions are on the mesh at rest.
     """
