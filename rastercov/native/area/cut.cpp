@@ -165,8 +165,7 @@ template <> struct Record<area::Devices> {
 };
 template <> struct Record<area::Uncertainties> {
     using S = area::Uncertainties;
-    static constexpr auto fields =
-        Fields<&S::devices, &S::limit, &S::along_normal>();
+    static constexpr auto fields = Fields<&S::devices, &S::limit, &S::along_normal>();
 };
 
 template <class Criteria>
