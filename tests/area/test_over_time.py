@@ -61,6 +61,16 @@ def test_the_curve_falls_and_adds_up_to_the_frames():
     assert of_time == pytest.approx(weighted, rel=1e-9)
 
 
+@pytest.mark.parametrize("over", [0.7, "all"])
+def test_every_second_frame_is_the_motion_of_these_frames_alone(over):
+    result = rc.evaluate_over_time(passing([1, 1, 1, 2]), CAMERA, ABOVE, TASK, over)
+    some = result.motion._of_frames(np.array([True, False, True, False]))
+    alone = 100 * rc.evaluate_over_time(some, CAMERA, ABOVE, TASK, over).share()
+    others = result.motion._of_frames(np.array([False, True, False, True]))
+    assert alone != rc.evaluate_over_time(others, CAMERA, ABOVE, TASK, over).share() * 100
+    assert result.half() == pytest.approx(alone, abs=1e-9)
+
+
 def test_views_at_any_time_need_not_be_at_one_time():
     # The part is seen by one camera or by the other, when the plate is before this one.
     motion = passing()

@@ -53,7 +53,7 @@ def as_on_windows():
     exclusive, of_files = fcntl.LOCK_EX | fcntl.LOCK_NB, {}
 
     def opened(path, flags, *arguments, **options):
-        if os.path.isdir(path):  # noqa: PTH112
+        if Path(path).is_dir():
             raise PermissionError(13, "Permission denied", os.fspath(path))
         descriptor = posix_open(path, flags & ~TEMPORARY, *arguments, **options)
         if flags & TEMPORARY:
@@ -63,7 +63,7 @@ def as_on_windows():
     def closed(descriptor):
         posix_close(descriptor)
         if path := of_files.pop(descriptor, None):
-            os.unlink(path)  # noqa: PTH108
+            Path(path).unlink()
 
     def locking(descriptor, _mode, _n_bytes):
         flock(descriptor, exclusive)
