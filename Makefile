@@ -10,7 +10,8 @@
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
 # make docs    the documentation as a site, docs/_build/html, without a network
-# make bench   exactness and speed, side by side with a ray tracer
+# make bench   all figures of the documentation, side by side with a ray tracer, to build/bench; under
+#              an hour. MESHES=DIR measures the mesh files there, too
 #
 # All of it lives in .venv and build/native; Mesa's OpenGL and a compiler of C++20 come from the
 # system, through apt when they are missing; without root the compiler comes from PyPI. Through apt
@@ -126,8 +127,7 @@ bench: $(VENV)/installed-bench native opengl
 	@ldconfig -p | grep -q libusb-1.0.so.0 || \
 	{ $(STEP) "installing libusb, some seconds" $(APT) install -y libusb-1.0-0; } || \
 	{ echo "error: Open3D needs libusb; as root: apt-get install -y libusb-1.0-0"; exit 2; }
-	$(BIN)/python benchmarks/exactness.py
-	$(BIN)/python benchmarks/throughput.py
+	$(BIN)/python benchmarks/everything.py $(if $(MESHES),--meshes $(MESHES))
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12), (3, 13), (3, 14)))' || \

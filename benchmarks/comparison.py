@@ -14,16 +14,12 @@ Contestants whose package is missing are left out with a line.
 """
 
 import json
-import os
-import platform
 import statistics
 import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +30,10 @@ from contest import Cell
 from embree_packets import EmbreePackets
 from numpy.typing import NDArray
 from peers import VTK, Embreex, Open3D, what_is_missing
-from rows import Report, arguments
+from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
 import rastercov as rc
-from rastercov import native
 from rastercov.mesh import shapes
 from rastercov.mesh.formats import READERS
 from rastercov.reference import rational
@@ -417,22 +412,6 @@ def placement(report: Report) -> list[str]:
     return lines
 
 
-def header(args) -> str:
-    """Machine, versions and method, in a paragraph."""
-    cpu = Path("/proc/cpuinfo").read_text().partition("model name")[2].split("\n")[0].strip(" :\t")
-    packages = [
-        f"{name} {version(name)}"
-        for name in ("rastercov", "numpy", "embreex", "open3d", "trimesh", "vtk")
-        if not what_is_missing((name,))
-    ]
-    load = " ".join(f"{value:.1f}" for value in os.getloadavg())
-    return (
-        f"{datetime.now(UTC):%Y-%m-%d}; {cpu or platform.machine()}, {THREADS} threads, loops for "
-        f"{native.LEVEL}, load {load}; Python {platform.python_version()}, "
-        f"{', '.join(packages)}; {args.poses} poses, {args.rounds} rounds."
-    )
-
-
 def write(page: Path, block: str) -> None:
     """Put a block between the marks of a page."""
     text = page.read_text(encoding="utf-8")
@@ -466,11 +445,12 @@ def main() -> None:
     for name, cell in cells.items():
         scenes[name] = measure(report, name, cell, args, left_out.append)
         print(f"{name}: done", file=sys.stderr, flush=True)
-    block = "\n".join([header(args), "", *tables(scenes), "", *placement(report)])
+    header = f"{machine()}; {THREADS} threads, {args.poses} poses, {args.rounds} rounds."
+    block = "\n".join([header, "", *tables(scenes), "", *placement(report)])
     for line in dict.fromkeys(left_out):
         print(line, file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
-    figures = {"header": header(args), "scenes": scenes, "rows": report.rows}
+    figures = {"header": header, "scenes": scenes, "rows": report.rows}
     (args.out / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
     if args.page and not report.failed:
         write(args.page, block)

@@ -249,7 +249,7 @@ def _statistical(report: Report) -> None:
 
 
 def _starts(report: Report) -> None:
-    """Time that compiled loops add to a start."""
+    """Time that loading the loops adds to a start."""
     command = [sys.executable, "-c", START]
     starts = [subprocess.run(command, capture_output=True, check=True) for _ in range(6)]
     seconds = statistics.median(float(start.stdout) for start in starts)

@@ -1,4 +1,4 @@
-"""Costs of the CPU rasteriser alone: `drawn`, later starts, memory."""
+"""Costs of the CPU rasteriser alone: `drawn`, starts, memory."""
 
 import statistics
 import subprocess
@@ -52,7 +52,7 @@ def cost_of_drawn(report) -> None:
 
 
 def later_starts(report) -> None:
-    """Seconds from the start of Python to a first result, when loops have been compiled before."""
+    """Seconds from the start of Python to a first result."""
     for what, line in STARTS.items():
         command = [sys.executable, "-c", FIRST_RESULT + line]
         times = []
@@ -61,7 +61,7 @@ def later_starts(report) -> None:
             subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
             times.append(time.perf_counter() - started)
         report.add(
-            f"a later start, import to first {what}",
+            f"a start, import to first {what}",
             statistics.median(times[1:]),
             "s",
             at_most=MOST_SECONDS,

@@ -283,7 +283,7 @@ def rates(report: Report) -> None:
     poses, task = rc.sphere_of_poses((0, 0, 0), 4.2, 168), rc.Task(max_incidence_deg=60)
     with rc.open_observer(mesh, camera, threads=1) as observer:
         with tempfile.TemporaryDirectory() as folder:
-            measure_matrix(observer, poses[:4], task, folder)  # compiles
+            measure_matrix(observer, poses[:4], task, folder)
         with tempfile.TemporaryDirectory() as folder:
             cpu = time.process_time()
             matrix = measure_matrix(observer, poses, task, folder)

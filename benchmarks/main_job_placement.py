@@ -1,7 +1,7 @@
 """Time of the long steps of `place` and `check`: matrix, check of a rig, cavities.
 
 The results are compared with those of slower ways to them. Printed are seconds by wall clock and
-CPU seconds of all threads. Each job runs for a small input first, which compiles its loops.
+CPU seconds of all threads. Each job runs for a small input first.
 """
 
 import tempfile
@@ -48,6 +48,7 @@ fy = 300
 [task]
 views = 4
 max_incidence_deg = 60
+by = "face"
 [[candidates]]
 generator = "on_sphere"
 count = {count}
@@ -55,7 +56,6 @@ distances = [4.2]
 [selection]
 goal = "best_coverage"
 cameras = 1
-by = "face"
 """
 TASK = """
 [task]

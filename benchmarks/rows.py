@@ -11,6 +11,8 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +62,7 @@ class Report:
         if as_json:
             print(json.dumps(self.rows, indent=2))
         else:
-            print(
-                f"{platform.processor() or platform.machine()}, Python {platform.python_version()}"
-            )
+            print(machine())
             for row in () if self.prints else self.rows:
                 _print(row)
         for what in self.failed:
@@ -75,6 +75,26 @@ def _print(row: dict[str, Any]) -> None:
     limit = "" if row["must"] is None else f"   must {row['must']:g}"
     verdict = {None: "", True: "  holds", False: "  DOES NOT HOLD"}[row["holds"]]
     print(f"{row['what']:<66}{row['value']:>12.4g} {row['unit']}{limit}{verdict}", flush=True)
+
+
+def machine() -> str:
+    """Day, processor, level of the loops, load, and versions, in a line."""
+    from rastercov import native
+
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    load = " ".join(f"{value:.1f}" for value in os.getloadavg())
+    versions = [f"Python {platform.python_version()}"]
+    for name in ("rastercov", "numpy", "trimesh", "moderngl", "embreex", "open3d", "vtk"):
+        try:
+            versions.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return (
+        f"{datetime.now(UTC):%Y-%m-%d}; {next(models, platform.machine())}, "
+        f"{len(os.sched_getaffinity(0))} cores, {platform.system()} {platform.release()}, "
+        f"loops for {native.LEVEL}, load {load}; {', '.join(versions)}"
+    )
 
 
 def resident_mib() -> float:

@@ -13,25 +13,22 @@ over rounds, ratios too. A ratio counts the making of rays; a second one to Open
 Memory is the peak of all processes of a contestant, libraries, mesh, images and results included.
 `--meshes DIR` measures the mesh files of a folder in place of the built-in scenes.
 
-Then what does not need a peer: `footprint` has what `drawn` costs, how soon a later start has a
+Then what does not need a peer: `footprint` has what `drawn` costs, how soon a start has a
 result, and memory. Table, plots and `throughput.json` go to `--out`.
 """
 
 import json
-import os
-import platform
 import statistics
 import sys
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 from contest import SOFTWARE, Cell, Team, TeamError, contestants
 from footprint import cost_of_drawn, later_starts, memory_of_workers
 from peers import what_is_missing
-from rows import Report, arguments
+from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
 from rastercov.mesh.formats import READERS
@@ -103,7 +100,7 @@ def main() -> None:
         for key in args.contestants
         if not what_is_missing(field_of[key].packages)
     }
-    header = _header()
+    header = {"at the start": machine()}
     say(*(f"{name}: {value}" for name, value in header.items()))
     report, measured, about = Report(), [], {}
     for cell in _cells(args) if "contest" in args.parts else ():
@@ -112,7 +109,7 @@ def main() -> None:
     for part in args.parts:
         if part in PARTS:
             PARTS[part](report)
-    header |= {"load at the end": _load(), "devices": about}
+    header |= {"at the end": machine(), "devices": about}
     _write(args.out, header, report, measured, field_of)
     say("", f"{args.out}/throughput.json")
     if not args.json:  # the table has the others
@@ -291,31 +288,6 @@ def _cells(args) -> list[Cell]:
             for size in sizes
         ]
     return of_files or (FULL if args.full else DEFAULT)
-
-
-def _header() -> dict[str, object]:
-    model = next(
-        (line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
-         if line.startswith("model name")), platform.machine(),
-    )  # fmt: skip
-    versions = {}
-    for name in ("rastercov", "numpy", "moderngl", "open3d", "trimesh",
-                 "embreex", "vtk"):  # fmt: skip
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "none"
-    return {
-        "machine": f"{model}, {len(os.sched_getaffinity(0))} cores, {platform.system()} "
-        f"{platform.release()}",
-        "versions": f"Python {platform.python_version()}, "
-        + ", ".join(f"{name} {number}" for name, number in versions.items()),
-        "load at the start": _load(),
-    }
-
-
-def _load() -> str:
-    return ", ".join(f"{value:.2f}" for value in os.getloadavg())
 
 
 def _printer(is_json: bool):

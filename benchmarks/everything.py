@@ -1,0 +1,89 @@
+"""All that the documentation measures, one program after another: `make bench`.
+
+Each prints into a file of --out, under a line about the machine, with its seconds and its peak of
+memory below. Programs that time loops beside rays run once for each level of `LEVELS`. One that
+fails does not stop the others. Figures are those of the documentation only where nothing else runs.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from rows import arguments, machine
+
+from rastercov import native
+
+HERE = Path(__file__).parent
+LEVELS = ("v3", "v4")
+CONTEST = "throughput.py --contestants cpu embree --parts contest"
+PARTS = {
+    "contest": CONTEST,
+    "contest_of_meshes": f"{CONTEST} --meshes MESHES",
+    "engine": "main_job_engine.py --meshes MESHES",
+    "peers": "throughput.py --contestants cpu gl-pipeline open3d --parts contest",
+    "costs": "throughput.py --parts drawn start memory",
+    "exactness": "exactness.py",
+    "regions": "regions.py --meshes MESHES",
+    "wide_lenses": "regions.py --wide",
+    "lenses": "lenses.py",
+    "main_job": "main_job.py",
+    "jobs_of_placement": "main_job_placement.py",
+    "selection": "placement.py --only published",
+    "cells": "placement.py --only cells",
+    "large_selection": "large_selection.py --only generated",
+    "rates": "large_selection.py --only rates",
+    "viewer": "viewer.py",
+    "motion": "motion.py",
+    "robots": "robots.py",
+    "sensors": "sensors.py",
+    "streaming": "streaming.py",
+    "million": "million.py",
+    "contexts": "contexts.py",
+    "thesis": "thesis_table_4_2.py",
+}
+BOTH_LEVELS = ("contest", "contest_of_meshes", "engine")
+
+
+def main() -> None:
+    parser = arguments(__doc__.splitlines()[0])
+    parser.add_argument("--meshes", type=Path, metavar="DIR", help="mesh files to measure, too")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--out", type=Path, default=Path("build/bench"))
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    failed = []
+    for name in args.only:
+        words = PARTS[name].split()
+        if args.meshes is None and "MESHES" in words:
+            if name == "contest_of_meshes":
+                continue
+            words = words[: words.index("--meshes")]
+        words = [str(args.meshes) if word == "MESHES" else word for word in words]
+        for level in LEVELS if name in BOTH_LEVELS else [native.LEVEL]:
+            if level not in native.runnable():
+                continue
+            if not measured(args.out / f"{name}_{level}.txt", words, level):
+                failed.append(f"{name}, {level}")
+    sys.exit(f"failed: {'; '.join(failed)}" if failed else 0)
+
+
+def measured(file: Path, words: list[str], level: str) -> bool:
+    """Run one program into its file; whether it ended well."""
+    command = [sys.executable, str(HERE / words[0]), *words[1:]]
+    with file.open("w", encoding="utf-8") as out:
+        print(f"benchmarks/{' '.join(words)}\n{machine()}", file=out, flush=True)
+        began = time.monotonic()
+        chosen = os.environ | {"RASTERCOV_LEVEL": level}
+        ran = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, env=chosen)
+        _, status, usage = os.wait4(ran.pid, 0)
+        ran.returncode = os.waitstatus_to_exitcode(status)
+        last = f"{time.monotonic() - began:.0f} s, peak {usage.ru_maxrss / 1024:.0f} MiB"
+        print(f"exit {ran.returncode}, {last}", file=out)
+    print(f"{file}: exit {ran.returncode}, {last}", flush=True)
+    return ran.returncode == 0
+
+
+if __name__ == "__main__":
+    main()
