@@ -1,6 +1,6 @@
 """Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
 
-A long run writes a shard every few seconds, so that one which was ended continues where it was; and
+A long run writes what it has in shards, so that one which was ended continues where it was; and
 workers can make them. A folder holds the inputs (`rastercov.cluster.inputs`) and, with the checksum
 of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions. Of a
 motion, a frame is the unit of a shard, in place of a pose.
@@ -52,11 +52,11 @@ LOG = logging.getLogger("rastercov")
 FUNCTION = "rastercov.coverage.shards:make"
 OF_FRAMES = "rastercov.coverage.shards:make_frames"
 """Functions by which workers make a shard."""
-PAIRS_A_SHARD = 1 << 22
-"""Pose-face pairs of one shard: several seconds of work."""
+PAIRS_A_SHARD = 1 << 19
+"""Pose-face pairs of one shard: a tenth of a second of work or more, and some 50 MB of regions."""
 UNFINISHED = "unfinished"
 """Folder in that of a report, for the shards of a run until its report is whole."""
-LONG_RUN = 16
+LONG_RUN = 128
 """Shards from which on a run is kept: shorter ones are done again in a minute or two."""
 FILES = (
     "shards/shard-*.npz", "shards/.*.part", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
@@ -123,13 +123,16 @@ class EvaluationShards:
     def parts(self, staff: Staff) -> Iterator[JudgedPoses]:
         """Every shard in turn, as of `judged_parts`."""
         store = self.store
+        made: dict[int, bytes] = {}
 
         def make(number: int, did: Callable[[int], None]) -> bytes:
             poses = self.poses[store.rows(number)]
-            return _measured(self.observer, poses, self.task, self.wanted, did)
+            made[number] = _measured(self.observer, poses, self.task, self.wanted, did)
+            return made[number]
 
         for number in fill(store, make, store.read, staff):
-            yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
+            data = made.pop(number, None) or store.read(number) or b""
+            yield self._part(data, self.poses[store.rows(number)])
 
     def _part(self, data: bytes, poses: Poses) -> JudgedPoses:
         arrays = read_npz(data)

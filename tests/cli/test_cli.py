@@ -50,8 +50,8 @@ QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
 BUILT_IN = "render box -c camera.toml -p sphere:1 --transform {scale=3}"
 LONG = "evaluate sphere -c camera.toml -p sphere:40000 --table seen --pictures 1 -o report"
-SMALL = f"shards.PAIRS_A_SHARD = {400 * shapes.by_name('sphere').n_faces}"
-"""Shards of it, of which it then has a hundred."""
+SMALL = f"shards.PAIRS_A_SHARD = {250 * shapes.by_name('sphere').n_faces}"
+"""Shards of it, of which it then has 160."""
 
 
 # --- help -----------------------------------------------------------------------------------------
