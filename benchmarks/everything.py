@@ -41,7 +41,7 @@ PARTS = {
     "streaming": "streaming.py",
     "million": "million.py",
     "contexts": "contexts.py",
-    "thesis": "thesis_table_4_2.py",
+    "thesis": "thesis_table_4_2.py --bunnies MESHES",
 }
 BOTH_LEVELS = ("contest", "contest_of_meshes", "engine")
 
@@ -59,7 +59,7 @@ def main() -> None:
         if args.meshes is None and "MESHES" in words:
             if name == "contest_of_meshes":
                 continue
-            words = words[: words.index("--meshes")]
+            words = words[: words.index("MESHES") - 1]
         words = [str(args.meshes) if word == "MESHES" else word for word in words]
         for level in LEVELS if name in BOTH_LEVELS else [native.LEVEL]:
             if level not in native.runnable():
