@@ -182,7 +182,7 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
     said = ["a camera sees" if n == 1 else f"{n} cameras see"]
-    said += [f"{max(few, n)} of {name}" for name, n in named.items() if name]
+    said += [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
     if task["min_angle_deg"]:
         said.append(f"{task['min_angle_deg']:g}° apart")
     more = [words(task[name]) for name, words in WORDS.items() if task[name] != usual[name]]

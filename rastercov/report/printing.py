@@ -34,8 +34,9 @@ def browser() -> str:
         pass
     if found is None or not Path(found).exists():
         raise ConfigError(
-            "--pdf wants a browser that prints, got none: install Chromium or Chrome, or run "
-            "`playwright install chromium`, or print the page by hand"
+            "--pdf wants a browser that prints, got none: install Chromium or Chrome (on Debian "
+            "apt-get install -y chromium), run `playwright install chromium`, or print the page "
+            "by hand"
         )
     return found
 

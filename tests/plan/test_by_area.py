@@ -146,7 +146,7 @@ def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(vie
     assert required.of_m2 == pytest.approx(most)
     assert required.low <= required.share <= required.high
     assert found.is_met
-    assert "of the area that all candidates cover, 90.0 % wanted" in required.words()
+    assert "of the area that can be covered, 90.0 % wanted" in required.words()
 
 
 @pytest.mark.slow

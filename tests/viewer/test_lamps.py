@@ -293,6 +293,7 @@ def test_results_and_plans_show_the_lamps_that_were_chosen(tmp_path, monkeypatch
         assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
     data = exported(capsys, "plan.toml -p eyes.json")  # none is chosen yet: in any light
     assert not data["state"].get("lamps")
+    assert {each["place"] for each in data["state"]["stations"]} == {"allowed"}
     assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
 
 

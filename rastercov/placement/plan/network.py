@@ -130,7 +130,7 @@ class Requirement:
 
     def _parts(self) -> tuple[str, str, str]:
         """Words on what is covered, on what is not, and on the bounds of both."""
-        of = " of what all candidates cover" if self.of_reachable else ""
+        of = " of what can be covered" if self.of_reachable else ""
         ends = f"the bound of visibility allows {percent(self.low)} to {percent(self.high)}"
         return f"covered{of}", plural(self.uncovered, "face"), ends
 
@@ -156,7 +156,7 @@ class AreaRequirement(Requirement):
 
     def _parts(self) -> tuple[str, str, str]:
         of = "of what can be seen covered" if self.of_seeable else "of the area covered"
-        of = "of the area that all candidates cover" if self.of_reachable else of
+        of = "of the area that can be covered" if self.of_reachable else of
         ends = f"the bound of the area allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
         return of, in_square_metres(self.of_m2 - self.m2), ends
 

@@ -8,6 +8,7 @@ EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
@@ -25,6 +26,8 @@ MOST_DEVICES = 64
 
 INSTALL_EGL = "install Mesa (on Debian apt-get install -y libegl1 libgl1 libgl1-mesa-dri)"
 INSTALL_OSMESA = "install OSMesa (on Debian apt-get install -y libosmesa6)"
+if sys.platform != "linux":
+    INSTALL_EGL = INSTALL_OSMESA = "OpenGL opens on Linux only; the CPU counts the same"
 
 
 def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
