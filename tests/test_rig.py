@@ -11,8 +11,11 @@ from visible_fractions import visibility
 
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamp, Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, cameras_of
+from rastercov.camera.rig import Rig, Views, cameras_of
+from rastercov.camera.rule import All
+from rastercov.camera.rule import Any as AnyOf
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.area.regions import regions
 from rastercov.coverage.coverage import FIGURES
@@ -21,6 +24,7 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
+from rastercov.report.coverage_files import views_of
 
 MESH = shapes.torus(24, 12)
 WIDE = Camera(width=160, height=120, fx=90, fy=90)
@@ -148,3 +152,31 @@ def test_a_camera_that_is_not_there_is_refused(method):
 def test_names_of_a_rig_are_different_texts(names):
     with pytest.raises(CameraError, match="texts"):
         Rig([WIDE, LONG], names)
+
+
+def test_some_cameras_of_a_rig_keep_all_that_is_theirs():
+    own, lamps = {"b": Task(max_incidence_deg=40)}, Lamps([Lamp.point(9)], rides=["b"])
+    places = sphere_of_poses((0, 0, 0), 1.0, 3)
+    rig = Rig(CAMERAS, [*"abc"], places, tasks=own, fixed=["c"], rule=All(min_baseline_deg=2))
+    some = rig._lit(lamps)._only([1, 2])
+    assert (some.cameras, some.names, some.tasks) == (CAMERAS[1:], ("b", "c"), own)
+    assert np.array_equal(some.rig_from_camera, places[1:])
+    assert (some.lamps, some.fixed, some.gates, some.rule) == (lamps, ("c",), {}, AnyOf())
+    assert rig._only([0, 1, 2]).gates == rig.gates
+    assert rig._only([2]).fixed == ()  # of one that is alone, nothing else moves
+    pair = Rig.of_several([Rig([WIDE]), rig], [*"xabc"])._only([1, 2, 3])
+    assert (pair.gates, pair.tasks, pair.fixed) == (rig.gates, own, ("c",))
+    views = Views(rig, Poses.of(places, camera=[0, 1, 2]), tuple("abc"))
+    assert views.of_camera("b").rig.tasks == own
+    assert views_of(rig, views.poses[[0, 1]]).rig.tasks == own
+
+
+def test_another_lens_keeps_its_noise_in_pixels():
+    pair = Rig([WIDE, LONG], [*"ab"], rule=All(max_uncertainty=1.0, noise_px={"a": 0.2, "b": 0.5}))
+    both = Rig.of_several([Rig([TALL]), pair], [*"xab"])
+    made = both._with_camera("b", LONG.resized(3))
+    assert made.gates[1].noise == pytest.approx((0.2 / 90, 0.5 / 1200))
+    assert both._with_camera("x", WIDE).gates == both.gates
+    more = both._with_camera("y", WIDE)
+    assert (more.names, more.cameras[-1], more.gates) == ((*"xaby",), WIDE, both.gates)
+    assert np.array_equal(more.rig_from_camera[-1], np.eye(4))

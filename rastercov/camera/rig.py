@@ -194,19 +194,60 @@ class Rig(InOneLine):
             gates |= {first + row: gate for row, gate in rig.gates.items()}
             tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
         places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
-        return cls(cameras, names, places, tasks=tasks, fixed=fixed)._with_gates(gates)
+        return cls(cameras, names, places, tasks=tasks, fixed=fixed)._with(gates=gates)
 
-    def _with_gates(self, gates: Mapping[int, Gate]) -> "Rig":
-        """The same cameras with other rules, see `gates`."""
+    def _with(self, **changes: Any) -> "Rig":
+        """The rig with other values of some attributes, and everything else as it is."""
         found = copy(self)
-        object.__setattr__(found, "gates", dict(gates))
+        for name, value in changes.items():
+            object.__setattr__(found, name, value)
         return found
 
     def _lit(self, lamps: Lamps | None) -> "Rig":
         """The same cameras with other lamps."""
-        found = copy(self)
-        object.__setattr__(found, "lamps", lamps)
-        return found
+        return self._with(lamps=lamps)
+
+    def _only(self, rows: Sequence[int]) -> "Rig":
+        """Some of the cameras, by rising rows, with their places, thresholds and lamps.
+
+        A rule stays where all of its cameras do; cameras are fixed where others move.
+        """
+        new = {row: at for at, row in enumerate(rows)}
+        names = tuple(self.names[row] for row in rows)
+        gates = {
+            new[at]: gate for at, gate in self.gates.items()
+            if all(row in new for row in range(at, at + gate.n))
+        }  # fmt: skip
+        fixed = tuple(name for name in self.fixed if name in names)
+        return self._with(
+            cameras=tuple(self.cameras[row] for row in rows),
+            names=names,
+            rig_from_camera=self.rig_from_camera[list(rows)],
+            rule=self.rule if gates else AnyOf(),
+            tasks={name: own for name, own in self.tasks.items() if name in names},
+            fixed=fixed if len(fixed) < len(names) else (),
+            gates=gates,
+        )
+
+    def _with_camera(self, name: str, camera: Camera) -> "Rig":
+        """With a camera in place of that of a name, whose noise stays in pixels, or as the last."""
+        if name not in self.names:
+            places = np.concatenate([self.rig_from_camera, np.eye(4)[None]])
+            own: dict[str, Any] = {"names": (*self.names, name), "rig_from_camera": places}
+            return self._with(cameras=(*self.cameras, camera), **own)
+        row = self.names.index(name)
+        before, after = (min(each.fx, each.fy) for each in (self.cameras[row], camera))
+        gates = {
+            at: gate._replace(
+                noise=tuple(
+                    own * before / after if at + device == row else own
+                    for device, own in enumerate(gate.noise)
+                )
+            )
+            for at, gate in self.gates.items()
+        }
+        cameras = (*self.cameras[:row], camera, *self.cameras[row + 1 :])
+        return self._with(cameras=cameras, gates=gates)
 
 
 Cameras = Camera | Sequence[Camera] | Rig
@@ -287,16 +328,15 @@ def with_gates(cameras: Sequence[Camera], entries: Mapping[str, Any]) -> Cameras
         int(at): Gate._make(tuple(each) if isinstance(each, list) else each for each in own)
         for at, own in entries["gates"].items()
     }
-    return found._with_gates(gates)
+    return found._with(gates=gates)
 
 
 def with_places(cameras: Cameras, rig_from_camera: ArrayLike | None) -> Rig:
     """The cameras as a rig with these places, with their rules and lamps."""
+    placed = Rig(cameras_of(cameras), names_of(cameras), rig_from_camera)  # which checks the places
     if not isinstance(cameras, Rig):
-        return Rig(cameras_of(cameras), None, rig_from_camera)
-    own: dict[str, Any] = {"tasks": cameras.tasks, "fixed": cameras.fixed}
-    found = Rig(cameras.cameras, cameras.names, rig_from_camera, **own)
-    return found._with_gates(cameras.gates)._lit(cameras.lamps)
+        return placed
+    return cameras._with(rig_from_camera=placed.rig_from_camera)
 
 
 def shared_rows(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
@@ -473,12 +513,8 @@ class Views(InOneLine):
         is_alone = self.rig is not None and name is None and self.n_used == 1
         index = int(self.poses.camera[0]) if is_alone else self._index(name)
         assert self.rig is not None
-        rig = Rig(
-            [self.rig.cameras[index]],
-            [self.rig.names[index]],
-            self.rig.rig_from_camera[index][None],
-        )._lit(self.rig.lamps)
-        return self._with_rows(np.flatnonzero(self.poses.camera == index), rig)
+        rows = np.flatnonzero(self.poses.camera == index)
+        return self._with_rows(rows, self.rig._only([index]))
 
     def _with_rows(self, rows: NDArray[np.intp], rig: "Rig | None") -> "Views":
         """These poses, all of the only camera of a rig; `Poses.rejected` is kept."""

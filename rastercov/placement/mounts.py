@@ -15,7 +15,7 @@ import numpy as np
 from rastercov.base.memory import IntArray, Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, led_by
+from rastercov.camera.rig import Rig, led_by, with_places
 
 
 def places_on_rigs(owner: IntArray) -> IntArray:
@@ -57,7 +57,8 @@ class Mounts:
     @classmethod
     def of_cameras(cls, rig: Rig) -> Self:
         """A mount for each camera, by its name; places on the rig are left out."""
-        return cls(rig.names, Rig(rig.cameras, rig.names), np.arange(len(rig) + 1))
+        own = with_places(rig, None)._with(fixed=(), gates={})
+        return cls(rig.names, own, np.arange(len(rig) + 1))
 
     def __len__(self) -> int:
         return len(self.names)

@@ -18,7 +18,7 @@ from rastercov.camera.formats.own import content_of
 from rastercov.camera.gltf_lights import Light, scene_of
 from rastercov.camera.lamps import Lamps, lights_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of, names_of_poses
+from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of_poses
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
@@ -56,11 +56,8 @@ def write_rig(
 
 def views_of(camera: Cameras, poses: Poses, names: Sequence[str] = (), unit: str = "m") -> Views:
     """Poses of a result with their cameras; names of images and unit as for `write_rig`."""
-    cameras = cameras_of(camera)
     used = np.unique(poses.camera).tolist()
-    rig = Rig([cameras[row] for row in used], [names_of(camera)[row] for row in used])
-    if isinstance(camera, Rig) and camera.is_one and len(used) == len(camera):
-        rig = camera
+    rig = (camera if isinstance(camera, Rig) else Rig(cameras_of(camera)))._only(used)
     index = np.searchsorted(used, poses.camera)
     placed = dataclasses.replace(poses, camera=index.astype(np.int32), rejected={})
     images = tuple(names) or names_of_poses(poses)

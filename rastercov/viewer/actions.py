@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from types import MappingProxyType
 from typing import Annotated, Any, Literal, Union, get_type_hints
 
 import numpy as np
@@ -190,8 +189,9 @@ def _restore(state: RigState, settle: Settle, rig: KeptRig) -> Edited:
     """The rig that a page kept, in place of the present one."""
     if len({each.id for each in rig.stations}) != len(rig.stations):
         raise ConfigError("the ids of stations must differ")
-    cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
-    made = replace(state, stations=(), cameras=MappingProxyType(cameras))
+    made = replace(state, stations=())
+    for name, camera in rig.cameras.items():
+        made = made.with_camera(name, Camera.from_dict(camera.plain))
     stations = []
     for each in rig.stations:
         made.camera(each.camera)

@@ -126,7 +126,8 @@ class Measurements:
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
         """Row of each of some stations of a state."""
         keys = [
-            (state.camera_of(each), each.pose.tobytes(), state.task_of(each)) for each in stations
+            (state.camera_of(each), each.pose.tobytes(), state.task_of(each.camera))
+            for each in stations
         ]
         missing: dict[tuple[Camera, Task], dict[Key, FloatArray]] = {}
         for key, station in zip(keys, stations, strict=True):
@@ -279,7 +280,7 @@ class NetworkFigures:
         is the largest at the corners by rigs that measure the face, metres; 0 for none.
         """
         mesh, worst = self.mesh, np.zeros(self.mesh.n_faces)
-        rig, poses, stations = self.state.of_rules() if self.state.gates else (None, None, [])
+        rig, poses, stations = self.state.of_rules() if self.state.whole.gates else (None, None, [])
         if rig is None or poses is None or not stations:
             return np.zeros((1, mesh.n_faces), int), np.full((1, mesh.n_faces), -1), worst, ()
         place = {each.id: row for row, each in enumerate(self.state.on)}
@@ -454,7 +455,7 @@ def _of_station(
     measurements: Measurements, state: RigState, station: Station, face: int
 ) -> dict[str, Any]:
     """Figures of the face in one camera."""
-    mesh, camera, task = measurements.mesh, state.camera_of(station), state.task_of(station)
+    mesh, camera, task = measurements.mesh, state.camera_of(station), state.task_of(station.camera)
     observer = measurements.observer(camera)
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
     found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}

@@ -4,8 +4,9 @@ States are immutable and share what did not change, so that undo has no end and 
 edit makes a new state, and `History` is a list of states with a place in it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from threading import RLock
 from types import MappingProxyType
@@ -15,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rig import Rig, Views, names_of_poses, with_lamps
-from rastercov.camera.rule import Gate
+from rastercov.camera.rig import Rig, Views, names_of_poses, rows_of_result
 from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
@@ -45,7 +45,7 @@ class Station:
         Number that stays the same whatever is edited.
     name : str
     camera : str
-        Name of its camera in `RigState.cameras`.
+        Name of its camera in `RigState.whole`.
     pose : (4, 4) float64
         world_from_camera.
     is_on : bool
@@ -66,12 +66,13 @@ def checked_pose(pose: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class RigState:
-    """Stations, cameras by name, and thresholds; edits return another state.
+    """Stations, their cameras, and thresholds; edits return another state.
 
     Attributes
     ----------
     stations : tuple of Station
-    cameras : mapping of str to Camera
+    whole : Rig
+        All cameras, with their rules, places, own thresholds, and the lamps that light.
     task : Task
     needed : mapping of str to int, or None
         Cameras that faces of a group need, 1 for groups that are not named; those of the task for
@@ -80,26 +81,14 @@ class RigState:
         Catalogue of the plan, beside that of the package.
     unit : {"m", "unit"}
         Of lengths; "unit" is that of a reconstruction without a scale.
-    gates : mapping of tuple of str to Gate
-        Rules of rigs by the names of their cameras.
-    tasks : mapping of str to Task
-        Thresholds of some cameras by name, in place of those of the task.
-    lamps : Lamps or None
-        Lamps that must light what the cameras see.
-    places : mapping of str to (4, 4) float64
-        rig_from_camera of cameras by name, for lamps that ride on the rig.
     """
 
     stations: tuple[Station, ...]
-    cameras: Mapping[str, Camera]
+    whole: Rig
     task: Task = field(default_factory=Task)
     needed: Mapping[str, int] | None = None
     catalogue: Path | None = None
     unit: str = "m"
-    gates: Mapping[tuple[str, ...], Gate] = field(default_factory=dict)
-    tasks: Mapping[str, Task] = field(default_factory=dict)
-    lamps: Lamps | None = None
-    places: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -126,34 +115,35 @@ class RigState:
                 zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
             )
         )
-        cameras = MappingProxyType(dict(zip(rig.names, rig.cameras, strict=True)))
-        gates = {rig.names[at : at + gate.n]: gate for at, gate in rig.gates.items()}
         task = task or Task()
         every = dict(zip(rig.names, tasks_of(rig, task), strict=True))
-        tasks = {name: every[name] for name in rig.tasks}
-        places = dict(zip(rig.names, rig.rig_from_camera, strict=True))
-        own: dict[str, Any] = {"tasks": tasks, "lamps": rig.lamps, "places": places}
-        return cls(stations, cameras, task, gates=gates, **own)
+        own = rig._with(tasks={name: every[name] for name in rig.tasks})
+        return cls(stations, own, task)
 
     def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
         """Cameras with the rules of their rigs, and stations of rigs whose cameras are all on.
 
         A rig is stations that follow one another, in the order of its cameras.
         """
-        names = [name for own in self.gates for name in own]
-        firsts = np.cumsum([0, *map(len, self.gates)]).tolist()
-        rig = Rig([self.cameras[name] for name in names], names)._with_gates(
-            dict(zip(firsts, self.gates.values(), strict=False))
-        )
+        gates = sorted(self.whole.gates.items())
+        rig = self.whole._only([at + row for at, gate in gates for row in range(gate.n)])
         found: list[Station] = []
         for row in range(len(self.stations)):
-            for own in self.gates:
-                some = self.stations[row : row + len(own)]
+            for at, gate in rig.gates.items():
+                own, some = rig.names[at : at + gate.n], self.stations[row : row + gate.n]
                 if tuple(each.camera for each in some) == own and all(each.is_on for each in some):
                     found += some
-        matrices = np.array([each.pose for each in found]).reshape(-1, 4, 4)
-        placed = Poses.of(matrices, camera=[names.index(each.camera) for each in found])
-        return rig, placed, found
+        return rig, _placed(rig, found), found
+
+    @cached_property
+    def cameras(self) -> Mapping[str, Camera]:
+        """Cameras by name."""
+        return MappingProxyType(dict(zip(self.whole.names, self.whole.cameras, strict=True)))
+
+    @property
+    def lamps(self) -> Lamps | None:
+        """Lamps that must light what the cameras see."""
+        return self.whole.lamps
 
     @property
     def on(self) -> tuple[Station, ...]:
@@ -180,9 +170,9 @@ class RigState:
         """The camera of a station."""
         return self.cameras[station.camera]
 
-    def task_of(self, station: Station) -> Task:
-        """The thresholds that decide what the camera of a station covers."""
-        return self.tasks.get(station.camera) or of_one_camera(self.task)
+    def task_of(self, camera: str) -> Task:
+        """The thresholds that decide what a camera covers, by its name."""
+        return self.whole.tasks.get(camera) or of_one_camera(self.task)
 
     def with_station(self, station: Station) -> "RigState":
         """With a station in place of the one of its id."""
@@ -250,7 +240,7 @@ class RigState:
 
     def with_camera(self, name: str, camera: Camera) -> "RigState":
         """With a camera of that name, new or changed."""
-        return replace(self, cameras=MappingProxyType({**self.cameras, name: camera}))
+        return replace(self, whole=self.whole._with_camera(name, camera))
 
     def with_type(self, name: str) -> "RigState":
         """With a camera of the catalogue, unless there is a camera of that name."""
@@ -259,12 +249,16 @@ class RigState:
         sold = Camera.from_dict({"preset": name, "catalogue": self.catalogue})
         return self.with_camera(name, sold)
 
+    def lit(self, lamps: Lamps | None) -> "RigState":
+        """With other lamps."""
+        return replace(self, whole=self.whole._lit(lamps))
+
     def with_lamp(self, lamp: int, pose: FloatArray) -> "RigState":
         """With another place of a lamp; ConfigError where there is none of that row."""
         own = self.lamps
         if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
             raise ConfigError(f"there is no lamp {lamp} to move")
-        return replace(self, lamps=own.at(lamp, checked_pose(pose)))
+        return self.lit(own.at(lamp, checked_pose(pose)))
 
     def with_task(self, task: Task) -> "RigState":
         """With other thresholds; other views are those of all groups."""
@@ -280,24 +274,31 @@ class RigState:
         """(F,) cameras that must cover each face."""
         return views_of(mesh, self.task.views if self.needed is None else self.needed)
 
-    def rig(self) -> Rig:
-        """The cameras that stations use, all where none does, and with lamps."""
+    def rig(self, rule_of: Poses | None = None) -> Rig:
+        """The cameras that stations use, all where none does, and with lamps.
+
+        Each counts by itself, unless their rules hold of poses, which are then those of whole rigs.
+        """
         used = {each.camera for each in self.stations} or set(self.cameras)
-        names = [name for name in self.cameras if name in used or self.lamps is not None]
-        places = [self.places.get(name, np.eye(4)) for name in names]
-        return with_lamps(Rig([self.cameras[name] for name in names], names, places), self.lamps)
+        names, is_lit = self.whole.names, self.lamps is not None
+        found = self.whole._only([at for at, name in enumerate(names) if is_lit or name in used])
+        try:
+            if rule_of is not None:
+                rows_of_result(found, rule_of)
+                return found
+        except PoseError:
+            pass
+        return found._with(gates={})
 
     def poses(self, *, all_stations: bool = False) -> Poses:
         """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""
-        stations = self.stations if all_stations else self.on
-        names = self.rig().names
-        matrices = np.array([each.pose for each in stations]).reshape(-1, 4, 4)
-        return Poses.of(matrices, camera=[names.index(each.camera) for each in stations])
+        return _placed(self.rig(), self.stations if all_stations else self.on)
 
     def views(self) -> Views:
         """All stations as `Views`, for files."""
         names, has_unit = tuple(each.name for each in self.stations), self.unit == "m"
-        return Views(self.rig(), self.poses(all_stations=True), names, has_unit=has_unit)
+        poses = self.poses(all_stations=True)
+        return Views(self.rig(poses), poses, names, has_unit=has_unit)
 
     def camera(self, name: str) -> Camera:
         """A camera by its name; ConfigError where there is none."""
@@ -312,6 +313,13 @@ class RigState:
         while free in taken:
             free, number = f"{name} {number}", number + 1
         return free
+
+
+def _placed(rig: Rig, stations: Sequence[Station]) -> Poses:
+    """Poses of stations, with the rows of their cameras in a rig."""
+    row = {name: at for at, name in enumerate(rig.names)}
+    matrices = np.array([each.pose for each in stations]).reshape(-1, 4, 4)
+    return Poses.of(matrices, camera=[row[each.camera] for each in stations])
 
 
 def of_one_camera(task: Task) -> Task:

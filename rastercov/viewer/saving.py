@@ -95,11 +95,12 @@ class Saving:
         if state.unit != "m":
             raise ConfigError("a report is in metres, and this has no scale; see rastercov audit")
         options = Options(method=self.session.measurements.method)
-        scene, rig, moving = self.session.scene, state.rig(), self.session.scene.moving
+        scene, poses, moving = self.session.scene, state.poses(), self.session.scene.moving
+        rig = state.rig(poses)
         if moving is not None:
             bodies = [moving.body_of(name) for name in rig.names]
             moving = replace(moving, bodies=bodies, cameras=rig.names)
-        run(scene.mesh, rig, state.poses(), state.task, path, options, moving=moving)
+        run(scene.mesh, rig, poses, state.task, path, options, moving=moving)
         return f"a report of {plural(len(state.on), 'camera')} is in {path}"
 
 

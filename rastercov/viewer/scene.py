@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -125,7 +124,7 @@ class Scene:
         if self.plan is not None:
             raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
         start = self.start
-        start = replace(start, lamps=lamps, task=start.task.lit_by(lamps))
+        start = replace(start.lit(lamps), task=start.task.lit_by(lamps))
         lamps.carried_by(tuple(start.cameras))
         notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
         return replace(self, start=start, notes=notes)
@@ -194,7 +193,7 @@ class Scene:
         """Ways to colour the faces; DORI levels are of scenes in which people may be."""
         is_site = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))) >= LEAST_SITE
         has_levels = is_site and self.start.unit == "m"
-        gates = self.start.gates.values()
+        gates = self.start.whole.gates.values()
         is_certain = any(gate.has_deviation for gate in gates)
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
         lamps = self.start.lamps
@@ -423,10 +422,11 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
             raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
         start = state_of(rig, plan.build_task(), cameras)
         if cameras is not None:  # those that the rig does not use may be added
-            of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
-            every = MappingProxyType({**start.cameras, **of_plan, **start.cameras})
-            places = dict(zip(cameras.names, cameras.rig_from_camera, strict=True))
-            start = replace(start, cameras=every, lamps=cameras.lamps, places=places)
+            own = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4)))).whole
+            own = own._with(tasks={**own.tasks, **start.whole.tasks})
+            for name, camera in start.cameras.items():
+                own = own._with_camera(name, camera)
+            start = replace(start, whole=own)
     elif cameras is None:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:
@@ -514,7 +514,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    start = replace(state_of(read_views(rig_file), task, _cameras(run)), lamps=lamps)
+    start = state_of(read_views(rig_file), task, _cameras(run)).lit(lamps)
     needed = (_read(folder / name).get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))

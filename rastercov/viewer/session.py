@@ -441,7 +441,7 @@ def camera_png(
     if not LEAST_SIDE <= side <= MOST_SIDE:
         raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
     own = state.station(station)
-    camera, task = state.camera_of(own), state.task_of(own)
+    camera, task = state.camera_of(own), state.task_of(own.camera)
     small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
     reasons = evaluate(mesh, camera, own.pose[None], task, fields=("reason",)).reason[0]
     found = by_faces(camera_scene(mesh, small, own.pose), reasons)

@@ -31,7 +31,7 @@ from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.measurements import Measurements, NetworkFigures
-from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station, of_one_camera
+from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
 from rastercov.viewer.scene import Scene, distances
 from rastercov.viewer.session import Moment, Session, StaleError
 
@@ -72,7 +72,7 @@ def refined(
     own = state.station(station)
     if not own.is_on:
         raise ConfigError(f"{own.name} is off; switch it on to refine it")
-    mesh, camera, task = measurements.mesh, state.camera_of(own), state.task_of(own)
+    mesh, camera, task = measurements.mesh, state.camera_of(own), state.task_of(own.camera)
     others = [each for each in state.on if each.id != station]
     rest = _figures(measurements, state, others)
     need = np.ones(mesh.n_faces, np.int64)
@@ -127,7 +127,7 @@ def with_next(
     Cancelled
         As `progress` does.
     """
-    mesh, task = measurements.mesh, of_one_camera(state.task)
+    mesh, task = measurements.mesh, state.task_of(camera)
     rest = _figures(measurements, state, list(state.on))
     # Each further view of a face that lacks some counts.
     is_open = mesh.task_mask & (rest.views < rest.need)

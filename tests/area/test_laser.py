@@ -7,7 +7,7 @@ from sweep_rays import CAMERA, LASER, TASK, along_x, around_z, head, measured, p
 import rastercov as rc
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.laser import _between
+from rastercov.coverage.area.laser import _between, _with_sheet
 from rastercov.mesh.arrays import rotation_about
 from rastercov.reference.regions import points_on
 
@@ -165,3 +165,10 @@ def test_what_is_no_laser_line_is_refused_in_one_line(change, words):
     with pytest.raises(rc.RastercovError, match=words) as error:
         rc.laser_line(MESH, given.pop("rig"), given.pop("path"), given.pop("task"), **given)
     assert "\n" not in str(error.value)
+
+
+def test_the_sheet_that_is_swept_has_the_noise_of_the_laser():
+    rule = rc.All(max_uncertainty=1e-3, noise_px=0.3)
+    own = rc.Rig([LASER, CAMERA], ["laser", "camera"], rule=rule, tasks=head().tasks)
+    assert _with_sheet(own, "laser", TASK).gates == own.gates
+    assert own.gates[0].noise[0] == pytest.approx(0.3 / min(LASER.fx, LASER.fy))

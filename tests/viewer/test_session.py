@@ -2,6 +2,7 @@ import base64
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -22,8 +23,10 @@ from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
 from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.saving import Saving
 from rastercov.viewer.scene import Scene, task_fields
 from rastercov.viewer.session import Session, StaleError, unframed
+from rastercov.viewer.work import with_next
 
 MESH = part()
 POSES = around(MESH)
@@ -336,7 +339,7 @@ def test_groups_that_need_several_cameras():
     groups = [rc.Group("upper"), rc.Group("lower")]
     mesh = rc.Mesh(MESH.vertices, MESH.faces, groups, is_lower.astype(int))
     start = state_of(mesh)
-    state = RigState(start.stations, start.cameras, start.task, {"lower": 2})
+    state = replace(start, needed={"lower": 2})
     session = Session(Scene("groups", mesh, state))
     head, levels = acted(session)
     views = (rc.evaluate(mesh, CAMERA, POSES).reason == Reason.COVERED).sum(axis=0)
@@ -378,3 +381,37 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
 def test_the_state_is_told_while_something_is_measured(session):
     with session.lock, ThreadPoolExecutor() as pool:  # as a compilation of minutes holds it
         assert pool.submit(session.described_state).result(10)
+
+
+def test_thresholds_of_single_cameras_count_in_each_figure(tmp_path):
+    """In the exact area, what is saved, and the search for the next camera."""
+    mesh, poses = part(), Poses.of(around(part(), 4), camera=[0, 1, 0, 1])
+    own, task = {"strict": rc.Task(max_incidence_deg=30)}, rc.Task(max_incidence_deg=75)
+    rig = Rig([CAMERA, CAMERA], ["plain", "strict"], tasks=own)
+    session = Session(Scene("part", mesh, RigState.of(rig, poses, task=task)))
+    exact = rc.unite(regions(mesh, rig, poses, task)).share()
+    without = rc.unite(regions(mesh, (CAMERA, CAMERA), poses, task)).share()
+    assert exact < without - 0.05
+    assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-9)
+    Saving(session, tmp_path).save({"what": "rig"})
+    saved = rc.read_views(tmp_path / "rig.json")
+    found = rc.unite(regions(mesh, saved.rig, saved.poses, task)).share()
+    assert found == pytest.approx(exact, abs=1e-12)
+    with pytest.raises(rc.ConfigError, match="covers more"):
+        with_next(session.measurements, session.state, "strict", poses.world_from_camera[[1]])
+    session.close()
+
+
+def test_a_rule_is_saved_where_the_stations_are_whole_rigs(tmp_path):
+    rule, mesh = rc.All(min_baseline_deg=3), part()
+    rig = Rig([CAMERA, CAMERA], ["left", "right"], rule=rule)
+    session = Session(
+        Scene("part", mesh, RigState.of(rig, Poses.of(around(mesh), camera=[0, 1] * 2)))
+    )
+    Saving(session, tmp_path).save({"what": "rig"})
+    saved = rc.read_views(tmp_path / "rig.json")
+    assert (saved.rig.rule, saved.rig.gates) == (rule, rig.gates)
+    acted(session, do="delete", station=1)
+    Saving(session, tmp_path).save({"what": "rig"})
+    assert rc.read_views(tmp_path / "rig.json").rig.gates == {}
+    session.close()

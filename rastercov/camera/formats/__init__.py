@@ -59,10 +59,9 @@ def read_with_optics(folder: Path, content: Mapping[str, Any], border: Border) -
     if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
         raise CameraError(f"file must name a file of another program, got {shown(file)}")
     views = read_through(folder / file, border)
-    cameras = [camera.with_optics(others) for camera in views.cameras()]
+    cameras = tuple(camera.with_optics(others) for camera in views.cameras())
     assert views.rig is not None
-    rig = Rig(cameras, views.rig.names, views.rig.rig_from_camera)
-    return replace(views, rig=rig)
+    return replace(views, rig=views.rig._with(cameras=cameras))
 
 
 def _mvsnet_files(folder: Path) -> list[Path]:

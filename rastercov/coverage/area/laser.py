@@ -143,9 +143,7 @@ def _with_sheet(rig: Rig, laser: str, task: Task) -> Rig:
         raise ConfigError(f"{shown(laser)} has no pixels; leave pixel densities out of its tasks")
     side = sheet.width
     wide = replace(sheet, height=side, cy=side / 2, fy=side / 2 / ACROSS)
-    cameras = [*rig.cameras[:row], wide, *rig.cameras[row + 1 :]]
-    places = rig.rig_from_camera
-    return Rig(cameras, rig.names, places, rule=rig.rule, tasks=rig.tasks, fixed=rig.fixed)
+    return rig._with(cameras=(*rig.cameras[:row], wide, *rig.cameras[row + 1 :]))
 
 
 def _between(poses: FloatArray) -> FloatArray:
