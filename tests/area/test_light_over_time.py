@@ -174,8 +174,9 @@ def of_each_frame(motion, camera, poses, task, lamps):
     ),
     st.sampled_from([TASK, WITH_LIMITS]),
     st.booleans(),
+    st.booleans(),
 )  # fmt: skip
-def test_light_of_an_earlier_frame_is_that_of_the_frame_to_the_bit(frames, task, is_there):
+def test_light_of_an_earlier_frame_is_that_of_the_frame_to_the_bit(frames, task, is_there, rides):
     boxes = np.stack([turned(angle) for angle, *_ in frames])
     plates = np.stack([turned(angle, place) for _, angle, *place in frames])
     present = {"plate": [is_there or row % 2 == 0 for row in range(len(frames))]}
@@ -183,14 +184,17 @@ def test_light_of_an_earlier_frame_is_that_of_the_frame_to_the_bit(frames, task,
     # The border of the light of a spot is on the box: strips there are undecided, of a width.
     kinds = [*LAMPS.lamps, rc.Lamp.spot(8, intensity=60)]
     places = [*LAMPS.places, *rc.look_at([(0.55, -0.45, 3)], (0.1, 0, 0), up=(0, 1, 0))]
-    lamps = rc.Lamps(kinds, places)
+    if rides:
+        places[0] = np.linalg.inv(TWO_CAMERAS[0]) @ places[0]
+    lamps = rc.Lamps(kinds, places, rides=[rides, False, False])
     found = rc.regions_over_time(motion, CAMERA, TWO_CAMERAS, task, lamps=lamps)
     alone = joined_regions(of_each_frame(motion, CAMERA, TWO_CAMERAS, task, lamps))
     for name in NAMES:
         assert getattr(found, name).tobytes() == getattr(alone, name).tobytes()
 
 
-def test_a_lamp_is_found_again_where_a_moved_body_is_before_what_it_lights(monkeypatch):
+@pytest.mark.parametrize("rides", [False, True])
+def test_a_lamp_is_found_again_where_a_moved_body_is_before_what_it_lights(monkeypatch, rides):
     solved, find = [], RegionPass.find
 
     def counted(self, poses, *arguments, **options):
@@ -198,7 +202,8 @@ def test_a_lamp_is_found_again_where_a_moved_body_is_before_what_it_lights(monke
         return find(self, poses, *arguments, **options)
 
     monkeypatch.setattr(RegionPass, "find", counted)
-    lamps = rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
+    place = np.linalg.inv(TWO_CAMERAS[0]) @ LAMPS.places[0] if rides else LAMPS.places[0]
+    lamps = rc.Lamps(LAMPS.lamps[:1], place[None], rides=[rides])
     away = [np.eye(4), *(turned(0, (0, 3 + at, 0)) for at in range(4)), np.eye(4)]
     motion = rc.Motion(box_and_plate(), {"plate": np.stack(away)})
     rc.regions_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)

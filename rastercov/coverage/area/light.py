@@ -112,8 +112,8 @@ class Light:
     task : Task
     rig : Rig
         The cameras, on which lamps may ride.
-    find, find_fixed : callable
-        Regions of poses of `Lamps.eyes`, and of those that are fixed in the cell.
+    find : callable
+        Regions of poses of `Lamps.eyes`.
     """
 
     def __init__(
@@ -122,10 +122,8 @@ class Light:
         task: Task,
         rig: Rig,
         find: Callable[[Poses], Regions],
-        find_fixed: Callable[[Poses], Regions] | None = None,
     ) -> None:
         self.lamps, self.task, self._find = lamps, task, find
-        self._find_fixed = find_fixed or find
         self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
@@ -134,9 +132,9 @@ class Light:
         self._fixed: Once[Lit] = Once()
         self._fixed_regions: Once[Regions] = Once()
 
-    def anew(self, find_fixed: Callable[[Poses], Regions] | None = None) -> "Light":
+    def anew(self, find: Callable[[Poses], Regions] | None = None) -> "Light":
         """The same lamps, where nothing that they light is known, such as on a mesh that moved."""
-        return Light(self.lamps, self.task, self._rig, self._find, find_fixed)
+        return Light(self.lamps, self.task, self._rig, find or self._find)
 
     def alone(self) -> "Light":
         """The same lamps, whatever the thresholds of light."""
@@ -191,7 +189,7 @@ class Light:
         return points_of(self.lamps, lamps, world)
 
     def _of_fixed(self) -> Regions:
-        return self._fixed_regions.get(lambda: self._find_fixed(self._poses(~self._rides)))
+        return self._fixed_regions.get(lambda: self._find(self._poses(~self._rides)))
 
     def _with_fixed(self, poses: Poses, regions: Regions, n_rows: int) -> tuple[Poses, Regions]:
         """Points of lamps on the rig, of a number of rows, each with those that are fixed."""

@@ -310,7 +310,7 @@ class OfLamps:
             known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}
         own = {key: known.pop(key) for key in dict.fromkeys(keys)}
         known |= own  # last, and so kept longest
-        for key in list(known)[: -max(MOST_OF_LAMPS, len(own))]:
+        for key in list(known)[: -(MOST_OF_LAMPS + len(own))]:
             del known[key]
         return _in_frame(joined([own[key] for key in keys]), finder.mesh, kept, poses)
 

@@ -206,7 +206,7 @@ class RegionPass(ExactPass):
             self.light = self.light.anew()
 
     def lit_by(self, find: Callable[["RegionPass", Poses], Regions]) -> Light | None:
-        """Light of the mesh, with regions of fixed points of lamps by a function of their pass."""
+        """Light of the mesh, with regions of points of lamps by a function of their pass."""
         if self.light is None or self._of_lamps is None:
             return None
         return self.light.anew(partial(find, self._of_lamps))
