@@ -48,6 +48,8 @@ CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/p
 CPP := $(wildcard rastercov/native/*.?pp rastercov/native/*/*.?pp benchmarks/*.cpp)
 # The target of CMake: the processor's own level, all that it can run, or all known ones.
 LEVELS ?= own
+# Of `make dist`: kinds of processors, ARCHS='x86_64 aarch64'.
+ARCHS ?= $(shell uname -m)
 # Of `make sanitize`.
 TESTS ?= tests
 # Sources that changed since clang-tidy last found nothing.
@@ -96,12 +98,15 @@ native: $(NATIVE)/build.ninja
 $(NATIVE)/build.ninja: $(VENV)/tools $(VENV)/compiler
 	@$(STEP) "configuring the build of the loops in C++" $(CMAKE) -B $(NATIVE) $(CONFIGURED)
 
-# The wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018).
+# A wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018). Debian's
+# headers of Python include those of the processor, which on Linux of 64 bits are equal.
 dist: $(VENV)/tools $(VENV)/compiler-dist
-	@rm -rf dist; $(STEP) "compiling the loops for all processors of this kind, some minutes" \
-	env PATH="$(CURDIR)/$(BIN):$$PATH" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist)" \
+	@rm -rf dist; for arch in $(ARCHS); do ln -sfn /usr/include/$$(uname -m)-linux-gnu $(VENV)/include/$$arch-linux-gnu; \
+	$(STEP) "compiling the loops for all processors of $$arch, some minutes" \
+	env PATH="$(CURDIR)/$(BIN):$$PATH" CXXFLAGS="-idirafter $(CURDIR)/$(VENV)/include" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist) \
+	-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$$arch -DCMAKE_CXX_COMPILER_TARGET=$$arch-linux-gnu.2.28" \
 	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
-	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$(uname -m) python -m build --no-isolation
+	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$arch python -m build --no-isolation || exit 2; done
 	@$(BIN)/twine check --strict dist/* && sha256sum dist/*
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
