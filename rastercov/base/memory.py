@@ -21,6 +21,7 @@ from rastercov.base.errors import ResourceError
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+Int32Array = NDArray[np.int32]
 
 CACHE_LINE = 64
 """Bytes of a cache line."""

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import pair, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
@@ -19,13 +18,12 @@ from rastercov.base.files import (
     read_toml,
     suffix_of,
 )
+from rastercov.base.memory import FloatArray
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
 from rastercov.camera.lamps import KINDS, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.viewpoints import look_at
-
-FloatArray = NDArray[np.float64]
 
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""

@@ -22,6 +22,7 @@ from rastercov.base.files import (
     StrPath,
 )
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light
@@ -36,8 +37,6 @@ from rastercov.camera.photometry import (
 )
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
-
-FloatArray = NDArray[np.float64]
 
 KINDS = ("point", "spot", "bar", "ring", "dome", "area")
 """Kinds of lamps. All but the first two are of several points."""

@@ -12,8 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.memory import read_only
-from rastercov.camera import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import box_corners, to_camera

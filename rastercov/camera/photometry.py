@@ -8,12 +8,11 @@ luminaire that is not the same around its axis is refused, since a profile is of
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
 from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
+from rastercov.base.memory import FloatArray
 
-FloatArray = NDArray[np.float64]
 Profile = tuple[tuple[float, float], ...]
 """Angles from the axis, degrees, ascending from 0, and intensities relative to the largest."""
 

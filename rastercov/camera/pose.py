@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov.base.errors import PoseError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.base.typed import check_fields
-from rastercov.camera import FloatArray
 
 DRIFT_TOLERANCE = 1e-6
 """A rotation further than this from orthonormal is refused; nearer, it is made orthonormal."""

@@ -24,7 +24,7 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
 
 

@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 
 import numpy as np
 
-from rastercov.camera import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE, MOST_POSES, owned
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses, error_of, real_numbers

@@ -11,11 +11,11 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.console import Console
 
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural, verb
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -28,8 +28,6 @@ from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
-
-FloatArray = NDArray[np.float64]
 
 
 class ReportOptions(NamedTuple):

@@ -6,17 +6,15 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.format import distance as in_words
 from rastercov.base.format import number, percent
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import EDITIONS, density_text
 from rastercov.coverage.reasons import REASONS, Reason
 from rastercov.coverage.task import Task
-
-FloatArray = NDArray[np.float64]
 
 LIMITS = (
     ("drawn_pixels", "min_pixels", 0.5, "px"),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, plural
-from rastercov.base.memory import aligned_array
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.face_pass import FacePass, Measured
@@ -22,10 +22,6 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 PAIRS_A_BATCH = 1 << 19
 """Pose-face pairs evaluated at a time: about 50 MB of figures."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
@@ -19,8 +18,6 @@ from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.provenance import provenance_of
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

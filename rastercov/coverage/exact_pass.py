@@ -18,8 +18,6 @@ from rastercov.raster.observation import BoundKind, Observation
 if TYPE_CHECKING:
     from rastercov.exact.lens_solver import Visit
 
-FloatArray = NDArray[np.float64]
-
 
 def room_for(n_poses: int, n_faces: int) -> Observation:
     """Memory for the figures of some poses.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
@@ -44,7 +44,6 @@ from rastercov.coverage.shards import (
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FloatArray = NDArray[np.float64]
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
 

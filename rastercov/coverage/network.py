@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook
-from rastercov.base.memory import read_only
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint, lamps_of, led_by, rows_of_result
@@ -40,10 +40,6 @@ from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
     from rastercov.coverage.area.table import Regions
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 CHOICES = ("none", "covered", "seen", "all")

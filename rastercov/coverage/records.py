@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, aligned_array, read_only
+from rastercov.base.memory import (
+    BoolArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    aligned_array,
+    read_only,
+)
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import (
@@ -23,10 +30,7 @@ if TYPE_CHECKING:
     from rastercov.camera.lenses.records import CurvedLens
 
 Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-Longs = NDArray[np.int64]
 Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
 
 
 class Lens(NamedTuple):
@@ -46,8 +50,8 @@ class Scene(NamedTuple):
     vertices: FloatArray
     faces: NDArray[np.uint64]
     normals: FloatArray
-    degenerate: Bools
-    two_sided: Bools
+    degenerate: BoolArray
+    two_sided: BoolArray
     offsets: FloatArray
     reach: float  # greatest coordinate
     doubtful_cosine: float  # below which a face may be edge-on
@@ -73,7 +77,7 @@ class Seen(NamedTuple):
 class Figures(NamedTuple):
     """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
 
-    in_view: Bools
+    in_view: BoolArray
     in_view_fraction: FloatArray
     projected_area: FloatArray
     visible_pixels: FloatArray
@@ -81,7 +85,7 @@ class Figures(NamedTuple):
     resolution: FloatArray
     pixel_density: FloatArray
     facing_density: FloatArray
-    in_focus: Bools
+    in_focus: BoolArray
     visibility: FloatArray
     visibility_bound: FloatArray
     visibility_kind: Bytes
@@ -109,13 +113,13 @@ class Sums(NamedTuple):
     the scored faces that it covers, and the total of their coverage.
     """
 
-    views: Longs
+    views: IntArray
     best: FloatArray
-    best_row: Longs
+    best_row: IntArray
     reason: Bytes
-    kinds: Longs
+    kinds: IntArray
     bounds: FloatArray
-    covered_faces: Longs
+    covered_faces: IntArray
     totals: FloatArray
 
 
@@ -125,9 +129,9 @@ class PairRows(NamedTuple):
     Figures are named as in `Figures`, floats are float32, and what has a name is its code.
     """
 
-    pose: Ints
-    face: Ints
-    in_view: Bools
+    pose: Int32Array
+    face: Int32Array
+    in_view: BoolArray
     in_view_fraction: Singles
     projected_area: Singles
     visible_pixels: Singles
@@ -135,13 +139,13 @@ class PairRows(NamedTuple):
     resolution: Singles
     pixel_density: Singles
     facing_density: Singles
-    in_focus: Bools
+    in_focus: BoolArray
     visibility: Singles
     visibility_bound: Singles
-    visibility_kind: Ints
+    visibility_kind: Int32Array
     incidence: Singles
     coverage: Singles
-    reason: Ints
+    reason: Int32Array
 
 
 _SHORT = {np.bool_: np.bool_, np.float64: np.float32, np.uint8: np.int32}
@@ -159,8 +163,8 @@ class Sink(NamedTuple):
     """
 
     choice: int  # index of `network.CHOICES`
-    pose_ids: Longs
-    counts: Longs
+    pose_ids: IntArray
+    counts: IntArray
     rows: PairRows
 
 

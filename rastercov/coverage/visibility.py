@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.coverage import evaluate_batches
@@ -13,8 +14,6 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
-
-FloatArray = NDArray[np.float64]
 
 FRACTION = "visibility", "visibility_bound", "visibility_kind"
 """Its fields of `Coverage`."""

@@ -16,8 +16,8 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import BLOCK, CROSSED, Crossings, Segment
@@ -27,9 +27,6 @@ from rastercov.native.exact_certificate import classify_regions, find_regions, m
 from rastercov.native.exact_event import ask_for_events, find_event_edges, mark_crossed
 from rastercov.native.exact_grid import ask_for_all, ask_for_faces
 from rastercov.native.exact_setup import lay_boxes
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int32]
 
 CERTAIN_AREA_REL = 1e-6
 """Area tolerance when a region's largest face is classified as wholly visible or wholly hidden,
@@ -151,7 +148,7 @@ class CertificateSolver(HalfPlaneSolver):
             self._has_contact[np.flatnonzero(contacts) // BLOCK] = True
         return self._has_contact
 
-    def _list_around(self, events: IntArray) -> None:
+    def _list_around(self, events: Int32Array) -> None:
         """List the faces in the cells around event edges, or in all cells if these are not few."""
         n_cells = self.grid.columns * self.grid.rows
         are_few = self.n_clipped == 0 and CELLS_PER_EVENT * len(events) <= n_cells
@@ -167,6 +164,6 @@ class CertificateSolver(HalfPlaneSolver):
         before, edge = np.empty((2, n), np.int32)
         self._crossings = Crossings(last, before, edge, np.empty((n, 7)))
 
-    def largest_of_regions(self) -> IntArray:
+    def largest_of_regions(self) -> Int32Array:
         """(n_regions,) face of each region that was computed for all of it."""
         return self._targets[self.n_crossed : self.n_crossed + self.n_regions].copy()

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.exact.records import (
     CORNERS,
@@ -53,11 +54,6 @@ from rastercov.native.exact_setup import (
     set_up,
     set_up_plain,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int32]
-BoolArray = NDArray[np.bool_]
-
 
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""
@@ -194,7 +190,7 @@ def _room_for_blocks(blocks: Blocks) -> dict[str, Any]:
     return {"blocks": blocks, "has_boxes": np.empty(n, np.bool_), **its}
 
 
-def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks) -> Projected:
+def part_of(everything: Projected, part: slice, faces: Int32Array, blocks: Blocks) -> Projected:
     """Image of a part of all faces, with its own vertices, clipped faces and blocks."""
     own = {
         name: getattr(everything, name)[part]
@@ -416,7 +412,7 @@ class HalfPlaneSolver:
         self.set_pose(pose, near, front_only)
         self.solve_all()
 
-    def solve(self, targets: IntArray) -> None:
+    def solve(self, targets: Int32Array) -> None:
         """Compute `visible` and `area_error` of some opaque faces, given by index."""
         if len(targets):
             if not self._is_listed:
@@ -430,12 +426,12 @@ class HalfPlaneSolver:
         self.solve(self._measured(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32)))
         self.solve_targets()
 
-    def _measured(self, faces: IntArray) -> IntArray:
+    def _measured(self, faces: Int32Array) -> Int32Array:
         """Those of some opaque faces that are not left out."""
         if self._left_out is None:
             return faces
         is_left_out = self._left_out[faces] & (self.state[faces] & LIVE > 0)
-        rest: IntArray = faces[~is_left_out]
+        rest: Int32Array = faces[~is_left_out]
         others = faces[is_left_out]
         self.visible[others] = 0.0
         self.area_error[others] += self.area[others]
@@ -459,7 +455,7 @@ class HalfPlaneSolver:
         self._is_listed = bool(self.grid.asked[: self.grid.columns * self.grid.rows].all())
         self._run(targets, projected)
 
-    def _run(self, faces: IntArray, projected: Projected) -> None:
+    def _run(self, faces: Int32Array, projected: Projected) -> None:
         """Compute some faces, with more scratch memory as they need it."""
         done = 0
         while True:
@@ -477,7 +473,7 @@ class HalfPlaneSolver:
             self.visible, self.area_error,
         )  # fmt: skip
 
-    def _limit_errors(self, faces: IntArray) -> None:
+    def _limit_errors(self, faces: Int32Array) -> None:
         """No area exceeds the image; a face that rounds to a point may be some roundings wide."""
         least = OUTLINE_ERROR_FACTOR * 2 * self.camera.pixel_error**2
         largest = 2 * (self.camera.width * self.camera.height)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
 from rastercov.camera.lenses.records import PlaneRecord
@@ -23,8 +24,6 @@ from rastercov.native import exact_lens as native
 from rastercov.native.exact_lens import edge_bulges, vertex_images
 from rastercov.native.lens_polygons import bulges_by_parts, measure_polygons
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int32]
 BESIDE_REL = 1e-9
 """Distance of a surface from the side of a plane's image, relative to its own, that is no rounding.
 """
@@ -198,7 +197,7 @@ def sides_of(pinhole: Camera) -> FloatArray:
     return np.array([(0, 0, 1), (1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom)])
 
 
-def directed_sides(faces: IntArray, edges: Edges) -> IntArray:
+def directed_sides(faces: Int32Array, edges: Edges) -> Int32Array:
     """(O, 3) edge e from each corner of a face to the next, ~e where it runs backwards."""
     is_forward = edges.vertices[edges.of_face, 0] == faces
     sides = np.where(is_forward, edges.of_face, ~edges.of_face)

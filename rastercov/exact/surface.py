@@ -19,6 +19,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.base.threads import Once
 from rastercov.exact.records import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh
@@ -26,9 +27,6 @@ from rastercov.mesh.contacts import Contacts, Partners
 from rastercov.mesh.topology import edge_table
 from rastercov.native.exact_setup import check_surface, find_patches
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int32]
 Kept = TypeVar("Kept")
 
 
@@ -42,7 +40,7 @@ BITS = 10
 """Bits of each coordinate along the curve."""
 
 
-def local_order(vertices: FloatArray, faces: IntArray) -> IntArray | None:
+def local_order(vertices: FloatArray, faces: Int32Array) -> Int32Array | None:
     """(F,) faces in an order in which neighbours are close; None where that of the mesh is."""
     n = len(faces) // BLOCK
     if len(faces) < LEAST_FACES:
@@ -70,7 +68,7 @@ def blocks_of(flat: BoolArray, edges: Edges) -> Blocks:
     )  # fmt: skip
 
 
-def _joins(edges: Edges, patch: IntArray) -> IntArray:
+def _joins(edges: Edges, patch: Int32Array) -> Int32Array:
     """(J, 2) pairs of patches with a common edge of two faces, see `records.Blocks`."""
     has_two = (edges.faces[:, 1] >= 0) & (edges.kind != NON_MANIFOLD)
     one, other = np.sort(patch[edges.faces[has_two]], axis=1).T
@@ -93,7 +91,7 @@ def _blocks_of_edges(edges: Edges) -> dict[str, Any]:
     return {"is_plain": is_plain, "starts": starts, "of_edges": blocks[is_new]}
 
 
-def _along_curve(vertices: FloatArray, faces: IntArray) -> IntArray:
+def _along_curve(vertices: FloatArray, faces: Int32Array) -> Int32Array:
     """Faces in the order of their centroids along a curve that fills space."""
     centroids = vertices[faces].mean(axis=1)
     low, high = centroids.min(axis=0), centroids.max(axis=0)
@@ -119,7 +117,7 @@ class Targets:
     """
 
     vertices: FloatArray
-    faces: IntArray
+    faces: Int32Array
     flat: BoolArray
     blocks: Blocks
     source: NDArray[np.int64]
@@ -138,8 +136,8 @@ class SortedContacts:
     """
 
     contacts: Contacts
-    order: IntArray
-    place: IntArray
+    order: Int32Array
+    place: Int32Array
     _sorted: dict[int, tuple[Any, Once[Any]]] = field(default_factory=dict, init=False)
 
     def faces_for(self, distance: float = 0.0) -> BoolArray:
@@ -202,11 +200,11 @@ class Surface:
     centre: FloatArray
     diagonal: float
     vertices: FloatArray
-    faces: IntArray
+    faces: Int32Array
     flat: BoolArray
     edges: Edges
     blocks: Blocks
-    rank: IntArray
+    rank: Int32Array
     contacts: Contacts | SortedContacts
     source: NDArray[np.int64]
     place: NDArray[np.int64] | None = None
@@ -280,7 +278,7 @@ def _build(mesh: Mesh) -> Surface:
     )  # fmt: skip
 
 
-def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, NDArray[np.int64]]:
+def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[Int32Array, NDArray[np.int64]]:
     """Faces by number of their positions, and the vertex that each number is."""
     is_used = np.zeros(n_vertices, dtype=bool)
     is_used[positions] = True
@@ -288,7 +286,7 @@ def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, ND
     return row[positions].astype(np.int32), np.flatnonzero(is_used)
 
 
-def _by_use(faces: IntArray, n_vertices: int) -> tuple[NDArray[np.int64], IntArray]:
+def _by_use(faces: Int32Array, n_vertices: int) -> tuple[NDArray[np.int64], Int32Array]:
     """Vertices in the order in which faces use them first, and the faces by their new numbers.
 
     Those of a block are then close.
@@ -322,7 +320,7 @@ def _place_of_all(mesh: Mesh, opaque: Surface) -> NDArray[np.int64]:
     return place
 
 
-def _edges(faces: IntArray, n_vertices: int) -> Edges:
+def _edges(faces: Int32Array, n_vertices: int) -> Edges:
     """Build the edges of all faces.
 
     A face with a repeated vertex has an edge of no length, which is `NON_MANIFOLD` whatever its

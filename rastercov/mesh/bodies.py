@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
-from rastercov.base.memory import read_only
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import (
@@ -32,10 +32,6 @@ from rastercov.mesh.contacts import (
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.topology import first_equal_row
 from rastercov.native import mesh_bodies, mesh_contacts, mesh_tree
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 OF_EVERY_POSE = (
     *("welded_faces", "topology", "degenerate_mask", "is_closed_outward", "inside_out_mask"),

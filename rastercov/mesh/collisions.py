@@ -18,13 +18,12 @@ from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.robot import Robot
 from rastercov.mesh.solids import Matter
 from rastercov.native import mesh_clearance
-
-FloatArray = NDArray[np.float64]
 
 CONTACT_REL = 1e-9
 """Distance, in diagonals of the robot, at which two bodies are in contact."""

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once, share_poses, thread_count
 from rastercov.mesh.arrays import bounds_of, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
@@ -26,9 +27,6 @@ from rastercov.native import mesh_contacts as kernels
 from rastercov.native import mesh_tree
 
 T = TypeVar("T")
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 LEAF = mesh_tree.LEAF

@@ -20,10 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh.formats.urdf import Joint
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MET = 1e-6
 """Norm of the error, metres and radians together, at which a pose is met."""

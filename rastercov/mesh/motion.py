@@ -19,13 +19,12 @@ from rastercov.base.arguments import checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, rotation_about, unit
 from rastercov.mesh.bodies import Rest, moved_boxes
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import Mesh, names_of
-
-FloatArray = NDArray[np.float64]
 
 MOST_FRAMES = 10_000
 """Frames of a motion."""

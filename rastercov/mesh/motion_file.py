@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
@@ -29,12 +28,12 @@ from rastercov.base.files import (
     read_json,
     suffix_of,
 )
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.arrays import rotations_of_quaternions, unit
 from rastercov.mesh.formats import animation_of, metres_per
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.motion import MOST_FRAMES, Motion
 
-FloatArray = NDArray[np.float64]
 PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 TIMES = ("time", "duration")
 """Columns that say when a frame begins, or its weight."""

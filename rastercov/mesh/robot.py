@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, check_seed, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
@@ -23,6 +23,7 @@ from rastercov.base.files import (
     printable,
 )
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.formats import MEMORY_BUDGET, urdf
@@ -34,8 +35,6 @@ from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.motion import checked_poses
 from rastercov.mesh.motion_file import TIMES, columns_of, durations_of
 from rastercov.mesh.shapes import box, sphere
-
-FloatArray = NDArray[np.float64]
 
 GEOMETRIES = ("collision", "visual")
 SIDES = 32

@@ -4,10 +4,8 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from rastercov.base.memory import FloatArray, IntArray
 
 
 def section(vertices: FloatArray, faces: IntArray, height: float) -> FloatArray:

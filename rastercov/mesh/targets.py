@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import MeshError
+from rastercov.base.memory import FloatArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, listed, named
 from rastercov.mesh.mesh import Mesh, names_of
-
-FloatArray = NDArray[np.float64]
 
 STEEPEST_DEG = 45.0
 """Slope up to which a face counts as facing up."""

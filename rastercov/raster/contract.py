@@ -25,16 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import flag
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import FloatArray, IntArray, check_memory
 from rastercov.base.threads import Closing, ScratchPool, share_poses
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
-from rastercov.raster.targets import CountArray, IntArray, TargetFaces
+from rastercov.raster.targets import CountArray, TargetFaces
 from rastercov.raster.tie_order import corners_of
-
-FloatArray = NDArray[np.float64]
-
 
 MAX_SUPERSAMPLE = 64
 """Largest S: beyond it the exact methods are both cheaper and better."""

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ResourceError
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import FloatArray, Int32Array, IntArray, check_memory
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
@@ -36,9 +36,6 @@ from rastercov.raster.contract import (
 )
 from rastercov.raster.sample_grid import SampleGrid
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-WordArray = NDArray[np.int32]
 Look = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
 """Pose (1, 4, 4) of a view, depth of its near plane, and whether back faces are hidden, (1,)."""
 
@@ -69,7 +66,7 @@ ROWS_A_TURN = 8
 class ViewDrawer(Protocol):
     """Rasteriser of pinholes that draws the opaque faces of a mesh through one view."""
 
-    def picture(self, look: Look) -> tuple[WordArray, NDArray[np.float32]]:
+    def picture(self, look: Look) -> tuple[Int32Array, NDArray[np.float32]]:
         """Face, -1 for none, and depth (H, W) at each sample, until the next call."""
 
     def add_counts(self, look: Look, view: "View", visible: Any, drawn: Any) -> None:
@@ -99,7 +96,7 @@ class View:
 
     camera: Camera
     turn: FloatArray
-    index: WordArray
+    index: Int32Array
     samples: IntArray
     places: NDArray[np.float32]
     of_drawer: Any = None
@@ -110,7 +107,7 @@ class View:
         """Its samples."""
         return SampleGrid(self.camera)
 
-    def weights(self) -> WordArray:
+    def weights(self) -> Int32Array:
         """Samples of the lens at each sample of the pinhole, (H, W) int32."""
         size = self.camera.width * self.camera.height
         counts = np.bincount(self.index, minlength=size).astype(np.int32)
@@ -121,7 +118,7 @@ class View:
         return counts.reshape(self.camera.height, self.camera.width)
 
     @cached_property
-    def sums(self) -> WordArray:
+    def sums(self) -> Int32Array:
         """Sums of the weights of each row before each column, (H, W + 1) int32."""
         sums = np.zeros((self.camera.height, self.camera.width + 1), np.int32)
         np.cumsum(self.weights(), axis=1, out=sums[:, 1:])
@@ -337,7 +334,7 @@ class LensRasterizer(Rasterizer):
         counts = self._result(visible, covered, background, clipped)
         return self._with_targets(counts, *of_targets) if targets else counts
 
-    def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
         near, cull = picture_limits(self.mesh, self.camera, poses)
         shape = self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
@@ -375,7 +372,7 @@ class LensRasterizer(Rasterizer):
     def _depths(
         self,
         look: Look,
-        face: WordArray,
+        face: Int32Array,
         places: FloatArray,
         drawn: NDArray[np.float32],
     ) -> FloatArray:

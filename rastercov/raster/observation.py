@@ -20,10 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.raster.contract import FaceCounts
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 class BoundKind(IntEnum):

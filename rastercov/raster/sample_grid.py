@@ -23,10 +23,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Box = tuple[int, int, int, int]
 """Part of a canvas: left, top, width, height, in samples."""
 

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Mesh
 from rastercov.native import raster_targets as kernels
 from rastercov.raster.sample_grid import Box, SampleGrid
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 CountArray = NDArray[np.int32] | IntArray
 Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
 """Tiles of one pose that together hold the rows from a first one up to a last one, each with the

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import IntArray
 from rastercov.mesh import Mesh
-
-IntArray = NDArray[np.int64]
 
 
 def in_one_order(mesh: Mesh) -> IntArray:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -24,8 +25,6 @@ from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import Key, facing, hatched, stripes
 from rastercov.report.panorama import FaceImage, Scene, neutral, paint, remembered, scene_keys, seen
 from rastercov.report.theme import REASON_COLOURS, REASON_HATCHES, Pixels
-
-FloatArray = NDArray[np.float64]
 
 WHOLE_REL = 1e-6
 """Area, relative, that a face may lack and count as whole here: as covered, or as dead."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes, write_json
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.gltf_lights import Light, scene_of
@@ -26,8 +27,6 @@ from rastercov.mesh.motion import Motion
 from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report import theme
 from rastercov.report.images import png
-
-FloatArray = NDArray[np.float64]
 
 INSTALL_PYARROW = "pip install 'rastercov[tables]'"
 """Command that brings pyarrow, which tables need."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.coverage.reasons import REASONS
@@ -37,8 +38,6 @@ from rastercov.report.theme import (
     index_colours,
 )
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 LEAST_WIDTH = 320

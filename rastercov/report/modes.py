@@ -17,6 +17,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
+from rastercov.base.memory import FloatArray
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NAMES, REASONS, fails
 from rastercov.mesh import Mesh
@@ -25,7 +26,6 @@ from rastercov.report.images import Key
 from rastercov.report.panorama import two_sides
 from rastercov.report.theme import Colour, Pixels
 
-FloatArray = NDArray[np.float64]
 Levels = NDArray[np.uint8]
 
 NOTHING, OCCLUDER, FIRST, LAST = 0, 1, 2, 255

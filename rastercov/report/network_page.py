@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rastercov.base.format import area, length, percent, plural, signed, verb, with_bound
+from rastercov.base.memory import FloatArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of, names_of, short_names
@@ -55,7 +56,6 @@ from rastercov.report.pages import Picture, figures_of, rendered, values_of, vie
 from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, device_rows, heading_and_tilt
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 MOST_COLOURS = 60

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.format import area, percent, plural, signed
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
@@ -66,9 +67,6 @@ from rastercov.report.panorama import (
 )
 from rastercov.report.theme import Colour, Pixels
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 FRUSTUM = 0.16
 """Length of the edges of a drawn view pyramid, relative to half the diagonal of the scene."""
 MANY = 30

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import box_corners, rays_of, to_camera, to_image
 from rastercov.camera.viewpoints import look_at, upwards
@@ -43,9 +44,6 @@ from rastercov.report.theme import (
     Setting,
 )
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 FaceImage = NDArray[np.int32]
 """(H, W) face at each pixel, -1 for none."""
 OwnColours = Callable[[FaceImage], Pixels]

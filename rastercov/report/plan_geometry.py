@@ -12,17 +12,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_image, view_border
 from rastercov.mesh import Mesh
 from rastercov.mesh.sections import cross, section, solid
 from rastercov.mesh.topology import edge_table
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CREASE = np.cos(np.deg2rad(30))
 """Cosine of the angle between two faces from which their edge is drawn."""

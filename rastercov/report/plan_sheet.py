@@ -21,11 +21,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, shortened, signed
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -47,8 +47,6 @@ from rastercov.report.plan_geometry import (
 )
 from rastercov.report.tables import heading_and_tilt
 from rastercov.report.theme import DORI as BANDS
-
-FloatArray = NDArray[np.float64]
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 """Width and height of landscape sheets, mm."""

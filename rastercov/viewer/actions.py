@@ -6,18 +6,17 @@ from dataclasses import asdict, replace
 from typing import Annotated, Any, Literal, Union, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task
 from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, checked_pose
 
-FloatArray = NDArray[np.float64]
 Settle = Callable[[FloatArray, FloatArray], FloatArray]
 """Pose that the constraints allow, from the wanted pose and the one before."""
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
@@ -52,10 +53,6 @@ from rastercov.report.modes import OfCameras, OfLight, OfUnit, of_devices, round
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 MOST_BYTES = 1 << 30
 """Memory for rows that the present state does not need."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, valid_poses
@@ -26,8 +27,6 @@ from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of
-
-FloatArray = NDArray[np.float64]
 
 MOST_STATIONS = 5_000
 """Cameras that a viewer takes."""

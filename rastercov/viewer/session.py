@@ -16,12 +16,12 @@ from threading import RLock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
@@ -54,7 +54,6 @@ from rastercov.viewer.measurements import (
 from rastercov.viewer.rig_state import History, RigState
 from rastercov.viewer.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, described_state
 
-FloatArray = NDArray[np.float64]
 Watch = Callable[[int, int], None]
 
 LEAST_SIDE, MOST_SIDE = 64, 2048

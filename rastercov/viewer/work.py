@@ -14,12 +14,12 @@ from threading import Event, Lock, Thread
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import area, plural
 from rastercov.base.interrupts import ABANDONED
+from rastercov.base.memory import FloatArray
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import least_cosine
 from rastercov.coverage.reasons import Reason
@@ -35,8 +35,6 @@ from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
 from rastercov.viewer.scene import Scene, distances
 from rastercov.viewer.session import Moment, Session, StaleError
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Progress = Callable[[int, int], None]
 """Called with the poses done and the total; may raise `Cancelled`."""
 

@@ -17,7 +17,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import printable
 from rastercov.base.format import plural
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.formats.conventions import (
     OPENGL_AXES,
     Border,

@@ -26,8 +26,8 @@ import numpy as np
 from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.files import UnreadableError, open_file, printable
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import writing
-from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,

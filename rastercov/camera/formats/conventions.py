@@ -19,7 +19,7 @@ from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import UnknownNames, printable
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import (
     MODELS,

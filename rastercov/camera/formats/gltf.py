@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError, MeshError
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source

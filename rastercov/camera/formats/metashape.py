@@ -16,7 +16,7 @@ import numpy as np
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import Vocabulary
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
 from rastercov.camera.formats.source import Words

@@ -20,7 +20,7 @@ import numpy as np
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,

@@ -19,7 +19,7 @@ from rastercov.base.files import (
     parsed_json,
     read_toml,
 )
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.xml_tree import local_name, parsed
 
 XML_BUDGET = 8 << 30

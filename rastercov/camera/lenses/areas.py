@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import read_only
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.planes import IdealPlane, keep
 from rastercov.camera.lenses.quadrature import EdgeTable

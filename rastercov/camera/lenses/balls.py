@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.lenses import formulas
 
 ROUNDING = 1 + 1e-9

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import CameraError
-from rastercov.base.memory import read_only
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.areas import record_of

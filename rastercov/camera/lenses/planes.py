@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses import formulas as lens

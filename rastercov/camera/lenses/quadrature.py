@@ -27,7 +27,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from rastercov.base.errors import CameraError
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.balls import Arithmetic
 from rastercov.camera.lenses.planes import IdealPlane, cells_of

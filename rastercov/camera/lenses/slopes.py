@@ -14,8 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.memory import read_only
-from rastercov.camera import FloatArray
+from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.lenses import balls, formulas
 from rastercov.camera.lenses.balls import ROUNDING, Ball
 from rastercov.camera.lenses.planes import IdealPlane, cells_of

@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import read_only
+from rastercov.base.memory import FloatArray, read_only
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.coverage.area.polygons import starts_of
 from rastercov.coverage.area.table import Regions
 from rastercov.mesh import Mesh
 from rastercov.native import area_cell
-
-FloatArray = NDArray[np.float64]
 
 MOST_CELLS = 5_000_000
 """Cells of a mesh."""

@@ -19,9 +19,8 @@ from rastercov.base.arguments import check_choice, finite_points, flag, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.camera.rule import MOST_DEVICES, Gate
-
-FloatArray = NDArray[np.float64]
 
 
 class Cut(NamedTuple):

@@ -8,15 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import read_only
+from rastercov.base.memory import FloatArray, IntArray, read_only
 from rastercov.coverage.area.criteria import Cut
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.mesh import Mesh
 from rastercov.native import area_cut, area_union
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 STRIP_REL = 2e-5
 """Mean width of what is not decided, relative to the diagonal of the mesh."""

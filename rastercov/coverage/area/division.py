@@ -13,13 +13,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.coverage.area.polygons import chosen, extents, following, starts_of
 from rastercov.native import area_union
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_PIECES = 256
 """Pieces of a cell up to which each is compared with all others."""

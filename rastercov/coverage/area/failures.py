@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import Lists, read_only
+from rastercov.base.memory import FloatArray, IntArray, Lists, read_only
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
@@ -54,10 +54,6 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.native import area_point
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 TINY = np.finfo(float).tiny
 MARGIN_REL = 1e-9

@@ -15,17 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import read_only
+from rastercov.base.memory import FloatArray, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.coverage.area.polygons import boxes
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.bodies import Moved
 from rastercov.native import area_point, mesh_bodies
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 SLACK_REL = 1e-9
 """Distance outside a piece up to which a point counts as inside, relative to the diagonal: rounding

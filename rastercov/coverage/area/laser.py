@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area import polygons
@@ -29,9 +30,6 @@ from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_STATIONS = 4096
 """Stations of a sweep."""

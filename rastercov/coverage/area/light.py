@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
 from rastercov.camera.photometry import table_of
@@ -28,9 +29,6 @@ from rastercov.coverage.area.polygons import chosen, polygon_areas
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import HIGHLIGHT
 from rastercov.coverage.task import OF_LIGHT, Task
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TINY = float(np.finfo(float).tiny)
 

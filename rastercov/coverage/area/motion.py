@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -30,9 +31,6 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import corners_of, moved_boxes
 from rastercov.mesh.motion import Motion
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_PICTURES = 10_000
 """Frames times cameras whose regions are held at once."""

@@ -18,6 +18,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.locks import locked
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, with_lamps
@@ -45,9 +46,6 @@ from rastercov.coverage.shards import regions_in_shards
 from rastercov.coverage.task import Task
 from rastercov.mesh.groups import parts_of
 from rastercov.mesh.motion import Motion
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_JUDGED = 48
 """Frames, evenly spread, in which the reasons of what is missed are found."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import FloatArray, IntArray, check_memory
 from rastercov.coverage.area.division import (
     NO_PIECES,
     PIECES_A_STEP,
@@ -23,10 +23,6 @@ from rastercov.coverage.area.division import (
 from rastercov.coverage.area.frames import Frames
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.native import area_union
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""

@@ -4,10 +4,9 @@ Polygon i of a table has the corners xy[starts[i]] ... xy[starts[i + 1] - 1], co
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from rastercov.base.memory import FloatArray, IntArray
 
 
 def starts_of(counts: ArrayLike) -> IntArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory, read_only
+from rastercov.base.memory import FloatArray, check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.models import MODELS
@@ -48,8 +48,6 @@ from rastercov.raster.observation import Observation
 
 if TYPE_CHECKING:
     from rastercov.exact.half_planes import HalfPlaneSolver
-
-FloatArray = NDArray[np.float64]
 
 
 GAP_REL = 1e-6

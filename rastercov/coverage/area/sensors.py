@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, gates_of, led_by, names_of, rows_of_result
 from rastercov.camera.rule import Gate
@@ -29,9 +30,6 @@ from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_HALVINGS = 8
 """Of triangles in which the largest deviation is looked for."""

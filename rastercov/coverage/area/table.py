@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, checked_array, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.rig import Cameras
 from rastercov.camera.rule import MOST_DEVICES
 from rastercov.coverage.area import polygons
@@ -20,9 +21,6 @@ from rastercov.coverage.area.division import Pieces
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.task import Task
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import checked_array
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.base.threads import Once
 from rastercov.base.typed import typed
 from rastercov.coverage.area.division import NO_PIECES, Pieces, Progress
@@ -18,8 +19,6 @@ from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.area.table import Regions
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

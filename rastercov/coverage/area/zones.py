@@ -23,6 +23,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import signed
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera
@@ -41,10 +42,6 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.groups import body_of
 from rastercov.mesh.topology import components_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 TOLERANCE_REL = 1e-10
 """Distance of two sides in one plane that are one, relative to the diagonal of the mesh and its

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames, Vocabulary
+from rastercov.base.memory import IntArray
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats.polygons import (
     Assembly,
@@ -60,7 +61,6 @@ NAMES = Vocabulary(
     "library_articulated_systems library_formulas library_joints library_kinematics_models "
     "library_kinematics_scenes",
 )
-IntArray = NDArray[np.int64]
 
 
 def read(data: bytes, budget: int) -> Polygons:

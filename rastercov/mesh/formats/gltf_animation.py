@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.gltf import affine, nodes_below, roots_of_scene
 from rastercov.mesh.formats.gltf_file import (
     Accessors,
@@ -24,8 +25,6 @@ from rastercov.mesh.formats.gltf_file import (
     json_object,
 )
 from rastercov.mesh.formats.polygons import check, names_in_tree
-
-FloatArray = NDArray[np.float64]
 
 REST: dict[str, tuple[float, ...]] = {
     "translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)

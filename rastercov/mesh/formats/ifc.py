@@ -21,13 +21,12 @@ import numpy as np
 
 from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import thread_count
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.formats.polygons import (
     PEAK_BYTES_PER_FACE,
     SLASH,
-    FloatArray,
-    IntArray,
     Polygons,
     check,
     check_budget,

@@ -27,12 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import MeshError, RastercovError, ResourceError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 AFFINE_ROW_TOLERANCE = 1e-6
 PEAK_BYTES_PER_FACE = 300

@@ -16,7 +16,6 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import shown
@@ -32,6 +31,7 @@ from rastercov.base.files import (
     printable,
     suffix_of,
 )
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.polygons import LONGEST_NAME, broken_files_refused, check
 from rastercov.mesh.formats.xml_tree import (
     children,
@@ -40,8 +40,6 @@ from rastercov.mesh.formats.xml_tree import (
     parsed,
     transform_numbers,
 )
-
-FloatArray = NDArray[np.float64]
 
 TURNING, MOVING = ("revolute", "continuous", "prismatic"), ("floating", "planar")
 MOST_LINKS = 1_000

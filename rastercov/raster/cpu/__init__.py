@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.threads import ScratchPool, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
@@ -60,9 +61,6 @@ from rastercov.raster.tie_order import in_one_order
 if TYPE_CHECKING:
     from rastercov.raster.lens import Look, View
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-WordArray = NDArray[np.int32]
 Looks = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
 """Poses (P, 4, 4), the depths of their near planes, and whether back faces are hidden, (P,)."""
 
@@ -144,7 +142,7 @@ class CPURasterizer(Rasterizer):
             return counts
         return self._with_targets(counts, *self._count_targets(self._targets, poses))
 
-    def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
         face, depth = self._draw_all(poses)
         return face[0], depth[0]
 
@@ -164,7 +162,7 @@ class CPURasterizer(Rasterizer):
         self._check_open()
         return self._named(*self._draw_all(valid_poses(poses)))
 
-    def _draw_all(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
+    def _draw_all(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
         near, cull = picture_limits(self.mesh, self.camera, poses)
         shape = len(poses), self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
@@ -302,8 +300,8 @@ class Canvas(NamedTuple):
     width: int
     height: int
     inner: IntArray
-    first: WordArray
-    last: WordArray
+    first: Int32Array
+    last: Int32Array
     is_rolled: bool
 
 
@@ -350,7 +348,7 @@ class _Worker:
         return bands
 
     def count(
-        self, looks: Looks, bands: IntArray, visible: WordArray, drawn: WordArray | None,
+        self, looks: Looks, bands: IntArray, visible: Int32Array, drawn: Int32Array | None,
         filled: IntArray, weights: tuple[Any, Any] = (NO_WEIGHTS, NO_BOUNDS),
     ) -> None:  # fmt: skip
         """Count the bands of poses into the rows of `visible`, `drawn`, `filled`."""
@@ -380,7 +378,7 @@ class _Worker:
                 self.memory.read_band(0, height, face, depth)
                 yield (0, first, width, height), depth
 
-    def render(self, look: Looks, face: WordArray, depth: NDArray[np.float32]) -> None:
+    def render(self, look: Looks, face: Int32Array, depth: NDArray[np.float32]) -> None:
         """Write the samples with a surface of one pose: face index, depth in metres."""
         for band in self.all_bands:
             self.draw(look, band)
@@ -389,7 +387,7 @@ class _Worker:
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         np.maximum(depth, np.float32(look[1][0]), out=depth)
 
-    def picture(self, look: "Look") -> tuple[WordArray, NDArray[np.float32]]:
+    def picture(self, look: "Look") -> tuple[Int32Array, NDArray[np.float32]]:
         """Face, -1 for none, and depth (H, W) at each sample of a look."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)

@@ -11,14 +11,10 @@ A. Kubisch. Introduction to Turing Mesh Shaders. 2018, for the data layout.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import aligned_zeros
+from rastercov.base.memory import FloatArray, Int32Array, aligned_zeros
 from rastercov.native import raster_clusters as kernels
 from rastercov.native.raster_clusters import BOUNDS_OF_CLUSTER, FACES, LANES
-
-FloatArray = NDArray[np.float64]
-WordArray = NDArray[np.int32]
 
 MIN_EXTENT = 1e-290
 """Metres: faces of a smaller mesh are not split by position."""
@@ -48,18 +44,18 @@ class Clusters(NamedTuple):
     """
 
     points: FloatArray
-    corners: WordArray
-    faces: WordArray
-    lines: WordArray
-    vertex_starts: WordArray
-    face_starts: WordArray
-    line_starts: WordArray
+    corners: Int32Array
+    faces: Int32Array
+    lines: Int32Array
+    vertex_starts: Int32Array
+    face_starts: Int32Array
+    line_starts: Int32Array
     bounds: FloatArray
     n: int
     stride: int
 
 
-def group_faces(vertices: FloatArray, faces: WordArray, is_wound: bool) -> Clusters:
+def group_faces(vertices: FloatArray, faces: Int32Array, is_wound: bool) -> Clusters:
     """Group faces (F, 3) int32 of vertices (V, 3) float64 into clusters.
 
     With `is_wound` false the order of a face's corners does not define its front.

@@ -17,17 +17,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.resources import Resources, set_uniforms
-from rastercov.raster.gl.strategy import (
-    COUNTER_BYTES,
-    FloatArray,
-    Strategy,
-    WordArray,
-)
+from rastercov.raster.gl.strategy import COUNTER_BYTES, Strategy, WordArray
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.tie_order import in_one_order
 

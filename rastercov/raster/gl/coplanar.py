@@ -9,13 +9,10 @@ Faces that overlap are in contact, so the pairs to test are those of `Mesh.conta
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, IntArray
 from rastercov.mesh import Mesh
 from rastercov.mesh.topology import first_equal_row
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 PLANE_DISTANCE_REL = 1e-7
 """Largest distance between two faces of one plane, in diagonals of the bounding box: the resolution

@@ -22,19 +22,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.coplanar import coplanar_overlaps
 from rastercov.raster.gl.resources import SAMPLE_BYTES, Resources, Target
 from rastercov.raster.gl.scene import NEAREST, RAYS_BYTES, RECORD_BYTES, PreparedPoses, Scene
-from rastercov.raster.gl.strategy import (
-    COUNTER_BYTES,
-    Counts,
-    FloatArray,
-    IntArray,
-    Strategy,
-)
+from rastercov.raster.gl.strategy import COUNTER_BYTES, Counts, Strategy
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 MAX_POSES = 128

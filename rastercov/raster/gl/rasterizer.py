@@ -23,17 +23,12 @@ from rastercov import shaders
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.native.raster_targets import count_shown
 from rastercov.raster import self_test
-from rastercov.raster.contract import (
-    FaceCounts,
-    FloatArray,
-    Rasterizer,
-    RasterizerInfo,
-    check_counts,
-)
+from rastercov.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
 from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.raster.gl.pipeline import MAX_POSES, Pipeline

@@ -13,16 +13,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import can_cull, depth_range
 from rastercov.camera.projection import box_corners, image_boxes
 from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
-from rastercov.raster.gl.strategy import FloatArray, IntArray
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.tie_order import in_one_order
-
-BoolArray = NDArray[np.bool_]
 
 NEAREST = ("face", "coplanar")
 """Programs that draw the nearest face, each a part of the faces; the others draw all faces."""

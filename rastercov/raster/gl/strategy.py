@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ResourceError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.sample_grid import Box
 from rastercov.raster.targets import TargetFaces
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 WordArray = NDArray[np.uint32]
 Counts = IntArray | WordArray
 
