@@ -4,6 +4,12 @@ Every message says what was wanted, what came, and what to do, in one line. The 
 prints that line without a traceback and exits with code 2.
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+Kinds = type[Exception] | tuple[type[Exception], ...]
+
 
 class RastercovError(Exception):
     """Root of every error rastercov raises on purpose."""
@@ -41,3 +47,15 @@ class DeviceError(RastercovError, RuntimeError):
 
 class ResourceError(RastercovError, MemoryError):
     """More memory or more counters than the device or the budget allows."""
+
+
+@contextmanager
+def errors_as(
+    kind: Callable[[str], Exception], where: object = None, caught: Kinds | None = None
+) -> Iterator[None]:
+    """Errors within, of `kind` unless others are given, as one of `kind` that says where it is."""
+    own: Any = kind if caught is None else caught
+    try:
+        yield
+    except own as error:
+        raise kind(str(error) if where is None else f"{where}: {error}") from None

@@ -31,7 +31,7 @@ from rastercov.base.checks import (
     shown,
     two,
 )
-from rastercov.base.errors import CameraError
+from rastercov.base.errors import CameraError, errors_as
 from rastercov.base.files import (
     StrPath,
     UnreadableError,
@@ -447,7 +447,7 @@ class Camera:
         """
         if is_name(path):
             return cls.preset(str(path))
-        try:
+        with errors_as(CameraError, printable(str(path)), (UnreadableError, CameraError)):
             suffix = suffix_of(path)
             if suffix not in (".json", ".toml"):
                 raise CameraError("a camera file ends in .json or .toml; read_views reads others")
@@ -455,8 +455,6 @@ class Camera:
             if isinstance(entries, Mapping) and "file" in entries:
                 raise CameraError("it names another file: rastercov.read_views(...).cameras()")
             return cls.from_dict(entries)
-        except (UnreadableError, CameraError) as error:
-            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
@@ -465,13 +463,11 @@ class Camera:
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        try:
+        with errors_as(CameraError, printable(str(path)), ValueError):
             if suffix_of(path) != ".json":
                 raise CameraError("a camera is saved as .json")
             with written_file(path) as file:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
-        except ValueError as error:
-            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import number, positive, shown
-from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.mesh.formats.gltf import nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import Y_UP, chunks, json_header, json_object
 from rastercov.mesh.formats.polygons import broken_files_refused
@@ -37,17 +37,14 @@ class Light(NamedTuple):
 
 def read_lights(data: bytes) -> list[Light]:
     """Lights of a scene; CameraError for a file without any, or with a directional one."""
-    try:
-        with broken_files_refused():
-            header = chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
-            known = _extension(header)
-            found = [
-                _light(json_object(known, "lights", own["light"]), name, matrix @ FORWARDS)
-                for node, name, matrix, _ in nodes_below(header, root_nodes(header), WORLD)
-                if "light" in (own := _extension(node))
-            ]
-    except MeshError as error:
-        raise CameraError(str(error)) from None
+    with errors_as(CameraError, caught=MeshError), broken_files_refused():
+        header = chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
+        known = _extension(header)
+        found = [
+            _light(json_object(known, "lights", own["light"]), name, matrix @ FORWARDS)
+            for node, name, matrix, _ in nodes_below(header, root_nodes(header), WORLD)
+            if "light" in (own := _extension(node))
+        ]
     if not found:
         raise CameraError(f"it has no lights of {EXTENSION}")
     return found

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.checks import pair, shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
 from rastercov.base.files import (
     StrPath,
     UnreadableError,
@@ -93,10 +93,8 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
         )
     lamps, places, names, rides = [], [], [], []
     for name, own in entries["lamps"].items():
-        try:
+        with errors_as(CameraError, f"lamp {shown(name)}", (CameraError, PoseError)):
             lamp, positions, on_rig = _read(own, folder)
-        except (CameraError, PoseError) as error:
-            raise CameraError(f"lamp {shown(name)}: {error}") from None
         several = len(positions) > 1
         names += [f"{name} {row}" if several else name for row in range(len(positions))]
         lamps += [lamp] * len(positions)

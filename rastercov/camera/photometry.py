@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 
-from rastercov.base.errors import CameraError
+from rastercov.base.errors import CameraError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.base.memory import FloatArray
 
@@ -30,12 +30,9 @@ _NUMBER = re.compile(r"[\s,]+")
 
 def read_ies(path: StrPath) -> tuple[float, Profile]:
     """Largest intensity, cd, and profile of an IES file; CameraError for one that has none."""
-    try:
+    with errors_as(CameraError, printable(str(path)), (UnreadableError, CameraError)):
         text = file_bytes(path, LARGEST_IES).decode("latin-1")
-        found = _profile(text)
-    except (UnreadableError, CameraError) as error:
-        raise CameraError(f"{printable(str(path))}: {error}") from None
-    return found
+        return _profile(text)
 
 
 def _profile(text: str) -> tuple[float, Profile]:

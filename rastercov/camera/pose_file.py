@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import members
 from rastercov.base.checks import shown
-from rastercov.base.errors import PoseError, ResourceError
+from rastercov.base.errors import PoseError, ResourceError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
     StrPath,
@@ -104,7 +104,7 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
             raise PoseError(
                 f"camera must have a name for each of {len(array)} poses, got {shown(camera)}"
             )
-    try:
+    with errors_as(PoseError, printable(str(path)), ValueError):
         is_npy = _is_npy(path)
         if camera is not None and is_npy:
             raise PoseError("names of cameras need a .json file; .npy holds matrices alone")
@@ -113,5 +113,3 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
                 np.save(file, array)
             else:
                 file.write((json.dumps(content) + "\n").encode())
-    except ValueError as error:
-        raise PoseError(f"{printable(str(path))}: {error}") from None

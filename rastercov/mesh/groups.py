@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, flag, members
-from rastercov.base.errors import MeshError
+from rastercov.base.errors import MeshError, errors_as
 from rastercov.base.files import StrPath, is_same_file
 from rastercov.base.format import shortened
 from rastercov.mesh.arrays import face_labels
@@ -93,10 +93,8 @@ def by_file(
     for name, value in entries:
         rows, rank = list(range(len(paths))), 0
         if name not in (None, "*"):
-            try:
+            with errors_as(MeshError, f"{what} {quoted(name)}"):
                 rows, is_exact = files_named(name, paths)
-            except MeshError as error:
-                raise MeshError(f"{what} {quoted(name)}: {error}") from None
             if not rows:
                 known = listed(map(str, paths), name)
                 raise MeshError(f"{what}: there is no mesh file {quoted(name)}; files are {known}")
@@ -357,7 +355,5 @@ def named(argument: str, given: Iterable[str] | None, names: Names) -> set[str] 
         return None
     wanted = "names of groups or files"
     each = [given] if isinstance(given, str) else members(argument, given, str, wanted, MeshError)
-    try:
+    with errors_as(MeshError, argument):
         return {group for name in each for group in names.groups_of(name)}
-    except MeshError as error:
-        raise MeshError(f"{argument}: {error}") from None

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
     StrPath,
@@ -71,10 +71,8 @@ def load_motion(
     MeshError
         For a name that is no group and no file of the mesh, and for a file that is no glTF.
     """
-    try:
+    with errors_as(ConfigError, caught=UnreadableError):
         suffix = suffix_of(path)
-    except UnreadableError as error:
-        raise ConfigError(str(error)) from None
     if suffix in OF_GLTF:
         found = read_gltf_motion(mesh, path, animation, steps, unit)
         return Motion(mesh, **found)

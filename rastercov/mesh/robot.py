@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, check_seed, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
-from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.errors import ConfigError, MeshError, errors_as
 from rastercov.base.files import (
     LARGEST_TEXT,
     StrPath,
@@ -165,15 +165,13 @@ class Robot(InOneLine):
         found, folders = urdf.read(path, geometry), dict(packages or {})
         folder, cached, n_faces = Path(path).parent, dict[Any, Mesh](), 0
         shapes: dict[str, Mesh] = {}
-        try:
+        with errors_as(MeshError, printable(str(path))):
             for link, each in found.links.items():
                 parts = [_mesh_of(shape, link, folder, folders, cached) for shape in each]
                 n_faces += sum(part.n_faces for part in parts)
                 check_budget(n_faces, MEMORY_BUDGET)
                 if parts:
                     shapes[link] = _placed(Mesh.joined(parts), link, np.eye(4))
-        except MeshError as error:
-            raise MeshError(f"{printable(str(path))}: {error}") from None
         if not shapes:
             other = GEOMETRIES[geometry == "collision"]
             raise MeshError(

@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 
 import rastercov
 from rastercov.base.arguments import annotations_of, documented
-from rastercov.base.errors import ConfigError, PoseError, RastercovError
+from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
 from rastercov.base.memory import FloatArray, IntArray
@@ -547,10 +547,8 @@ def scene_of_place(folder: Path) -> Shown | None:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    try:
+    with errors_as(ConfigError, printable(str(path)), UnreadableError):
         content = read_json(path)
-    except UnreadableError as error:
-        raise ConfigError(f"{printable(str(path))}: {error}") from None
     if not isinstance(content, Mapping):
         raise ConfigError(f"{printable(str(path))} is no result; make it again")
     return content

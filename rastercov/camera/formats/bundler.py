@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
+from rastercov.base.errors import CameraError, errors_as
 from rastercov.base.files import printable
 from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
@@ -165,10 +165,8 @@ def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Bor
     """Views of f k1 k2 and camera_from_world with OpenGL axes."""
     size, cameras = border.image_size(), []
     for image, (f, k1, k2) in zip(images, lenses.tolist(), strict=True):
-        try:
+        with errors_as(CameraError, image):
             cameras.append(lens_camera("opencv", size, {"f": f, "k1": k1, "k2": k2}))
-        except CameraError as error:
-            raise CameraError(f"{image}: {error}") from None
     poses = inverse_of(poses) @ OPENGL_AXES
     return border.views_of_images(cameras, images, world_from_camera=poses)
 

@@ -24,7 +24,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from rastercov.base.checks import image_side, shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
 from rastercov.base.files import UnreadableError, open_file, printable
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import writing
@@ -148,28 +148,25 @@ def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
 def _one_file(path: Path, part: str, border: Border) -> Any:
     """Content of a file with a part of a model; errors name the file."""
     name, (what, least_bytes, parse) = printable(path.name), RECORDS[part]
-    try:
-        with open_file(path, LARGEST_FILE) as file:
-            if path.suffix == ".bin":
-                n_records = _count(file, part, least_bytes)
-                return parse(_Bytes(file, what) for _ in range(n_records))
-            promised: dict[str, int] = {}
-            lines = _lines(file, promised)
-            found = parse(_Words(*line, lines) for line in lines if line[1])
-            for kind, number in promised.items():
-                if number > len(found):
-                    raise CameraError(
-                        f"the header promises {number} {kind}, {len(found)} are there; the file is "
-                        "truncated or damaged, export it again, or correct its header"
-                    )
-                if number < len(found):
-                    border.note(
-                        f"{name}: the header promises {number} {kind}, {len(found)} are there and "
-                        "read"
-                    )
-            return found
-    except (UnreadableError, CameraError, PoseError) as error:
-        raise CameraError(f"{name}: {error}") from None
+    kinds = UnreadableError, CameraError, PoseError
+    with errors_as(CameraError, name, kinds), open_file(path, LARGEST_FILE) as file:
+        if path.suffix == ".bin":
+            n_records = _count(file, part, least_bytes)
+            return parse(_Bytes(file, what) for _ in range(n_records))
+        promised: dict[str, int] = {}
+        lines = _lines(file, promised)
+        found = parse(_Words(*line, lines) for line in lines if line[1])
+        for kind, number in promised.items():
+            if number > len(found):
+                raise CameraError(
+                    f"the header promises {number} {kind}, {len(found)} are there; the file is "
+                    "truncated or damaged, export it again, or correct its header"
+                )
+            if number < len(found):
+                border.note(
+                    f"{name}: the header promises {number} {kind}, {len(found)} are there and read"
+                )
+        return found
 
 
 def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
@@ -281,11 +278,9 @@ def _cameras(records: Fields) -> dict[int, Camera]:
         parameters = values.reals("a parameter", n_parameters, is_last=True)
         if number in table:
             raise CameraError(f"camera {number} comes twice; leave one")
-        try:
+        with errors_as(CameraError, f"camera {number}"):
             size = image_side("width", sides[0]), image_side("height", sides[1])
             table[number] = camera_of(model, *size, parameters)
-        except CameraError as error:
-            raise CameraError(f"camera {number}: {error}") from None
     return table
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
-from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, errors_as
 from rastercov.base.files import UnknownNames, printable
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
@@ -95,20 +95,16 @@ class Conventions:
         for name in ("original_world", "skip_bad_poses"):
             object.__setattr__(self, name, flag(name, getattr(self, name)))
         if self.image_size is not None:
-            try:
+            with errors_as(ConfigError, caught=CameraError):
                 width, height = two("image size", self.image_size)
                 size = image_side("image width", width), image_side("image height", height)
-            except CameraError as error:
-                raise ConfigError(str(error)) from None
             object.__setattr__(self, "image_size", size)
 
 
 def metres_per(unit: str | float) -> float:
     """Metres in one `unit`, a name or a positive number; ConfigError for anything else."""
-    try:
+    with errors_as(ConfigError, caught=MeshError):
         return formats.metres_per(unit)
-    except MeshError as error:
-        raise ConfigError(str(error)) from None
 
 
 class Border:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
@@ -57,20 +57,17 @@ def is_mine(content: Any) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Perspective cameras of a scene, one pose for each node with a camera."""
-    try:
-        with broken_files_refused():
-            is_binary = source.data[:4] == b"glTF"
-            header = chunks(source.data)[0] if is_binary else json_header(source.data, "JSON")
-            notes = unknown_names(header, CameraError)
-            nodes = nodes_below(header, root_nodes(header), WORLD)
-            if len(nodes) < len(json_list(header, "nodes")):
-                raise MeshError("nodes must form a tree, some form a ring; correct it")
-            found = [each for each in nodes if "camera" in each[0]]
-            lenses = {
-                node["camera"]: json_object(header, "cameras", node["camera"]) for node, *_ in found
-            }
-    except MeshError as error:
-        raise CameraError(str(error)) from None
+    with errors_as(CameraError, caught=MeshError), broken_files_refused():
+        is_binary = source.data[:4] == b"glTF"
+        header = chunks(source.data)[0] if is_binary else json_header(source.data, "JSON")
+        notes = unknown_names(header, CameraError)
+        nodes = nodes_below(header, root_nodes(header), WORLD)
+        if len(nodes) < len(json_list(header, "nodes")):
+            raise MeshError("nodes must form a tree, some form a ring; correct it")
+        found = [each for each in nodes if "camera" in each[0]]
+        lenses = {
+            node["camera"]: json_object(header, "cameras", node["camera"]) for node, *_ in found
+        }
     for note in notes:
         border.note(note)
     if not found:

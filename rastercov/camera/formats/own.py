@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.errors import CameraError, PoseError, errors_as
 from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
@@ -107,10 +107,8 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
     names: list[str] = []
     for (number, each), table in zip(entries.tables("cameras"), given, strict=True):
         names.append(each.text("name", f"camera {number}"))
-        try:
+        with errors_as(CameraError, f"camera {shown(names[-1])}"):
             cameras.append(Camera.from_dict({k: v for k, v in table.items() if k != "name"}))
-        except CameraError as error:
-            raise CameraError(f"camera {shown(names[-1])}: {error}") from None
     if not cameras:
         raise CameraError("at least one camera wanted, got none")
     [(name, count)] = Counter(names).most_common(1)

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from rastercov.base.checks import finite_number, image_side, shown
-from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
     UnparsedError,
@@ -81,10 +81,8 @@ class Source:
     @cached_property
     def xml(self) -> Element:
         """Root element of XML."""
-        try:
+        with errors_as(CameraError, caught=MeshError):
             return parsed(self.data, "it", XML_BUDGET)
-        except MeshError as error:
-            raise CameraError(str(error)) from None
 
 
 class Entries:

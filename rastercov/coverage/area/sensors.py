@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, gates_of, led_by, names_of, rows_of_result
@@ -53,10 +53,8 @@ def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
     for name, given in own.items():
         if not isinstance(given, Task | Mapping):
             raise ConfigError(f"tasks of a rig: {shown(name)} must have a Task, got {shown(given)}")
-        try:
+        with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
             found[name] = given if isinstance(given, Task) else Task(**given)
-        except (ConfigError, TypeError) as error:
-            raise ConfigError(f"tasks of a rig: {shown(name)}: {error}") from None
         if found[name].views > 1 or found[name].min_angle_deg > 0:
             raise ConfigError(
                 f"tasks of a rig: {shown(name)} is one camera; leave out views and min_angle_deg"

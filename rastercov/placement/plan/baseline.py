@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, printable, read_json
 from rastercov.base.format import area, percent
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
@@ -76,10 +76,8 @@ def read_baseline(path: StrPath) -> Told:
         For another file.
     """
     file = printable(str(path))
-    try:
+    with errors_as(ConfigError, file, UnreadableError):
         told = read_json(path)
-    except UnreadableError as error:
-        raise ConfigError(f"{file}: {error}") from None
     if not isinstance(told, dict) or not told.keys() >= NEEDED:
         raise ConfigError(f"{file}: {NO_CHECK}")
     return {**told, "file": file}

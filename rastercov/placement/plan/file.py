@@ -10,7 +10,9 @@ import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -18,7 +20,7 @@ import numpy as np
 from pydantic import BaseModel, PrivateAttr, ValidationError
 
 from rastercov.base.checks import share_meant, shown
-from rastercov.base.errors import CameraError, ConfigError, RastercovError
+from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
@@ -66,10 +68,18 @@ class PlanError(ConfigError):
         One for each error, with the name of the file and the path in it.
     """
 
-    def __init__(self, name: str, lines: Sequence[str]) -> None:
-        self.lines = tuple(f"{name}: {line}" for line in lines)
-        more = f" (and {len(lines) - 1} more)" if len(lines) > 1 else ""
+    def __init__(self, name: str, lines: Sequence[str] | str) -> None:
+        every = [lines] if isinstance(lines, str) else lines
+        self.lines = tuple(f"{name}: {line}" for line in every)
+        more = f" (and {len(every) - 1} more)" if len(every) > 1 else ""
         super().__init__(self.lines[0] + more)
+
+
+def errors_at(
+    name: str, where: str, caught: type[Exception] = RastercovError
+) -> AbstractContextManager[None]:
+    """Errors within as a `PlanError`: name of the file, path in it."""
+    return errors_as(partial(PlanError, name), where, caught)
 
 
 def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
@@ -202,27 +212,23 @@ class Plan(PlanModel):
         """
         if self._mounts is None:
             if not self.has_cameras:
-                raise PlanError(self.name, [NO_CAMERA])
+                raise PlanError(self.name, NO_CAMERA)
             own = None if self.catalogue is None else self.folder / self.catalogue
             types = dict(self.cameras) if self.camera is None else {ONE_CAMERA: self.camera}
             built = {name: each.build(self.folder, own) for name, each in types.items()}
             rigs: dict[str, Camera | Rig] = {}
             for name, section in self.rigs.items():
-                try:
+                with errors_at(self.name, f"rigs.{name}"):
                     rigs[name] = section.build(self.folder, built, own)
-                except RastercovError as error:
-                    raise PlanError(self.name, [f"rigs.{name}: {error}"]) from None
             self._mounts = self._lit(Mounts.of({**built, **rigs}))
         return self._mounts
 
     def _lit(self, mounts: Mounts) -> Mounts:
         """Mounts with the lamps of the plan."""
-        try:
+        with errors_at(self.name, "lamps"):
             rig = with_lamps(mounts.rig, self.built_lamps(self.folder))
             if rig.lamps is not None:
                 rig.lamps.carried_by(rig.names)
-        except RastercovError as error:
-            raise PlanError(self.name, [f"lamps: {error}"]) from None
         return replace(mounts, rig=rig)
 
     @property
@@ -240,10 +246,8 @@ class Plan(PlanModel):
         other = self.model_copy()
         other._rooms = {}
         for name, section in self.rooms.items():
-            try:
+            with errors_at(self.name, f"rooms.{name}"):
                 other._rooms[name] = section.build(mesh, name)
-            except RastercovError as error:
-                raise PlanError(self.name, [f"rooms.{name}: {error}"]) from None
         return other
 
     def room(self, name: str) -> Room:
@@ -323,13 +327,11 @@ class Plan(PlanModel):
         unit, reason = self.unit_of_result()
         if unit != "area":
             why = reason or 'leave out task.by = "face"'
-            raise PlanError(self.name, [f"motion: figures over time are by area; {why}"])
-        try:
+            raise PlanError(self.name, f"motion: figures over time are by area; {why}")
+        with errors_at(self.name, "motion"):
             found = self.motion.build(mesh, self.bodies, self.robots(), self.folder, self.meshes)
             for name in self.bodies_of_cameras():
                 found.poses_of(name)
-        except RastercovError as error:
-            raise PlanError(self.name, [f"motion: {error}"]) from None
         return found
 
     def bodies_of_cameras(self) -> list[str]:
@@ -374,10 +376,8 @@ def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Robo
     """Robots of those bodies of a file that have a URDF; errors as of `Plan.robots`."""
     found = list[Robot]()
     for row, body in enumerate(bodies):
-        try:
+        with errors_at(name, f"bodies[{row}]"):
             found += [] if body.urdf is None else [body.robot(folder)]
-        except RastercovError as error:
-            raise PlanError(name, [f"bodies[{row}]: {error}"]) from None
     return found
 
 
@@ -394,7 +394,7 @@ def read_plan(path: StrPath) -> Plan:
         table = read_toml(path)
     except UnreadableError as error:
         name = path if not isinstance(error, UnparsedError) else Path(path).name
-        raise PlanError(printable(str(name)), [str(error)]) from None
+        raise PlanError(printable(str(name)), str(error)) from None
     return plan_of(table, Path(path))
 
 

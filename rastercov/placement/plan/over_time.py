@@ -121,7 +121,7 @@ class PlanMotion:
         except PlanError:
             raise
         except (UnreadableError, RastercovError) as error:
-            raise PlanError(printable(path.name), [str(error)]) from None
+            raise PlanError(printable(path.name), str(error)) from None
         return cls(motion, own.over, own.views_at, own.body, method, robots, joints)
 
     def body_of(self, camera: str) -> str:

@@ -42,7 +42,7 @@ from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.arm import PlanArm
-from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
@@ -188,17 +188,13 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
         For a size that gives too many cells, or one where faces are counted.
     """
     unit, reason = plan.unit_of_result()
-    asked = plan.task.resolution_of_result
+    asked, where = plan.task.resolution_of_result, "task.resolution_of_result"
     if unit == "face":
         if asked is not None:
-            raise PlanError(
-                plan.name, [f"task.resolution_of_result: the result is by face, because {reason}"]
-            )
+            raise PlanError(plan.name, f"{where}: the result is by face, because {reason}")
         return None
-    try:
+    with errors_at(plan.name, where, ResourceError):
         return cells(mesh, usual_size(mesh) if asked is None else asked)
-    except ResourceError as error:
-        raise PlanError(plan.name, [f"task.resolution_of_result: {error}"]) from None
 
 
 def prepare(
@@ -260,7 +256,7 @@ def prepare(
     else:
         assert cells is not None
         if cavities:
-            raise PlanError(plan.name, ["candidates: per_cavity is of a still scene; leave it out"])
+            raise PlanError(plan.name, "candidates: per_cavity is of a still scene; leave it out")
         with clock("visibility matrix") as progress:
             timed = time_matrix(
                 plan, over_time, observer, cells, found.candidates.placed, task, progress,

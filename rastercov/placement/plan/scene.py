@@ -30,7 +30,7 @@ from rastercov.placement.candidates.rooms import around_faces, between_heights, 
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan import sections as entries
-from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.sections import (
     Entry,
     MeshEntry,
@@ -82,10 +82,8 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         raise PlanError(plan.name, lines)
     plan = plan.model_copy(update={"meshes": entries})
     files = [entry.built_in or str(entry.path) for entry in entries]
-    try:
+    with errors_at(plan.name, "meshes", MeshError):
         refuse_twice((f, part.vertices, part.faces) for f, part in zip(files, parts, strict=True))
-    except MeshError as error:
-        raise PlanError(plan.name, [f"meshes: {error}"]) from None
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
     groups = iter(mesh.groups)
     of_files = [
@@ -434,10 +432,8 @@ def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
     found = []
     for row, entry in enumerate(plan.candidates):
         if isinstance(entry, entries.OnArm):
-            try:
+            with errors_at(plan.name, f"candidates[{row}]"):
                 found.append(_arm(plan, mesh, entry))
-            except RastercovError as error:
-                raise PlanError(plan.name, [f"candidates[{row}]: {error}"]) from None
     return found
 
 

@@ -41,7 +41,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from rastercov.base.arguments import Quantity, Reads, annotations_of, documented, reader_of
-from rastercov.base.errors import CameraError, ConfigError, RastercovError
+from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
 from rastercov.base.files import StrPath, suffix_of
 from rastercov.camera.camera import Camera, check_optics
 from rastercov.camera.catalogue import price_of
@@ -1292,11 +1292,9 @@ class PlanModel(Entry):
             return None
         chosen = {entry.lamp for entry in self.lamp_entries}
         own = {name: each.entries(is_placed=name in chosen) for name, each in self.lamps.items()}
-        try:
+        with errors_as(ValueError, caught=RastercovError):
             more = {} if self.exposure is None else {"exposure": self.exposure.model_dump()}
             return lamps_of({"ambient": self.ambient, "lamps": own} | more, folder)
-        except RastercovError as error:
-            raise ValueError(str(error)) from None
 
     @property
     def lamp_entries(self) -> list[CandidateEntry]:
