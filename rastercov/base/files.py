@@ -161,8 +161,7 @@ def parsed_json(data: bytes) -> Any:
 
 def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
     """Table of a TOML file; UnreadableError for anything else."""
-    table: dict[str, Any] = _parsed("TOML", tomllib.loads, file_bytes(path, most))
-    return table
+    return _parsed("TOML", tomllib.loads, file_bytes(path, most))
 
 
 def one_line(error: Exception) -> str:

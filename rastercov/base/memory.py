@@ -44,8 +44,7 @@ def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     n_bytes = math.prod(shape) * np.dtype(dtype).itemsize
     memory = np.empty(n_bytes + CACHE_LINE, np.uint8)
     start = -memory.ctypes.data % CACHE_LINE
-    array: NDArray[Any] = memory[start : start + n_bytes].view(dtype).reshape(shape)
-    return array
+    return memory[start : start + n_bytes].view(dtype).reshape(shape)
 
 
 def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

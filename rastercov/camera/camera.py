@@ -230,8 +230,7 @@ def border_of(width: float, height: float, n: int) -> NDArray[np.float64]:
     steps = np.linspace(0.0, 1.0, n)[:, None]
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (width, height)
     starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
-    border: NDArray[np.float64] = (1 - steps) * starts + steps * ends
-    return border
+    return (1 - steps) * starts + steps * ends
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -138,8 +138,7 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
     if "size" not in entries:
         raise CameraError(f"a lamp of kind {kind} needs size, metres")
     sides = pair("size", entries["size"])
-    made: Lamp = getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
-    return made
+    return getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
 
 
 def _read(entries: Any, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:

@@ -480,14 +480,12 @@ def intensities_of(lamp: Lamp, cosine: FloatArray) -> FloatArray:
         return lamp.intensity_of_point * share_at(table_of(lamp.profile), cosine)
     if lamp.exponent == 0:
         return np.full(cosine.shape, lamp.intensity_of_point)
-    found: FloatArray = lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent
-    return found
+    return lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent
 
 
 def bits_of(sets: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
     """(n, S) whether each of n points is in sets (S,), which are bits."""
-    found: NDArray[np.bool_] = (sets >> np.arange(n)[:, None]) & 1 > 0
-    return found
+    return (sets >> np.arange(n)[:, None]) & 1 > 0
 
 
 def are_lit(

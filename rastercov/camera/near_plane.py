@@ -90,8 +90,7 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     """
     reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
     farthest = np.sqrt((reach**2).sum(axis=1))
-    limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)
-    return limit
+    return np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)
 
 
 def near_cuts(

@@ -57,8 +57,7 @@ def image_boxes(points: FloatArray, camera: Camera, poses: FloatArray) -> IntArr
 
 def box_corners(bounds: FloatArray) -> FloatArray:
     """The eight corners of a bounding box, (2, 3) -> (8, 3)."""
-    which: FloatArray = bounds[(np.arange(8)[:, None] >> np.arange(3)) & 1, np.arange(3)]
-    return which
+    return bounds[(np.arange(8)[:, None] >> np.arange(3)) & 1, np.arange(3)]
 
 
 def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:

@@ -232,8 +232,7 @@ def rule_of(entries: Mapping[str, Anything]) -> Rule:
         if kind == name and set(own) <= set(made.__dataclass_fields__):
             if isinstance(own.get("max_uncertainty"), str):
                 own["max_uncertainty"] = length_of("max_uncertainty", own["max_uncertainty"])
-            found: Rule = made(**own)
-            return found
+            return made(**own)
     raise CameraError(
         f'rule must be {", ".join(map(shown, KINDS.values()))}, with k and needs for "at_least" '
         f'and {", ".join(All.__dataclass_fields__)} for "all", got {shown(dict(entries))}'

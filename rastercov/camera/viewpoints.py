@@ -248,8 +248,7 @@ def _triples(name: str, value: ArrayLike) -> FloatArray:
 def _scaled(vectors: FloatArray) -> FloatArray:
     """(P, 3) vectors over the power of two above their largest component, which rounds nothing."""
     _, exponent = np.frexp(np.abs(vectors).max(axis=1, keepdims=True))
-    scaled: FloatArray = np.ldexp(vectors, -exponent)
-    return scaled
+    return np.ldexp(vectors, -exponent)
 
 
 def _refuse(mask: ArrayLike, text: str) -> None:

@@ -180,8 +180,7 @@ def _transform(text: str) -> dict[str, Any]:
 def _entries(text: str) -> dict[str, Any]:
     """Entries of a TOML table in one line, with or without braces."""
     inside = text.strip().removeprefix("{").removesuffix("}")
-    table: dict[str, Any] = tomllib.loads(f"table = {{ {inside} }}")["table"]
-    return table
+    return tomllib.loads(f"table = {{ {inside} }}")["table"]
 
 
 def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:

@@ -465,8 +465,7 @@ class Network(InNotebook):
     @property
     def covered(self) -> BoolArray:
         """(F,) faces covered by `Task.views` cameras, from directions that differ as asked."""
-        covered: BoolArray = (self.views >= self.task.views) & self._spread.is_spread
-        return covered
+        return (self.views >= self.task.views) & self._spread.is_spread
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, ready for JSON; every percentage by count and by area.

@@ -355,8 +355,7 @@ class HalfPlaneSolver:
     @property
     def kept_pieces(self) -> VisiblePieces:
         """Pieces of the faces solved since `set_pose`; wholly visible faces have none."""
-        kept: VisiblePieces = self._work.kept
-        return kept
+        return self._work.kept
 
     @property
     def image_of_all(self) -> Projected:

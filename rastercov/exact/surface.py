@@ -156,8 +156,7 @@ class SortedContacts:
 
     def _once(self, own: Kept, sort: Callable[[Kept], Kept]) -> Kept:
         """Sort what the mesh keeps, once; an entry holds it, so that no other has its id."""
-        found: Kept = self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
-        return found
+        return self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
 
 
 @dataclass(frozen=True, eq=False)

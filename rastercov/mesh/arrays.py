@@ -27,8 +27,7 @@ def some(mask: NDArray[np.bool_]) -> str:
 
 def unusable_points(vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(V,) points with a coordinate that is not finite or exceeds `LARGEST_COORDINATE`."""
-    unusable: NDArray[np.bool_] = ~np.all(np.abs(vertices) <= LARGEST_COORDINATE, axis=1)
-    return unusable
+    return ~np.all(np.abs(vertices) <= LARGEST_COORDINATE, axis=1)
 
 
 def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
@@ -123,8 +122,7 @@ def unit(vectors: ArrayLike) -> NDArray[np.float64]:
     array = np.asarray(vectors, np.float64)
     # Powers of two, which change no digit: squares of 1e160 would overflow.
     scaled = np.ldexp(array, -np.frexp(np.abs(array).max(axis=-1, keepdims=True))[1])
-    found: NDArray[np.float64] = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
-    return found
+    return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
 
 
 def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
@@ -132,10 +130,7 @@ def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     x, y, z = unit(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
-    rotation: NDArray[np.float64] = (
-        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    )
-    return rotation
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def rotations_of_quaternions(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:

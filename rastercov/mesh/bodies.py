@@ -97,8 +97,7 @@ class Rest:
         for index in np.unique(self.vertex_body):
             own = np.flatnonzero(self.vertex_body == index)
             position[own] = own[first_equal_row(rows[own])]
-        welded: IntArray = position[self.mesh.faces]
-        return welded
+        return position[self.mesh.faces]
 
     @cached_property
     def opaque(self) -> "Rest | None":
@@ -247,13 +246,11 @@ class Within:
                 labels=components(),
             )  # fmt: skip
 
-        found: BoolArray = self._once(("components", tolerance), make)
-        return found
+        return self._once(("components", tolerance), make)
 
     def partners(self, tolerance: float) -> Partners:
         """Faces of its body in contact with each face; see `Contacts.partners_for`."""
-        found: Partners = self._once(("partners", tolerance), lambda: self._partners(tolerance))
-        return found
+        return self._once(("partners", tolerance), lambda: self._partners(tolerance))
 
     def _partners(self, tolerance: float) -> Partners:
         touching, counts = self.touching(tolerance), np.zeros(len(self.faces), np.int64)
@@ -279,8 +276,7 @@ class Within:
             faces = corners.reshape(-1, 3).astype(np.int32)
             return Part(rows, self.vertices[used], faces, self.degenerate_mask[rows])
 
-        found: Part = self._once(("part", index), make)
-        return found
+        return self._once(("part", index), make)
 
     def tree(self, index: int) -> tuple[TriangleTree, IntArray]:
         """Tree over the faces with an area of a body, and the face of each of its triangles."""
@@ -291,8 +287,7 @@ class Within:
             tree = TriangleTree.over(part.points, part.faces[solid])
             return tree, part.rows[solid[tree.order]]
 
-        found: tuple[TriangleTree, IntArray] = self._once(("tree", index), make)
-        return found
+        return self._once(("tree", index), make)
 
     def between(
         self, one: int, other: int, poses: FloatArray, tolerance: float, diagonal: float
@@ -417,8 +412,7 @@ class BodyContacts(Contacts):
 
 def moved_boxes(boxes: FloatArray, poses: FloatArray) -> FloatArray:
     """Corners (..., 8, 3) moved by poses (..., 4, 4)."""
-    found: FloatArray = boxes @ np.swapaxes(poses[..., :3, :3], -1, -2) + poses[..., None, :3, 3]
-    return found
+    return boxes @ np.swapaxes(poses[..., :3, :3], -1, -2) + poses[..., None, :3, 3]
 
 
 def _overlap(box: FloatArray, points: FloatArray, tolerance: float) -> bool:
@@ -435,5 +429,4 @@ def _inverse(pose: FloatArray) -> FloatArray:
 
 
 def _moved(points: FloatArray, pose: FloatArray) -> FloatArray:
-    found: FloatArray = points @ pose[:3, :3].T + pose[:3, 3]
-    return found
+    return points @ pose[:3, :3].T + pose[:3, 3]

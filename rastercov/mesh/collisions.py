@@ -195,5 +195,4 @@ class Collisions(InOneLine):
 def _corners_of(mesh: Mesh) -> FloatArray:
     """A corner of each edge-connected component."""
     first = np.unique(mesh.topology.components(), return_index=True)[1]
-    found: FloatArray = mesh.vertices[mesh.faces[first, 0]]
-    return found
+    return mesh.vertices[mesh.faces[first, 0]]

@@ -86,8 +86,7 @@ class TriangleTree:
     @cached_property
     def corners(self) -> FloatArray:
         """(T, 3, 3) corners of the triangles, in the order of the tree."""
-        corners: FloatArray = self.points[self.faces]
-        return corners
+        return self.points[self.faces]
 
     def first_hits(
         self, origins: FloatArray, directions: FloatArray, reaches: FloatArray, own: IntArray

@@ -226,8 +226,7 @@ class Kinematics:
         wrapped = np.where(self._is_turning, joints - turn * np.round(joints / turn), joints)
         up = self._is_turning & (wrapped < low) & (wrapped + turn <= high)
         down = self._is_turning & (wrapped > high) & (wrapped - turn >= low)
-        found: FloatArray = wrapped + turn * (up.astype(np.int64) - down)
-        return found
+        return wrapped + turn * (up.astype(np.int64) - down)
 
     def _distinct(self, joints: FloatArray, chain: Sequence[Joint], most: int) -> FloatArray:
         """Solutions of which no two are alike, in the order of their starts."""

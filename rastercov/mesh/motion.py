@@ -161,8 +161,7 @@ class Motion(InOneLine):
             raise ConfigError(f'over must be "some", "all" or a share above 0, got {shown(over)}')
         there = self.units @ self.present
         least: NDArray[np.int64] = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
-        found: NDArray[np.int64] = least[self.body]
-        return found
+        return least[self.body]
 
     def __getstate__(self) -> dict[str, Any]:  # locks of what is kept stay here
         return vars(self) | {"_rests": {}}

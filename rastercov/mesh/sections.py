@@ -46,5 +46,4 @@ def solid(segments: FloatArray) -> Any:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross product of vectors in the plane, (..., 2)."""
-    found: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return found
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -114,8 +114,7 @@ class Winding:
             tree.winding_numbers(np.ascontiguousarray(np.roll(turned, axis, axis=1)))
             for axis, tree in enumerate(self._trees)
         ]
-        median: IntArray = np.sort(turns, axis=0)[1]
-        return median
+        return np.sort(turns, axis=0)[1]
 
 
 def closed_faces(mesh: Mesh) -> BoolArray:

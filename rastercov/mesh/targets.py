@@ -128,8 +128,7 @@ def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> NDArray[np.int
     # Lengths that are multiples of the spacing up to rounding get no extra cell.
     with np.errstate(over="ignore"):
         wanted = np.clip(np.ceil(extent / spacing - 1e-9), 1, 2.0**31)
-    cells: NDArray[np.int64] = wanted.astype(np.int64)
-    return cells
+    return wanted.astype(np.int64)
 
 
 def _corners(low: ArrayLike, high: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -206,5 +206,4 @@ def components_of(count: int, pairs: NDArray[np.integer[Any]]) -> NDArray[np.int
         while not np.array_equal(root, jumped := root[root]):
             root = jumped
     number = np.cumsum(root == np.arange(count)) - 1
-    part: NDArray[np.int64] = number[root]
-    return part
+    return number[root]

@@ -97,8 +97,7 @@ class CoveredBits:
     def row(self, number: int) -> Words:
         """(W,) bits of a row."""
         part = int(np.searchsorted(self.starts, number, side="right")) - 1
-        row: Words = self.parts[part][number - int(self.starts[part])]
-        return row
+        return self.parts[part][number - int(self.starts[part])]
 
     def faces_of(self, number: int) -> NDArray[np.int32]:
         """(N,) faces of a row, ascending."""

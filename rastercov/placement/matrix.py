@@ -157,8 +157,7 @@ class VisibilityMatrix(MeasuredPoses):
     @property
     def covered(self) -> BoolArray:
         """(N,) pairs in which the pose covers the face: `Reason.COVERED`."""
-        enough: BoolArray = self.coverage >= np.float64(self.task.min_coverage)
-        return enough
+        return self.coverage >= np.float64(self.task.min_coverage)
 
     def united(self) -> "VisibilityMatrix":
         """The matrix with the greatest coverage of any camera of a rig, each face once."""

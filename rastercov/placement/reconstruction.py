@@ -311,8 +311,7 @@ def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
 def _reach(found: Audit) -> FloatArray:
     """(E,) distance of each element to its best camera, of those that are seen."""
     eyes = np.append(found.poses.world_from_camera[:, :3, 3], np.zeros((1, 3)), axis=0)
-    reach: FloatArray = np.linalg.norm(eyes[found.best_camera] - found.elements.centroids, axis=1)
-    return reach
+    return np.linalg.norm(eyes[found.best_camera] - found.elements.centroids, axis=1)
 
 
 def _unseen_because(found: Audit, mask: BoolArray) -> str | None:

@@ -490,5 +490,4 @@ def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_
     part = np.empty(shape)
     figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
     FacePass(mesh, camera, 1).fill(measured, poses, figures)
-    found: NDArray[np.bool_] = (reason > Reason.BACK_FACING) & (in_view | (part > 0))
-    return found
+    return (reason > Reason.BACK_FACING) & (in_view | (part > 0))

@@ -96,8 +96,7 @@ def _opened(
 ) -> Rasterizer:
     """Rasteriser of a kind; for a lens, one on it that looks samples up in its images."""
     if camera.is_pinhole:
-        rasterizer: Rasterizer = kind(mesh, camera, **common, **options)
-        return rasterizer
+        return kind(mesh, camera, **common, **options)
     from rastercov.raster.lens import LensRasterizer, largest_view
 
     pinholes = kind(mesh, largest_view(camera, common["supersample"]), **options)

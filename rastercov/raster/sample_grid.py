@@ -159,8 +159,7 @@ class SampleGrid:
         found = np.stack((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)), axis=1)
         found = np.concatenate((np.floor(found[:, :2]) - 1, np.ceil(found[:, 2:]) + 1), axis=1)
         size = (self.width, self.height, self.width, self.height)
-        whole: IntArray = np.clip(found, 0, size).astype(np.int64)
-        return whole
+        return np.clip(found, 0, size).astype(np.int64)
 
     def n_inside(self, box: Box) -> int:
         """Number of samples of a part of the canvas that are inside the image."""

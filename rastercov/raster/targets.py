@@ -89,8 +89,7 @@ class TargetFaces:
     def face_of(self, face: NDArray[np.int32]) -> NDArray[np.int32]:
         """Faces of the mesh for faces of its opaque part; -1 stays."""
         names = np.append(self.opaque, -1).astype(np.int32)
-        found: NDArray[np.int32] = names[face]
-        return found
+        return names[face]
 
     def merged(self, opaque: CountArray, targets: IntArray) -> CountArray:
         """Counts of all faces from those of the opaque ones and of the targets, (P, N)."""

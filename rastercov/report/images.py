@@ -303,8 +303,7 @@ def _long(rows: IntArray, width: int) -> IntArray:
         found = np.flatnonzero(rows[next_one] == rows + step)
         pairs.append(np.stack((found, next_one[found]), axis=1))
     line = components_of(len(rows), np.concatenate(pairs))
-    long: IntArray = rows[np.bincount(line)[line] >= SHORTEST * width * (1 + (width > WIDE))]
-    return long
+    return rows[np.bincount(line)[line] >= SHORTEST * width * (1 + (width > WIDE))]
 
 
 def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:

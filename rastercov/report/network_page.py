@@ -510,5 +510,4 @@ def lost_without(parts: Regions, need: NDArray[np.int64]) -> FloatArray:
     xy, starts = polygons.chosen(covered.xy, covered.starts, tight)
     areas, face = polygons.polygon_areas(xy, starts), covered.face[tight]
     points = to_world(parts.mesh, face, polygons.centroids(xy, starts, np.maximum(areas, 1e-300)))
-    lost: FloatArray = areas @ covering_poses(parts, face, points)
-    return lost
+    return areas @ covering_poses(parts, face, points)

@@ -153,8 +153,7 @@ class Overview:
         """
         colours = np.array([*self.colours, theme.COVERED, theme.UNCOVERED], np.uint8)
         if self.regions is None:
-            of_faces: Pixels = colours[np.append(self.best_pose, -1)[face]]
-            return of_faces
+            return colours[np.append(self.best_pose, -1)[face]]
         of_points = partial(nearest_covering, self.regions, self.eyes)
         is_task = np.append(self.mesh.task_mask, False)[face]
         asked = is_task & ~_of_blocks(is_task)
@@ -490,5 +489,4 @@ def _with_zones(
 def middle_of(places: FloatArray) -> FloatArray:
     """The one of some places, (N, 2), that is nearest to the median of all of them."""
     away: FloatArray = places - np.median(places, axis=0)
-    middle: FloatArray = places[(away**2).sum(axis=1).argmin()]
-    return middle
+    return places[(away**2).sum(axis=1).argmin()]

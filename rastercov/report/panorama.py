@@ -145,8 +145,7 @@ class Scene:
     def faces(self) -> FaceImage:
         """Face of each pixel of a surface, of each of a target, and behind occluders."""
         images = self.face, self.beneath, self.targets
-        faces: FaceImage = np.concatenate([image[image >= 0] for image in images])
-        return faces
+        return np.concatenate([image[image >= 0] for image in images])
 
     def shows_backs(self) -> bool:
         """True if task faces are seen from behind, on more than a few pixels."""
@@ -305,8 +304,7 @@ def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
 
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is, without outliers."""
-    points: FloatArray = remembered(_without_outliers, mesh)[0]
-    return points
+    return remembered(_without_outliers, mesh)[0]
 
 
 def scene_box(mesh: Mesh) -> FloatArray:
@@ -463,8 +461,7 @@ def points_of_pixels(
     away = np.stack([rays[:, 0] * x + rays[:, 1] * y + rays[:, 2] * z for x, y, z in rotation], 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.nan_to_num(heights / np.einsum("ni,ni->n", normals, away))
-    points: FloatArray = eye + reach[:, None] * away
-    return points
+    return eye + reach[:, None] * away
 
 
 def neutral(mesh: Mesh, setting: Setting = OUTSIDE) -> Pixels:

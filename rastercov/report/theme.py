@@ -102,8 +102,7 @@ def in_the_dark(colours: Pixels) -> Pixels:
     most, least = given.max(axis=1, keepdims=True), given.min(axis=1, keepdims=True)
     kept = np.clip((most - least - NEARLY_GREY) / (VIVID - NEARLY_GREY), 0.0, 1.0)
     dark = DARK_PAPER + (255 - DARK_PAPER) / 255 * (given + 255 - most - least)
-    found: Pixels = np.rint(kept * given + (1 - kept) * dark).astype(np.uint8)
-    return found
+    return np.rint(kept * given + (1 - kept) * dark).astype(np.uint8)
 
 
 def coverage_colours() -> Pixels:
@@ -111,8 +110,7 @@ def coverage_colours() -> Pixels:
     at = np.linspace(0, 1, len(COVERAGE_SCALE))
     steps = np.linspace(0, 1, PALETTE - 2)
     scale = np.stack([np.interp(steps, at, c) for c in np.array(COVERAGE_SCALE).T], axis=1)
-    palette: Pixels = np.rint(np.vstack((ZERO_COVERAGE, OCCLUDER_3D, scale))).astype(np.uint8)
-    return palette
+    return np.rint(np.vstack((ZERO_COVERAGE, OCCLUDER_3D, scale))).astype(np.uint8)
 
 
 def colour_rows(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
@@ -149,5 +147,4 @@ def camera_colours(count: int) -> Pixels:
         for row in range(len(CAMERAS), count)
     ]
     chosen = np.rint(255 * np.array(more).reshape(-1, 3))
-    colours: Pixels = np.concatenate((np.array(CAMERAS), chosen)).astype(np.uint8)[:count]
-    return colours
+    return np.concatenate((np.array(CAMERAS), chosen)).astype(np.uint8)[:count]

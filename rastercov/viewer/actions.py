@@ -265,7 +265,7 @@ class Drawing(Action):
 
 def request_of(entries: Mapping[str, Any]) -> Request:
     """Request of a page; ConfigError in one line for what is none."""
-    return checked(Request, entries)  # type: ignore[no-any-return] # of the form
+    return checked(Request, entries)
 
 
 def checked(form: type[Action], entries: Mapping[str, Any]) -> Any:

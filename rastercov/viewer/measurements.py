@@ -95,8 +95,7 @@ class Row:
     @cached_property
     def covers(self) -> BoolArray:
         """(F,) faces that the camera covers, and that are lit."""
-        covers: BoolArray = self.failed == Reason.COVERED
-        return covers
+        return self.failed == Reason.COVERED
 
     @cached_property
     def failed(self) -> NDArray[np.uint8]:

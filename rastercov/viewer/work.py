@@ -412,6 +412,5 @@ class Work:
             names = np.array(mounts.rig.names)[placed.camera]
             if (names == camera).any():
                 body = moment.poses.get(scene.carriers([camera]).get(camera, ""), np.eye(4))
-                of_plan: FloatArray = body @ placed.world_from_camera[names == camera]
-                return of_plan
+                return body @ placed.world_from_camera[names == camera]
         return tries(own, state, camera, scene.space(state))

@@ -139,8 +139,7 @@ class Border:
     def image_size(self, what: str = "the file") -> tuple[int, int]:
         """Width and height, where the file has none."""
         question = f"{what} has no image size; give --image-size WIDTHxHEIGHT"
-        size: tuple[int, int] = self._answer("image_size", question)
-        return size
+        return self._answer("image_size", question)
 
     def pixel_shift(self, what: str = "the file") -> float:
         """Pixels to add to image coordinates, where the file does not say what they start from."""

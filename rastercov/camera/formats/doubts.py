@@ -99,8 +99,7 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> NDArray[np.bo
     along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
     angle = np.arcsin(np.minimum(radius / away, 1.0))
     seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)
-    found: NDArray[np.bool_] = is_outside & seen & (angle > LEAST_SIZE_IN_IMAGE * half)
-    return found
+    return is_outside & seen & (angle > LEAST_SIZE_IN_IMAGE * half)
 
 
 def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:

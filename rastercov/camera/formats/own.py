@@ -172,7 +172,7 @@ def _texts(entries: Entries, name: str, count: int) -> list[str] | None:
     is_row = isinstance(texts, list) and len(texts) == count
     if texts is not None and not (is_row and all(isinstance(text, str) for text in texts)):
         raise PoseError(f"{name} must be {count} texts, got {shown(texts)}")
-    return texts  # type: ignore[no-any-return] # all texts
+    return texts
 
 
 def toml_of(camera: Camera) -> str:

@@ -67,8 +67,7 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
         for value, size in ((u, width), (v, height)):
             low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])
             is_out = is_out | (high < -stray) | (low > size + stray)
-        result: NDArray[np.bool_] = is_out.all(axis=0)
-        return result
+        return is_out.all(axis=0)
 
     window = _between_chords(region, misses)
     if not _shows(plane, window, width, height):
@@ -102,8 +101,7 @@ def _between_chords(region: FloatArray, misses: Misses) -> FloatArray:
         low, high = np.where(is_good, middle, low), np.where(is_good, high, middle - 1)
         low = np.minimum(low, np.maximum(high, 1))
     fewest = min((_walk(int(first), low) for first in index), key=len)
-    window: FloatArray = region[sorted(fewest)]
-    return window
+    return region[sorted(fewest)]
 
 
 def _trimmed(window: FloatArray, a: float, b: float, misses: Misses) -> FloatArray:

@@ -236,8 +236,7 @@ def _steepest(r2: FloatArray, z: FloatArray) -> FloatArray:
     away, s = np.where(is_small, 1.0, r2), r2 / np.where(is_small, square, 1.0)
     slope = (_angle(away, z).real - z / (away + square)) / (2 * away)
     series = 1 / 3 - s * (2 / 5 - s * (3 / 7 - s * (4 / 9 - s * 5 / 11)))
-    result: FloatArray = np.where(is_small, series / np.where(is_small, square * z, 1.0), slope)
-    return result
+    return np.where(is_small, series / np.where(is_small, square * z, 1.0), slope)
 
 
 def _atan2(y: Any, x: Any) -> Ball:

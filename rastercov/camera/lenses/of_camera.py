@@ -70,8 +70,7 @@ class Lens:
     @property
     def params(self) -> FloatArray:
         """Parameters for the kernels, (32,), with the valid region."""
-        params: FloatArray = self._region[0].copy()
-        return params
+        return self._region[0].copy()
 
     @property
     def valid_angle(self) -> float:
@@ -79,14 +78,12 @@ class Lens:
 
         Its border has 128 flat sides, which are nearer to the axis by up to 3e-4 of its tangent.
         """
-        angle: float = self._region[1]
-        return angle
+        return self._region[1]
 
     @property
     def is_whole(self) -> bool:
         """True where each pixel of the image has a ray; False where some see nothing."""
-        is_whole: bool = self._region[2]
-        return is_whole
+        return self._region[2]
 
     def project(self, rays: ArrayLike) -> FloatArray:
         """Pixels (..., 2) of rays (..., 3) of any length, NaN outside the valid region."""

@@ -144,8 +144,7 @@ def forward_radius(params: FloatArray, radius: float) -> float:
 
 def border_pixels(width: int, height: int) -> FloatArray:
     """Pixels along the border of the image, (N, 2), around it from the top-left corner."""
-    pixels: FloatArray = border_of(width, height, BORDER + 1)[:, :-1].reshape(-1, 2)
-    return pixels
+    return border_of(width, height, BORDER + 1)[:, :-1].reshape(-1, 2)
 
 
 def with_region(
@@ -377,8 +376,7 @@ def _distance(polygon: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     side, start = side[size > 0] / size[size > 0, None], start[size > 0]
     # The polygon runs from x to y, so its inside is at the side (-dy, dx) of an edge.
     across = (x[:, None] - start[:, 0]) * side[:, 1] - (y[:, None] - start[:, 1]) * side[:, 0]
-    result: FloatArray = across.max(axis=1)
-    return result
+    return across.max(axis=1)
 
 
 def cells_of(

@@ -164,8 +164,7 @@ def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     rays = points @ plane.frame[:, :2].T + plane.frame[:, 2]
     out = np.empty((len(points), 2, 3))
     jacobian_many(plane.code, everywhere, np.ascontiguousarray(rays), out)
-    slopes: FloatArray = (out @ plane.frame[:, :2]).reshape(-1, 4)
-    return slopes
+    return (out @ plane.frame[:, :2]).reshape(-1, 4)
 
 
 def _near_pole(plane: IdealPlane) -> tuple[float, float]:

@@ -398,8 +398,7 @@ def _directions(axes: FloatArray) -> FloatArray:
     lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
     if not (lengths > 0).all():
         raise ConfigError("axes must be directions, got one of length 0")
-    found: FloatArray = axes / lengths
-    return found
+    return axes / lengths
 
 
 def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -198,8 +198,7 @@ class PointPass:
 
     def _placed(self, points: FloatArray) -> FloatArray:
         """Points (N, 3) in a scene of diagonal 1 about the origin."""
-        found: FloatArray = (points - self._centre) / self._diagonal
-        return found
+        return (points - self._centre) / self._diagonal
 
     def worker(
         self, poses: Poses, near: FloatArray, *, is_nearest: bool
@@ -272,8 +271,7 @@ class LightOfPoints:
         fronts = in_front(poses.world_from_camera[:, :3, 3], self._points, self._normals)
         on = self._points, self._normals
         sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
-        found: FloatArray = np.where(self._two_sided, np.maximum(*sides), sides[0])
-        return found
+        return np.where(self._two_sided, np.maximum(*sides), sides[0])
 
     def reasons(self, own: Poses) -> NDArray[np.uint8]:
         """(N,) reason of light, for the poses of a row of the result: `COVERED` where none is.

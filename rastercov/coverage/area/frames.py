@@ -97,8 +97,7 @@ def to_world(mesh: Mesh, face: ArrayLike, xy: ArrayLike) -> FloatArray:
     """
     frames, faces, points = frames_of(mesh), np.asarray(face), np.asarray(xy, np.float64)
     along = points[:, :1] * frames.x_axis[faces] + points[:, 1:] * frames.y_axis[faces]
-    found: FloatArray = frames.origin[faces] + along
-    return found
+    return frames.origin[faces] + along
 
 
 def to_plane(mesh: Mesh, face: ArrayLike, points: ArrayLike) -> FloatArray:

@@ -155,8 +155,7 @@ def _between(poses: FloatArray) -> FloatArray:
     half = np.tile(np.eye(4), (len(step), 1, 1))
     half[:, :3, :3] = u @ vt
     half[:, :3, 3] = np.linalg.solve(np.eye(3) + half[:, :3, :3], moved[..., None])[..., 0]
-    found: FloatArray = poses[:-1] @ half
-    return found
+    return poses[:-1] @ half
 
 
 def _swept(
@@ -182,8 +181,7 @@ def _swept(
 
 def _levels(sheets: FloatArray) -> FloatArray:
     """(N,) height of the centre of each laser along the normal of its sheet."""
-    found: FloatArray = np.einsum("ni,ni->n", sheets[:, :3, 1], sheets[:, :3, 3])
-    return found
+    return np.einsum("ni,ni->n", sheets[:, :3, 1], sheets[:, :3, 3])
 
 
 def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
@@ -194,8 +192,7 @@ def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
         """Heights of corners of parts of the pieces of rows over a sheet of their station."""
         piece = np.repeat(rows, np.diff(starts))
         points, own = to_world(regions.mesh, regions.face[piece], xy), station[piece] + of
-        found: FloatArray = np.einsum("ni,ni->n", points, sheets[own, :3, 1]) - levels[own]
-        return found
+        return np.einsum("ni,ni->n", points, sheets[own, :3, 1]) - levels[own]
 
     every = np.arange(len(regions))
     before = heights(regions.xy, regions.starts, every, 0)

@@ -192,8 +192,7 @@ def carriers(
                 "place it in the world"
             )
     poses.check_cameras(n)
-    found: FloatArray = tables[poses.camera]
-    return found
+    return tables[poses.camera]
 
 
 def carried_by(carrier: FloatArray, poses: Poses) -> Poses:
@@ -338,8 +337,7 @@ def _are_separate(one: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
     above, below = ([h.min(axis=-2) for h in heights], [h.max(axis=-2) for h in heights])
     parts = (above[0] >= -PARALLEL) & (below[1] <= PARALLEL)
     parts |= (below[0] <= PARALLEL) & (above[1] >= -PARALLEL)
-    found: NDArray[np.bool_] = (parts & is_plane).any(axis=-1)
-    return found
+    return (parts & is_plane).any(axis=-1)
 
 
 def over_time(

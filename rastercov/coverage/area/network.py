@@ -134,8 +134,7 @@ class AreaNetwork:
     @property
     def covered(self) -> Covered:
         """Area of each face that the regions so far cover, and its pieces."""
-        found: Covered = self._once("covered", self._union.covered)
-        return found
+        return self._once("covered", self._union.covered)
 
     def add(self, regions: Regions) -> None:
         """Take in the regions of further poses."""
@@ -192,18 +191,14 @@ class AreaNetwork:
         `views` as for `summary`. The result is kept until regions are added.
         """
         zones = self.zones(views)
-        found: dict[str, Any] = self._once(
-            zones, lambda: summary_of(zones, camera, self.task, poses)
-        )
-        return found
+        return self._once(zones, lambda: summary_of(zones, camera, self.task, poses))
 
     def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
         """Dead zones, kept like their summary; `views` as for `summary`."""
         names = [group.name for group in self.mesh.groups]
         wanted = [self.views if views is None else views.get(name, 1) for name in names]
         of_face = np.clip(wanted, self.least, self.views)[self.mesh.face_group]
-        found: DeadZones = self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face))
-        return found
+        return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face))
 
     def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.

@@ -115,8 +115,7 @@ class OverTime(InOneLine):
         there = (self.motion.units @ self.motion.present)[self.motion.body]
         area = frames_of(self.motion.mesh).areas
         whole = np.maximum(there * area, np.finfo(float).tiny)
-        share: FloatArray = np.clip(self.time.area.sum(axis=0) / whole, 0.0, 1.0)
-        return share
+        return np.clip(self.time.area.sum(axis=0) / whole, 0.0, 1.0)
 
     def longest(self) -> IntArray:
         """(F,) row of a frame that covers each face longest, by area and time; -1 for none."""

@@ -241,8 +241,7 @@ class Overlay:
     def areas(self, pieces: Pieces, rows: NDArray[np.bool_]) -> FloatArray:
         """(N,) area of some of the pieces of a partition, m^2."""
         areas = polygon_areas(pieces.xy, pieces.starts)
-        found: FloatArray = np.bincount(pieces.cell[rows], areas[rows], self._n).astype(np.float64)
-        return found
+        return np.bincount(pieces.cell[rows], areas[rows], self._n).astype(np.float64)
 
     @property
     def bound(self) -> FloatArray:

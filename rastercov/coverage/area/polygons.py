@@ -55,8 +55,7 @@ def _triangles(xy: FloatArray, starts: IntArray) -> tuple[FloatArray, FloatArray
 def polygon_areas(xy: FloatArray, starts: IntArray) -> FloatArray:
     """(N,) areas."""
     twice = _triangles(xy, starts)[1]
-    found: FloatArray = np.add.reduceat(twice, starts[:-1]) / 2 if len(starts) > 1 else np.zeros(0)
-    return found
+    return np.add.reduceat(twice, starts[:-1]) / 2 if len(starts) > 1 else np.zeros(0)
 
 
 def centroids(xy: FloatArray, starts: IntArray, areas: FloatArray) -> FloatArray:
@@ -65,8 +64,7 @@ def centroids(xy: FloatArray, starts: IntArray, areas: FloatArray) -> FloatArray
         return np.zeros((0, 2))
     sums, twice = _triangles(xy, starts)
     moments = np.add.reduceat(sums * twice[:, None] / 6, starts[:-1])
-    found: FloatArray = xy[starts[:-1]] + moments / areas[:, None]
-    return found
+    return xy[starts[:-1]] + moments / areas[:, None]
 
 
 def even_points(n: int) -> tuple[FloatArray, FloatArray]:

@@ -274,15 +274,13 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
 def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
     """(N,) points (N, 3) whose deviation, by cameras (n, 4, 4) of a gate, is within its limit."""
     eyes, columns = placed[:, :3, 3], placed[:, :3, 1]
-    found: NDArray[np.bool_] = deviations(gate, eyes, columns, points) <= gate.most_deviation
-    return found
+    return deviations(gate, eyes, columns, points) <= gate.most_deviation
 
 
 def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
     """(n, N) cameras, by their centres (n, 3), in front of the planes of points (N, 3)."""
     height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
-    found: NDArray[np.bool_] = height >= 0
-    return found
+    return height >= 0
 
 
 def _by_gate(camera: Cameras, poses: Poses) -> Iterator[tuple[Gate | None, IntArray, IntArray]]:

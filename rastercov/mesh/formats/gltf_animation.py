@@ -173,16 +173,14 @@ def _span(times: FloatArray, keys: FloatArray) -> tuple[Any, Any, FloatArray, Fl
 
 def _step(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) -> FloatArray:
     at = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 1)
-    found: FloatArray = values[at]
-    return found
+    return values[at]
 
 
 def _linear(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) -> FloatArray:
     before, after, t, _ = _span(times, keys)
     one, other = values[before], values[after]
     if path != "rotation":
-        found: FloatArray = one + t * (other - one)
-        return found
+        return one + t * (other - one)
     return slerp(one, other, t)
 
 
@@ -214,8 +212,7 @@ def _spline(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) 
 def _unit(quaternions: FloatArray) -> FloatArray:
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     check((length > 0).all(), "a rotation between two keys has no length")
-    found: FloatArray = quaternions / length
-    return found
+    return quaternions / length
 
 
 WAYS: dict[str, Callable[[FloatArray, FloatArray, FloatArray, str], FloatArray]] = {

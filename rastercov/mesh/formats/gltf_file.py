@@ -92,8 +92,7 @@ def json_object(header: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
     items = json_list(header, key)
     if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
         raise broken(f"{key!r} has {len(items)} objects, number {shown(index)} was asked")
-    found: dict[str, Any] = items[index]
-    return found
+    return items[index]
 
 
 def json_name(owner: dict[str, Any]) -> str:
@@ -190,8 +189,7 @@ class Accessors:
         )
         check(is_right and "sparse" not in accessor, f"accessor {index} must be scalars of float32")
         found = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
-        times: NDArray[np.float64] = found[:, 0].astype(np.float64)
-        return times
+        return found[:, 0].astype(np.float64)
 
     def _replaced(self, where: str, sparse: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
         """Values of an accessor after the replacements of its sparse part."""

@@ -352,8 +352,7 @@ def _in_plane(
     x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
     y_axis = np.cross(normal, x_axis)
     axes = np.stack([x_axis, y_axis], axis=1)[polygon]
-    xy: FloatArray = np.einsum("ij,ikj->ik", points, axes)
-    return xy
+    return np.einsum("ij,ikj->ik", points, axes)
 
 
 BYTES_PER_INSTANCE = 1000

@@ -104,8 +104,7 @@ class Arm:
 
     def poses(self, joints: ArrayLike) -> FloatArray:
         """(N, 4, 4) world_from_mount in (N, J) configurations."""
-        found: FloatArray = self.robot.frames(joints)[self.link] @ self._mount
-        return found
+        return self.robot.frames(joints)[self.link] @ self._mount
 
     def clear(self, joints: ArrayLike) -> FloatArray:
         """(N,) clearance of (N, J) configurations, metres; less than is asked for is too little."""

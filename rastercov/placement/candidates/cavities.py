@@ -221,8 +221,7 @@ class OpenDirections:
     def origins(self, n_points: int) -> FloatArray:
         """(n_points, 3) points of the face: the centroid, and three towards the corners."""
         inset = self.target + INSET * (self.corners - self.target)
-        points: FloatArray = np.concatenate((self.target[None], inset))[:n_points]
-        return points
+        return np.concatenate((self.target[None], inset))[:n_points]
 
     def search(self, hemicube: Hemicube, frame: FloatArray, free: FloatArray) -> None:
         """Find the open directions, and rank the rays to try.
@@ -262,8 +261,7 @@ class OpenDirections:
         starts = np.arange(len(directions))
         seen = np.einsum("ki,mrij->rmkj", self.corners - self.target, frames)
         distances = [fit_vertices(camera, framing, of_roll, starts) for of_roll in seen]
-        farthest: FloatArray = np.maximum(np.max(distances, axis=0), self.limits[0])
-        return farthest
+        return np.maximum(np.max(distances, axis=0), self.limits[0])
 
     def eyes(self, rays: slice) -> tuple[FloatArray, IntArray]:
         """(N, 3) positions along some of the rays, nearest first, and the ray of each."""

@@ -58,8 +58,7 @@ class KeepOutBox:
         """(N,) True for each of (N, 3) points in the volume or on its border."""
         low, high = np.asarray(self.low), np.asarray(self.high)
         beyond: FloatArray = np.maximum(low - points, points - high)
-        inside: BoolArray = beyond.max(axis=1) <= 0
-        return inside
+        return beyond.max(axis=1) <= 0
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,7 @@ class KeepOutSphere:
         """(N,) True for each of (N, 3) points in the volume or on its border."""
         with np.errstate(over="ignore"):  # inf: the sphere contains all points
             reach = np.float64(self.radius) ** 2
-        inside: BoolArray = ((points - self.centre) ** 2).sum(axis=1) <= reach
-        return inside
+        return ((points - self.centre) ** 2).sum(axis=1) <= reach
 
 
 class Place(IntEnum):

@@ -152,8 +152,7 @@ def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
     anticlockwise.
     """
     turns = turns_about_z(np.radians(np.asarray(rolls_deg, np.float64)))
-    rolled: FloatArray = rotations[:, None] @ turns
-    return rolled
+    return rotations[:, None] @ turns
 
 
 def turns_about_z(angles: FloatArray) -> FloatArray:
@@ -170,8 +169,7 @@ def _fit_extent(camera: Camera, framing: Framing, seen: FloatArray, starts: IntA
     low = np.minimum.reduceat(seen.min(axis=1), starts)
     high = np.maximum.reduceat(seen.max(axis=1), starts)
     halves = framing.margin * (high - low)[:, :2] / 2
-    distance: FloatArray = (halves / half_angles(camera)).max(axis=1)
-    return distance
+    return (halves / half_angles(camera)).max(axis=1)
 
 
 def fit_vertices(
@@ -195,8 +193,7 @@ def fit_vertices(
         furthest = np.sqrt(np.maximum((z_f - off_axis) * (z_f + off_axis), 0.0)) - depth
     before = np.minimum.reduceat(depth.min(axis=1), starts)
     most = np.minimum.reduceat(furthest.min(axis=1), starts)
-    focused: FloatArray = np.maximum(np.minimum(distance, most), z_n - before)
-    return focused
+    return np.maximum(np.minimum(distance, most), z_n - before)
 
 
 @dataclass(frozen=True, eq=False)

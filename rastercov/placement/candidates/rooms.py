@@ -252,8 +252,7 @@ class _Space:
 
     def _position(self, place: IntArray) -> FloatArray:
         """(N, 3) positions of places of the grid."""
-        found: FloatArray = self.low + np.stack(np.unravel_index(place, self.shape), 1) * self.step
-        return found
+        return self.low + np.stack(np.unravel_index(place, self.shape), 1) * self.step
 
     def _place_near(self, points: FloatArray) -> IntArray:
         """(N,) nearest free place in sight of each of (N, 3) points, -1 for none near it."""
@@ -277,8 +276,7 @@ class _Space:
         length = np.linalg.norm(way, axis=1)
         unit = way / np.maximum(length, np.finfo(np.float64).tiny)[:, None]
         starts = (points - self.centre) / self.size
-        is_seen: BoolArray = self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
-        return is_seen
+        return self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
 
     def _flooded(self, front: IntArray) -> BoolArray:
         """Free places that are reached from some, step by step along the axes, up to the border."""

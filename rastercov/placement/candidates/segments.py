@@ -207,8 +207,7 @@ MERGES: dict[str, Callable[[FloatArray, float], IntArray]] = {
 
 
 def _units(sums: FloatArray) -> FloatArray:
-    units: FloatArray = sums / np.linalg.norm(sums, axis=1, keepdims=True)
-    return units
+    return sums / np.linalg.norm(sums, axis=1, keepdims=True)
 
 
 def _sums(labels: IntArray, values: FloatArray, count: int) -> FloatArray:

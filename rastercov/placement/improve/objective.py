@@ -196,8 +196,7 @@ class Objective:
 
         Leading axes of both, (..., k, F) and (..., k, 3), are independent networks.
         """
-        covered: BoolArray = self.cameras_until_covered(covers, eyes) <= covers.shape[-2]
-        return covered
+        return self.cameras_until_covered(covers, eyes) <= covers.shape[-2]
 
     def cameras_until_covered(
         self, covers: BoolArray, eyes: FloatArray, need: IntArray | None = None

@@ -116,8 +116,7 @@ class PoseSpace:
 
     def allows(self, eyes: ArrayLike) -> BoolArray:
         """(N,) mask of the allowed positions among (N, 3)."""
-        allowed: BoolArray = self.judge(eyes) == Place.ALLOWED
-        return allowed
+        return self.judge(eyes) == Place.ALLOWED
 
     def require(self, poses: FloatArray, what: str) -> None:
         """Raise ConfigError that names the first of (N, 4, 4) poses at a forbidden position."""

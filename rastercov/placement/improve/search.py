@@ -213,16 +213,14 @@ def _depths(eyes: FloatArray, forwards: FloatArray, box: FloatArray) -> FloatArr
     enters = np.maximum(ends[0].max(axis=1), 0.0)
     leaves = ends[1].min(axis=1)
     passes = np.einsum("ni,ni->n", box.mean(axis=0) - eyes, forwards)
-    depth: FloatArray = np.where(leaves > enters, (enters + leaves) / 2, np.maximum(passes, 0.0))
-    return depth
+    return np.where(leaves > enters, (enters + leaves) / 2, np.maximum(passes, 0.0))
 
 
 def _parts(points: FloatArray, box: FloatArray) -> FloatArray:
     """Relative position of points in a box, [0, 1]; 0.5 along axes where it is flat."""
     size = box[1] - box[0]
     parts = (points - box[0]) / np.where(size > 0, size, 1.0)
-    within: FloatArray = np.clip(np.where(size > 0, parts, 0.5), 0.0, 1.0)
-    return within
+    return np.clip(np.where(size > 0, parts, 0.5), 0.0, 1.0)
 
 
 def _given(

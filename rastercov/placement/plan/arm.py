@@ -57,8 +57,7 @@ class ArmPoses:
     @property
     def is_hidden(self) -> BoolArray:
         """(K,) True where the arm hides too much, whichever solution is taken."""
-        found: BoolArray = self.lost > MOST_LOST
-        return found
+        return self.lost > MOST_LOST
 
 
 @dataclass(frozen=True, eq=False)

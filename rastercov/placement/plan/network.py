@@ -250,8 +250,7 @@ def seeable_areas(plan: Plan, network: Network) -> FloatArray | None:
             'cameras see into closed bodies, so weight_by = "seeable" has no meaning: move them '
             "out, or leave it out where a room is drawn as a body"
         )
-    seeable: FloatArray = network.mesh.areas - hidden
-    return seeable
+    return network.mesh.areas - hidden
 
 
 WHOLE_REL = 1e-6
@@ -265,8 +264,7 @@ def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray
 
     mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
     level = np.clip(views_of(mesh, views), areas.least, areas.views) - 1
-    found: BoolArray = areas.covered.area[level, rows] >= (1 - WHOLE_REL) * frames_of(mesh).areas
-    return found
+    return areas.covered.area[level, rows] >= (1 - WHOLE_REL) * frames_of(mesh).areas
 
 
 def judge_areas(

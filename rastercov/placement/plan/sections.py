@@ -408,8 +408,7 @@ class RigCamera(Entry):
     def rig_from_camera(self) -> NDArray[np.float64]:
         """(4, 4) place on the rig; world_from_camera of a fixed camera."""
         if self.target is not None:
-            found: NDArray[np.float64] = look_at([self.translation], self.target)[0]
-            return found
+            return look_at([self.translation], self.target)[0]
         place = np.eye(4)
         place[:3, :3] = rotation_about(self.axis, math.radians(self.angle_deg))
         place[:3, 3] = self.translation

@@ -192,8 +192,7 @@ class ReducedProblem(Reduced):
         whole = np.zeros(len(self.least), np.int64)
         np.add.at(whole, self.kind, self.integer_weights)
         wanted = (self.least >= whole) & (self.least > 0)
-        needed: BoolArray = wanted[self.kind] | (self.least_total >= whole.sum() > 0)
-        return needed
+        return wanted[self.kind] | (self.least_total >= whole.sum() > 0)
 
 
 def presolve(problem: Problem) -> Presolved:
@@ -273,8 +272,7 @@ def _hashes_of_eyes(problem: Problem) -> NDArray[np.uint64]:
     assert problem.eyes is not None
     bits = np.ascontiguousarray(problem.eyes + 0.0).view(np.uint64)
     keys = (bits + np.arange(3, dtype=np.uint64)).astype(np.uint64, copy=False)  # for mypy
-    hashes: NDArray[np.uint64] = _hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
-    return hashes
+    return _hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
 
 
 def kinds_of(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
@@ -341,5 +339,4 @@ def _place_in_run(keys: NDArray[np.uint64]) -> IntArray:
         return np.zeros(0, np.int64)
     starts = np.concatenate(([True], (keys[1:] != keys[:-1]).any(axis=1)))
     at = np.arange(len(keys))
-    place: IntArray = at - at[starts][np.cumsum(starts) - 1]
-    return place
+    return at - at[starts][np.cumsum(starts) - 1]

@@ -206,8 +206,7 @@ class Problem:
         if self.is_spread:
             return self.covered_by(np.arange(self.n_candidates))[1]
         most = int(self.views.max(initial=1))
-        found: BoolArray = self.bits.counts_up_to(most) >= self.views
-        return found
+        return self.bits.counts_up_to(most) >= self.views
 
     @cached_property
     def required(self) -> tuple[IntArray, IntArray, int]:
@@ -471,8 +470,7 @@ def views_of(mesh: Mesh, views: int | Mapping[str, int]) -> IntArray:
     names = [group.name for group in mesh.groups]
     if unknown := sorted(set(views) - set(names)):
         raise ConfigError(f"there is no group {unknown[0]!r}; groups are {', '.join(names)}")
-    needed: IntArray = np.array([views.get(name, 1) for name in names])[mesh.face_group]
-    return needed
+    return np.array([views.get(name, 1) for name in names])[mesh.face_group]
 
 
 @typed

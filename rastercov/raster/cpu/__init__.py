@@ -344,8 +344,7 @@ class _Worker:
         tops = np.arange(ends[0], ends[1], self.block_rows)
         bottoms = np.minimum(tops + self.block_rows, ends[1])
         rows = SIDE * np.stack((tops, bottoms), axis=1)
-        bands: IntArray = np.minimum(rows, self.grid.height)
-        return bands
+        return np.minimum(rows, self.grid.height)
 
     def count(
         self, looks: Looks, bands: IntArray, visible: Int32Array, drawn: Int32Array | None,

@@ -270,8 +270,7 @@ class HeadlessContext(Unique):
 
     def reset_status(self) -> int:
         """glGetGraphicsResetStatus: 0 for a live context and for one that does not report it."""
-        status: int = self.function("glGetGraphicsResetStatus", ctypes.c_uint)()
-        return status
+        return self.function("glGetGraphicsResetStatus", ctypes.c_uint)()
 
     def release(self) -> None:
         """Destroy both contexts; no effect when released before.

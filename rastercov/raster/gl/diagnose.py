@@ -248,8 +248,7 @@ def ask(question: Callable[[str], Report], label: str, timeout_s: float) -> Repo
         ending = f"crashed with {signal.Signals(-child.returncode).name}"
     elif child.returncode == 0:
         with suppress(IndexError, ValueError):
-            answer: Report = json.loads(output.splitlines()[-1])
-            return answer
+            return json.loads(output.splitlines()[-1])
         ending += " and no answer"
     last_line = errors.decode("utf-8", "replace").strip().splitlines()[-1:]
     return {"problem": ": ".join([f"its process {ending}", *last_line])}

@@ -206,8 +206,7 @@ class PreparedPoses:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
         with np.errstate(divide="ignore"):
             z = self.near[row] / values.astype(np.float64)
-        metres: NDArray[np.float32] = z.astype(np.float32)
-        return metres
+        return z.astype(np.float32)
 
 
 def _projection(tile: Box, grid: SampleGrid) -> tuple[float, ...]:
