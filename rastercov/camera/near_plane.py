@@ -17,6 +17,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import box_corners, to_camera
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import matrices_of
 
 NEAR_TO_FAR = 1e-6
 """Least depth that is seen, relative to the farthest depth, whatever `Camera.near` is."""
@@ -48,9 +49,8 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
 
     found = {}
     for plane, _ in planes_of(camera):
-        frame = np.eye(4)
-        frame[:3, :3] = plane.frame
-        found[plane.frame.tobytes()] = replace(plane.camera, near=camera.near), frame
+        pinhole = replace(plane.camera, near=camera.near)
+        found[plane.frame.tobytes()] = pinhole, matrices_of(plane.frame)
     return tuple(found.values())
 
 

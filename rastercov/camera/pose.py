@@ -16,6 +16,7 @@ from rastercov.base.errors import PoseError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import check_fields
+from rastercov.mesh.arrays import matrices_of
 
 DRIFT_TOLERANCE = 1e-6
 """A rotation further than this from orthonormal is refused; nearer, it is made orthonormal."""
@@ -194,12 +195,8 @@ def _camera_indices(camera: ArrayLike, n_poses: int) -> NDArray[np.int32]:
 
 def inverse(poses: FloatArray) -> FloatArray:
     """camera_from_world of world_from_camera, or the reverse; (..., 4, 4)."""
-    out = np.zeros_like(poses)
     rotation = np.swapaxes(poses[..., :3, :3], -1, -2)
-    out[..., :3, :3] = rotation
-    out[..., :3, 3] = -(rotation @ poses[..., :3, 3, None])[..., 0]
-    out[..., 3, 3] = 1.0
-    return out
+    return matrices_of(rotation, -(rotation @ poses[..., :3, 3, None])[..., 0])
 
 
 def as_matrices(poses: NDArray[Any]) -> FloatArray:

@@ -14,6 +14,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses, error_of, real_numbers
 from rastercov.camera.projection import rays_of, to_image
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import matrices_of
 
 WIDEST_DEG = 60.0
 """Angle from the axis of a lens without an ideal plane up to which targets are framed."""
@@ -95,13 +96,7 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     right -= (right * forward).sum(axis=1, keepdims=True) * forward
     right /= np.linalg.norm(right, axis=1, keepdims=True)
 
-    poses = np.zeros((len(eye), 4, 4))
-    poses[:, :3, 0] = right
-    poses[:, :3, 1] = np.cross(forward, right)
-    poses[:, :3, 2] = forward
-    poses[:, :3, 3] = eye
-    poses[:, 3, 3] = 1.0
-    return poses
+    return matrices_of(np.stack([right, np.cross(forward, right), forward], axis=-1), eye)
 
 
 def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArray:

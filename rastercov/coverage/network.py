@@ -155,16 +155,22 @@ def sums_of(
     mesh: Mesh, figures: Mapping[str, NDArray[Any]], camera: NDArray[np.int32], *, apart: bool
 ) -> dict[int, Sums]:
     """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
+    found = {}
+    for index in np.unique(camera).tolist() if apart else [-1]:
+        own = np.flatnonzero((camera == index) | (index < 0))
+        found[index] = _sums_of_rows(mesh, figures, own)
+    return found
+
+
+def _sums_of_rows(mesh: Mesh, figures: Mapping[str, NDArray[Any]], rows: IntArray) -> Sums:
+    """Sums of the figures of some poses, rows of (P, F) each."""
     is_scored = read_only(mesh.task_mask, np.bool_)
     coverage, reason, bound, kind, part = (
         read_only(figures[name], dtype) for name, dtype in SUMMED.items()
     )
-    found = {}
-    for index in np.unique(camera).tolist() if apart else [-1]:
-        sums = found[index] = no_sums(mesh.n_faces, len(camera))
-        own = np.flatnonzero((camera == index) | (index < 0))
-        add_rows(own, is_scored, coverage, reason, bound, kind, part, sums)
-    return found
+    sums = no_sums(mesh.n_faces, len(coverage))
+    add_rows(rows, is_scored, coverage, reason, bound, kind, part, sums)
+    return sums
 
 
 def sums_of_rigs(
@@ -189,13 +195,7 @@ def sums_of_rigs(
     reason[~covered & (reason == Reason.COVERED)] = left
     reason[covered] = Reason.COVERED
     folded["reason"][rows] = reason
-    sums = no_sums(mesh.n_faces, len(poses))
-    coverage, reasons, bound, kind, part = (
-        read_only(folded[name], dtype) for name, dtype in SUMMED.items()
-    )
-    is_scored = read_only(mesh.task_mask, np.bool_)
-    add_rows(rows, is_scored, coverage, reasons, bound, kind, part, sums)
-    return sums
+    return _sums_of_rows(mesh, folded, rows)
 
 
 def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums], Worker]:

@@ -133,6 +133,14 @@ def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
+def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> NDArray[np.float64]:
+    """(..., 4, 4) of linear parts (..., 3, 3), such as rotations, and translations (..., 3)."""
+    given = np.asarray(linear, np.float64)
+    found = np.zeros((*given.shape[:-2], 4, 4))
+    found[..., :3, :3], found[..., :3, 3], found[..., 3, 3] = given, translation, 1.0
+    return found
+
+
 def rotations_of_quaternions(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 3, 3) rotations of unit quaternions (N, 4), x y z w."""
     x, y, z, w = quaternions.T

@@ -18,7 +18,7 @@ from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.base.threads import Once
-from rastercov.mesh.arrays import frozen
+from rastercov.mesh.arrays import frozen, matrices_of
 from rastercov.mesh.contacts import (
     MOST_PARTNERS,
     PAIRS_A_FACE,
@@ -422,10 +422,7 @@ def _overlap(box: FloatArray, points: FloatArray, tolerance: float) -> bool:
 
 
 def _inverse(pose: FloatArray) -> FloatArray:
-    found = np.eye(4)
-    found[:3, :3] = pose[:3, :3].T
-    found[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return found
+    return matrices_of(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])
 
 
 def _moved(points: FloatArray, pose: FloatArray) -> FloatArray:

@@ -28,6 +28,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import matrices_of
 from rastercov.native.raster_targets import count_targets
 from rastercov.raster.contract import (
     FaceCounts,
@@ -215,8 +216,6 @@ class Views:
                 is_first = places[:, axis] < places[:, axis].mean()
                 parts += [(number, at[is_first]), (number, at[~is_first])]
                 continue
-            turn = np.eye(4)
-            turn[:3, :3] = frame
             column, row = (
                 np.clip(places[:, axis] * focal + centre, 0, side - 1).astype(np.int32)
                 for axis, (focal, centre, side) in enumerate(
@@ -225,8 +224,8 @@ class Views:
             )
             kept = slice(None if self._keeps_places else 0)
             yield View(
-                camera, turn, row * np.int32(camera.width) + column, at[kept] + top * width,
-                places[kept].astype(np.float32),
+                camera, matrices_of(frame), row * np.int32(camera.width) + column,
+                at[kept] + top * width, places[kept].astype(np.float32),
             )  # fmt: skip
 
     def _rays(self, top: int, bottom: int, threads: int) -> FloatArray:

@@ -30,7 +30,7 @@ from rastercov.camera.models import (
 from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.camera.rig import Rig, Views
 from rastercov.mesh import formats
-from rastercov.mesh.arrays import rotations_of_quaternions
+from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
 
 POSE_CONVENTIONS = {
     "opencv": (False, False),
@@ -355,11 +355,7 @@ def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:
 def motions(rotations: ArrayLike, translation: ArrayLike) -> FloatArray:
     """(N, 4, 4) of rotations (N, 3, 3) and translations (N, 3)."""
     r = np.asarray(rotations, dtype=np.float64).reshape(-1, 3, 3)
-    out = np.zeros((len(r), 4, 4))
-    out[:, :3, :3] = r
-    out[:, :3, 3] = np.asarray(translation, dtype=np.float64).reshape(-1, 3)
-    out[:, 3, 3] = 1.0
-    return out
+    return matrices_of(r, np.asarray(translation, dtype=np.float64).reshape(-1, 3))
 
 
 def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camera:

@@ -30,6 +30,7 @@ from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import matrices_of
 
 MOST_STATIONS = 4096
 """Stations of a sweep."""
@@ -152,10 +153,9 @@ def _between(poses: FloatArray) -> FloatArray:
         raise PoseError("poses that follow one another must differ by 90 degrees at most; add some")
     # R^1/2 is the rotation nearest to I + R, and (I + R^1/2) t' = t.
     u, _, vt = np.linalg.svd(np.eye(3) + turn)
-    half = np.tile(np.eye(4), (len(step), 1, 1))
-    half[:, :3, :3] = u @ vt
-    half[:, :3, 3] = np.linalg.solve(np.eye(3) + half[:, :3, :3], moved[..., None])[..., 0]
-    return poses[:-1] @ half
+    half = u @ vt
+    way = np.linalg.solve(np.eye(3) + half, moved[..., None])[..., 0]
+    return poses[:-1] @ matrices_of(half, way)
 
 
 def _swept(

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
-from rastercov.mesh.arrays import rotations_of_quaternions
+from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
     Accessors,
@@ -327,11 +327,8 @@ def affine(
         is_unit.all(),
         f"a rotation must be a quaternion of length 1, got {rotation[worst : worst + 1].tolist()}",
     )
-    matrix = np.zeros((len(rotation), 4, 4))
-    matrix[:, :3, :3] = rotations_of_quaternions(rotation / length[:, None]) * scale[:, None, :]
-    matrix[:, :3, 3] = translation
-    matrix[:, 3, 3] = 1
-    return matrix
+    turns = rotations_of_quaternions(rotation / length[:, None])
+    return matrices_of(turns * scale[:, None, :], translation)
 
 
 def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]) -> list[str]:

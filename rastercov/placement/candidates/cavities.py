@@ -50,7 +50,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.projection import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
+from rastercov.mesh.arrays import frozen, matrices_of
 from rastercov.mesh.solids import Winding, closed_parts, in_solid
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -123,9 +123,8 @@ class Hemicube(Closing):
         """
         n = len(points)
         free = np.empty((n, len(self.directions)))
-        poses = np.tile(np.eye(4), (n, len(self._axes), 1, 1))
-        poses[..., :3, 3] = (points + self._lift * frames[:, :, 2])[:, None]
-        poses[..., :3, :3] = frames[:, None] @ self._axes
+        eyes = points + self._lift * frames[:, :, 2]
+        poses = matrices_of(frames[:, None] @ self._axes, eyes[:, None])
         whole = self._whole.render_all(poses[:, 0]).depth.reshape(n, -1)
         upper = self._upper.render_all(poses[:, 1:].reshape(-1, 4, 4)).depth.reshape(n, -1)
         free[:, : whole.shape[1]], free[:, whole.shape[1] :] = whole, upper

@@ -25,7 +25,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
+from rastercov.mesh.arrays import frozen, matrices_of
 from rastercov.placement.candidates.segments import Segmentation
 
 FRAMING_MARGIN_REL = 1e-9
@@ -398,7 +398,6 @@ def candidates_of(
     frames: FloatArray, eyes: FloatArray, source: str, index: ArrayLike, framing: Framing
 ) -> Candidates:
     """Candidates of (N, R, 3, 3) axes and (N, R, 3) eyes, R poses for each of N indices."""
-    poses = np.zeros((*eyes.shape[:2], 4, 4))
-    poses[..., :3, :3], poses[..., :3, 3], poses[..., 3, 3] = frames, eyes, 1.0
+    poses = matrices_of(frames, eyes)
     each = np.repeat(np.broadcast_to(index, len(eyes)), len(framing.rolls_deg))
     return Candidates.of(poses.reshape(-1, 4, 4), source, each)

@@ -58,7 +58,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import rotation_about
+from rastercov.mesh.arrays import matrices_of, rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.motion import Motion, conveyor, turntable
 from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
@@ -409,10 +409,8 @@ class RigCamera(Entry):
         """(4, 4) place on the rig; world_from_camera of a fixed camera."""
         if self.target is not None:
             return look_at([self.translation], self.target)[0]
-        place = np.eye(4)
-        place[:3, :3] = rotation_about(self.axis, math.radians(self.angle_deg))
-        place[:3, 3] = self.translation
-        return place
+        turn = rotation_about(self.axis, math.radians(self.angle_deg))
+        return matrices_of(turn, self.translation)
 
 
 OF_RULE = {"rule", "k", "needs", *All.__dataclass_fields__}
@@ -730,10 +728,8 @@ class BaseEntry(Entry):
 
     def matrix(self) -> NDArray[np.float64]:
         """(4, 4) rigid motion."""
-        found = np.eye(4)
-        found[:3, :3] = rotation_about(self.axis, math.radians(self.angle_deg))
-        found[:3, 3] = self.translation
-        return found
+        turn = rotation_about(self.axis, math.radians(self.angle_deg))
+        return matrices_of(turn, self.translation)
 
 
 OfSurface = PerSegment | PerFace | PerCavity
@@ -786,17 +782,11 @@ MeshFile = Annotated[File | None, Field(description=f"Mesh file: {', '.join(READ
 BuiltIn = Annotated[str, *among(NAMES)]
 
 
-class TransformEntry(Entry):
+class TransformEntry(BaseEntry):
     """Place of a mesh in the scene: scaled about its origin, then turned, then translated."""
 
     scale: Positive = 1.0
     """Factor, after the unit."""
-    axis: Direction = [0.0, 0.0, 1.0]
-    """Axis of the rotation, through the origin."""
-    angle_deg: Number = 0.0
-    """Angle of the rotation, counter-clockwise seen against the axis."""
-    translation: Triple = [0.0, 0.0, 0.0]
-    """Metres, after the rotation."""
 
 
 class MeshEntry(Entry):
@@ -1044,9 +1034,8 @@ class MotionSection(Entry):
         if len(of_gltf) != 1 or of_gltf[0].path is None:
             raise ConfigError(f"animation is of one glTF file, got {len(of_gltf)}; give poses")
         place, path = of_gltf[0].transform, folder / of_gltf[0].path
-        matrix = np.eye(4)
-        matrix[:3, :3] = place.scale * rotation_about(place.axis, math.radians(place.angle_deg))
-        matrix[:3, 3] = place.translation
+        matrix = place.matrix()
+        matrix[:3, :3] *= place.scale
         name = self.animation or ""
         return read_gltf_motion(mesh, path, name, self.steps, of_gltf[0].unit, matrix)
 
