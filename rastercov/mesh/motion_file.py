@@ -75,8 +75,10 @@ def load_motion(
         suffix = suffix_of(path)
     if suffix in OF_GLTF:
         found = read_gltf_motion(mesh, path, animation, steps, unit)
+    else:
+        found = read_motion(path)
+    with errors_as(ConfigError, printable(Path(path).name)):
         return Motion(mesh, **found)
-    return Motion(mesh, **read_motion(path))
 
 
 def read_gltf_motion(

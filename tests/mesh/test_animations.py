@@ -1,5 +1,7 @@
 """Animations of glTF nodes: keys, the ways between them, and what is refused."""
 
+import json
+
 import numpy as np
 import pytest
 from mesh_files import Glb
@@ -7,6 +9,7 @@ from mesh_files import Glb
 import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.coverage.area.union import unite
+from rastercov.mesh import shapes
 from rastercov.mesh.arrays import rotation_about, rotations_of_quaternions, unit
 from rastercov.mesh.formats.gltf_animation import slerp
 from rastercov.mesh.motion_file import quaternions_of
@@ -179,3 +182,11 @@ def test_the_animation_of_a_result_is_its_motion(tmp_path):
     own = np.array(there)[rows]
     assert np.allclose(found[own], table[rows][own], atol=1e-5)
     assert again.present[:, 1].tolist() == own.tolist()
+
+
+def test_a_wrong_pose_of_a_table_is_told_with_the_name_of_the_file(tmp_path):
+    mesh, path = shapes.box((1, 1, 1)), tmp_path / "moves.json"
+    poses = np.diag([2.0, 1, 1, 1])[None].tolist()
+    path.write_text(json.dumps({"bodies": {mesh.groups[0].name: {"poses": poses}}}))
+    with pytest.raises(ConfigError, match=r"^moves.json: .* rigid motions: pose 0 is none"):
+        rc.load_motion(mesh, path)
