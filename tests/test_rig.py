@@ -11,10 +11,11 @@ from visible_fractions import visibility
 
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
+from rastercov.camera.formats import read_views
 from rastercov.camera.lamps import Lamp, Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, cameras_of
-from rastercov.camera.rule import All
+from rastercov.camera.rule import All, AtLeast
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.area.regions import regions
@@ -24,7 +25,7 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
-from rastercov.report.coverage_files import views_of
+from rastercov.report.coverage_files import views_of, write_rig
 
 MESH = shapes.torus(24, 12)
 WIDE = Camera(width=160, height=120, fx=90, fy=90)
@@ -180,3 +181,20 @@ def test_another_lens_keeps_its_noise_in_pixels():
     more = both._with_camera("y", WIDE)
     assert (more.names, more.cameras[-1], more.gates) == ((*"xaby",), WIDE, both.gates)
     assert np.array_equal(more.rig_from_camera[-1], np.eye(4))
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        All(max_uncertainty=1e-3, noise_px={"a": 0.2, "b": 0.5}, stripes=["b"]),
+        All(min_baseline_deg=2),
+        AtLeast(1, needs=["b"]),
+    ],
+)
+def test_a_rig_by_other_names_is_written_with_its_rule(tmp_path, rule):
+    pair = Rig([WIDE, LONG], [*"ab"], sphere_of_poses((0, 0, 0), 1.0, 2), rule=rule)
+    placed = Rig.of_several([pair], ["head/a", "head/b"])
+    assert (placed.gates, placed.is_one) == (pair.gates, True)
+    poses = placed.poses(sphere_of_poses((0, 0, 0), 4.2, 3))
+    write_rig(tmp_path / "poses.json", placed, poses)
+    assert read_views(tmp_path / "poses.json").rig.gates == pair.gates

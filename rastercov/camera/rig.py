@@ -28,7 +28,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
 from rastercov.camera.lamps import Lamps, lamps_of_json
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rule import All, Gate, Rule, gate_of, task_to_json
+from rastercov.camera.rule import All, Gate, Rule, gate_of, renamed, task_to_json
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.mesh import Mesh
 
@@ -182,7 +182,10 @@ class Rig(InOneLine):
 
     @classmethod
     def of_several(cls, rigs: Sequence["Rig"], names: Sequence[str]) -> "Rig":
-        """Cameras of several rigs in a row, by other names, each rig with its rule."""
+        """Cameras of several rigs in a row, by other names, each rig with its rule.
+
+        The rule of one that is alone is there by name, too.
+        """
         tasks: dict[str, Any] = {}
         gates: dict[int, Gate] = {}
         cameras: list[Camera] = []
@@ -194,7 +197,11 @@ class Rig(InOneLine):
             gates |= {first + row: gate for row, gate in rig.gates.items()}
             tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
         places = np.concatenate([np.zeros((0, 4, 4)), *(rig.rig_from_camera for rig in rigs)])
-        return cls(cameras, names, places, tasks=tasks, fixed=fixed)._with(gates=gates)
+        found = cls(cameras, names, places, tasks=tasks, fixed=fixed)._with(gates=gates)
+        if len(rigs) != 1:
+            return found
+        by_name = dict(zip(rigs[0].names, names, strict=True))
+        return found._with(rule=renamed(rigs[0].rule, by_name))
 
     def _with(self, **changes: Any) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""

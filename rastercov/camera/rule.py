@@ -7,7 +7,7 @@ one side of the face. `Gate` is a rule whose devices are counted.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from typing import Any as Anything
 from typing import NamedTuple
 
@@ -206,6 +206,18 @@ def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[flo
         raise CameraError("stripes alone fix no point: a device must know both coordinates")
     radians = tuple(value / each for value, each in zip(values, scale, strict=True))
     return gate._replace(most_deviation=limit, noise=radians, stripes=rows)
+
+
+def renamed(rule: Rule, names: Mapping[str, str]) -> Rule:
+    """The rule of devices that have other names, by their present ones."""
+    if isinstance(rule, AtLeast):
+        return replace(rule, needs=[names[each] for each in rule.needs])
+    if isinstance(rule, All):
+        noise = rule.noise_px
+        if isinstance(noise, Mapping):
+            noise = {names[each]: value for each, value in noise.items()}
+        return replace(rule, noise_px=noise, stripes=[names[each] for each in rule.stripes])
+    return rule
 
 
 def rule_to_json(rule: Rule) -> dict[str, Anything]:
