@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -95,11 +95,9 @@ class Saving:
         if state.unit != "m":
             raise ConfigError("a report is in metres, and this has no scale; see rastercov audit")
         options = Options(method=self.session.measurements.method)
-        scene, poses, moving = self.session.scene, state.poses(), self.session.scene.moving
+        scene, poses = self.session.scene, state.poses()
         rig = state.rig(poses)
-        if moving is not None:
-            bodies = [moving.body_of(name) for name in rig.names]
-            moving = replace(moving, bodies=bodies, cameras=rig.names)
+        moving = scene.moving_with(rig)
         run(scene.mesh, rig, poses, state.task, path, options, moving=moving)
         return f"a report of {plural(len(state.on), 'camera')} is in {path}"
 

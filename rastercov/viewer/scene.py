@@ -67,8 +67,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "time", "now"))
-"""Modes that a rig has values of; weak zones are of an audit, and times of a result over time."""
+OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
+"""Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 LEAST_SITE = 2.0
@@ -159,6 +159,13 @@ class Scene:
         own = {} if self.moving is None else {name: self.moving.body_of(name) for name in cameras}
         return {name: body for name, body in own.items() if body != "world"}
 
+    def moving_with(self, rig: Rig) -> PlanMotion | None:
+        """The motion and its question for the cameras of a rig."""
+        if self.moving is None:
+            return None
+        bodies = [self.moving.body_of(name) for name in rig.names]
+        return replace(self.moving, bodies=bodies, cameras=rig.names)
+
     def _moving(self) -> dict[str, Any]:
         """Motion and joints for the page, ready for JSON."""
         if self.moving is None:
@@ -198,6 +205,7 @@ class Scene:
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
         lamps = self.start.lamps
         known["lux"] = lamps is not None and not all(lamps.rides)
+        known["time"] = self.moving is not None
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
@@ -378,23 +386,29 @@ def described_state(
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
-        "lamps": described_lamps(state.lamps),
+        "lamps": described_lamps(state.whole),
     }  # fmt: skip
 
 
-def described_lamps(lamps: Lamps | None) -> list[dict[str, Any]]:
-    """Lamps, ready for JSON; those that ride on cameras have no pose."""
-    own = () if lamps is None else zip(
-        lamps.names, lamps.lamps, lamps.places, lamps.rides, strict=True
-    )  # fmt: skip
+def described_lamps(rig: Rig) -> list[dict[str, Any]]:
+    """Lamps of a rig, ready for JSON; of those that ride, the poses on their cameras by name."""
+    if (lamps := rig.lamps) is None:
+        return []
+    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+    on = [np.flatnonzero(own).tolist() for own in lamps.carried_by(rig.names)]
     return [
         {
             "id": f"lamp {row}", "row": row, "name": name, "half_angle_deg": lamp.half_angle_deg,
             "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
             "points": lamp.lamp_from_point[:, :3, 3].tolist(),
-            "pose": None if rides else place.ravel().tolist(),
+            "pose": None if on[row] else place.ravel().tolist(),
+            "rides": {
+                rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on[row]
+            },
         }
-        for row, (name, lamp, place, rides) in enumerate(own)
+        for row, (name, lamp, place) in enumerate(
+            zip(lamps.names, lamps.lamps, lamps.places, strict=True)
+        )
     ]  # fmt: skip
 
 

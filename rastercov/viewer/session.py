@@ -25,7 +25,6 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.job import evaluate
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation, segment
@@ -136,6 +135,7 @@ class Session:
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
+        self._shares: tuple[RigState, FloatArray] | None = None  # of time
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
 
     @property
@@ -294,8 +294,8 @@ class Session:
         """Frame of a camera's own image: JSON, then a PNG."""
         with self.lock:
             mesh, state = self.moment.mesh, self.shown
-        head, png = camera_png(mesh, state, station, side)
-        return framed(head, png)
+            (row,) = self.measurements.rows(state, [state.station(station)])
+        return framed(*camera_png(mesh, state, station, side, row.failed))
 
     def why(self, face: int) -> dict[str, Any]:
         """Reason of a face, ready for JSON."""
@@ -387,6 +387,8 @@ class Session:
             rows = np.minimum(figures.need, state.most_views) - 1
             covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
+        if mode == "time":
+            return self._share_of_time()[self.moment.kept]
         if mode == "segments":
             angles = (_angle(options, each) for each in SEGMENT_OPTIONS)
             return self._segmented(*angles).labels[self.moment.kept]
@@ -395,6 +397,17 @@ class Session:
                 raise ConfigError("there is no camera; add one")
             station = state.stations[0].id
         return self.measurements.rows(state, [state.station(station)])[0].coverage
+
+    def _share_of_time(self) -> FloatArray:
+        """(F,) share of the time in which each face is covered, kept for the present state."""
+        state, poses = self.state, self.state.poses()
+        if self._shares is None or self._shares[0] is not state:
+            rig = state.rig(poses)
+            moving = self.scene.moving_with(rig)
+            if moving is None:
+                raise ConfigError("nothing moves; open a plan or result with motion")
+            self._shares = state, moving.evaluate(rig, poses, state.task).share_of_time()
+        return self._shares[1]
 
     def _segmented(self, alpha: float, beta: float) -> Segmentation:
         """Segments, kept for the last angles."""
@@ -421,7 +434,7 @@ def _angle(given: Mapping[str, Any], known: Mapping[str, Any]) -> float:
 
 
 def camera_png(
-    mesh: Mesh, state: RigState, station: int, side: int
+    mesh: Mesh, state: RigState, station: int, side: int, reasons: NDArray[np.uint8]
 ) -> tuple[dict[str, Any], bytes]:
     """The camera's own image, its distortion included: title, size and legend, and a PNG.
 
@@ -431,6 +444,8 @@ def camera_png(
         Id of the station.
     side : int
         Longest side, px; at most that of the camera.
+    reasons : (F,) uint8
+        `rastercov.Reason` of each face in the camera, or of its light.
 
     Raises
     ------
@@ -440,9 +455,8 @@ def camera_png(
     if not LEAST_SIDE <= side <= MOST_SIDE:
         raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
     own = state.station(station)
-    camera, task = state.camera_of(own), state.task_of(own.camera)
+    camera = state.camera_of(own)
     small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
-    reasons = evaluate(mesh, camera, own.pose[None], task, fields=("reason",)).reason[0]
     found = by_faces(camera_scene(mesh, small, own.pose), reasons)
     n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
     pixels = camera_pixels(found)

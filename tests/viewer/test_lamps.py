@@ -1,6 +1,8 @@
 """Lamps in the viewer: devices that are moved, and figures of what they light."""
 
 import json
+from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -8,16 +10,18 @@ import pytest
 from browser import Program, Tab
 from commands import call, done, enter, refusal
 from moving_scene import CAMERA, EYES, PART, POSES, TASK, by_hand, moving_scene
+from PIL import Image
 from rigs_to_view import moved
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.coverage.area.failures import failures_of_rows, illuminance_of_faces
-from rastercov.coverage.reasons import NAMES, TOO_DARK, UNLIT
+from rastercov.coverage.reasons import NAMES, REASONS, TOO_DARK, UNLIT
+from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES, OfLight
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import Scene
+from rastercov.viewer.scene import Scene, described_lamps
 from rastercov.viewer.session import Session, unframed
 from rastercov.viewer.work import Work
 
@@ -110,7 +114,9 @@ def test_a_lamp_on_a_camera_moves_with_it():
     task = rc.Task(max_incidence_deg=75, min_illuminance=8)
     session = Session(lit_scene(task, lamps))
     head, _ = acted(session)
-    assert head["state"]["lamps"][0]["pose"] is None
+    shown = head["state"]["lamps"][0]
+    assert shown["pose"] is None
+    assert np.allclose(np.reshape(shown["rides"]["eye"], (4, 4)), lamps.places[0])
     assert "lux" not in [each["id"] for each in session.described()["modes"]]
     assert_lit(session, PART, POSES, lamps, task)
     pose = rc.look_at(EYES[0] + (0.1, 0.1, 0.0), CENTRE)[0]
@@ -127,6 +133,33 @@ def test_the_map_of_light_is_that_of_the_report(session):
     painted = MODES["lux"].paint(PART, OfLight(values, "lx", 70.0, None))
     assert np.array_equal(levels, painted.levels)
     assert head["legend"] == painted.legend
+
+
+def test_the_image_of_a_camera_has_the_reasons_of_light():
+    limits = {"max_illuminance": 120, "max_highlight_deg": 30}
+    session, labels = Session(lit_scene(replace(LIT, **limits))), set()
+    for station, row in enumerate(session.figures().rows):
+        head, png = unframed(session.image(station, 300))
+        n_covered = (row.covers & PART.task_mask).sum()
+        assert head["title"].endswith(f": covers {n_covered:,} whole faces")
+        small = CAMERA.resized(300 / CAMERA.width)
+        image = by_faces(camera_scene(PART, small, POSES[station]), row.failed)
+        assert np.array_equal(Image.open(BytesIO(png)), camera_pixels(image))
+        labels |= {each["label"] for each in head["legend"]}
+    names = ("covered", "unlit", "too_dark", "too_bright", "highlight")
+    assert {REASONS[name].label for name in names} <= labels
+    session.close()
+
+
+def test_a_lamp_on_one_camera_of_a_rig_is_shown_on_it():
+    places = np.stack([np.eye(4), POSES[1]])
+    rig = rc.Rig([CAMERA, CAMERA], ["left", "right"], places)
+    lamps = rc.Lamps([rc.Lamp.point(9)] * 2, PLACES, rides=["right", True])
+    one, all_of_rig = described_lamps(rig._lit(lamps))
+    assert (one["pose"], all_of_rig["pose"]) == (None, None)
+    assert list(one["rides"]) == ["right"]
+    assert np.allclose(POSES[1] @ np.reshape(one["rides"]["right"], (4, 4)), PLACES[0])
+    assert np.allclose(np.reshape(all_of_rig["rides"]["left"], (4, 4)), PLACES[1])
 
 
 def test_why_names_the_lamp(session):

@@ -1,14 +1,16 @@
 """A session of bodies that move: figures are those of the frame, or joints, that are shown."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from moving_scene import CAMERA, PART, STEPS, TASK, by_hand, moving_scene
+from moving_scene import CAMERA, PART, POSES, STEPS, TASK, by_hand, moving_scene
 from rigs_to_view import moved
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.report.modes import MODES
 from rastercov.viewer.measurements import Measurements
 from rastercov.viewer.saving import exported
 from rastercov.viewer.session import Session, unframed
@@ -60,6 +62,33 @@ def test_figures_of_a_time_are_those_of_the_mesh_moved_by_hand(cell):
     assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-6)
     face = int(np.flatnonzero(levels != rc.Reason.COVERED)[0])
     assert session.why(face)["centre"] == pytest.approx(mesh.centroids[face].tolist())
+
+
+def test_the_share_of_time_is_that_of_the_report(cell):
+    session, _, _ = cell
+    motion, rig = session.scene.moving.motion, session.state.rig()
+    for station in (None, 1):  # with both cameras, and without the one that is carried
+        rows = [0, 1]
+        if station is not None:
+            acted(session, [1], do="switch", station=station, is_on=False)
+            rows = [0]
+        poses, body = rc.Poses.of(POSES[rows], camera=rows), ["world", "arm/head"]
+        found = rc.evaluate_over_time(motion, rig, poses, TASK, body=body)
+        painted = MODES["time"].paint(motion.mesh, found.share_of_time())
+        for frame in (0, 3):
+            head, levels = acted(session, [frame], "time")
+            assert np.array_equal(levels, painted.levels)
+            assert (head["legend"], head["scale"]) == (painted.legend, painted.scale)
+    assert "time" in [each["id"] for each in session.described()["modes"]]
+
+
+def test_a_scene_that_is_still_has_no_share_of_time(cell):
+    scene = replace(cell[0].scene, moving=None)
+    assert "time" not in scene.modes
+    still = Session(scene)
+    with pytest.raises(ConfigError, match="nothing moves"):
+        acted(still, [], "time")
+    still.close()
 
 
 def test_a_camera_that_is_moved_at_a_time_is_carried_from_there(cell):

@@ -87,6 +87,7 @@ export class Frusta {
   #draw(sketch, look) {
     if (!this.isShown) return;
     const isDark = Math.max(...this.view.background()) < 0.5;
+    const isEye = (pose) => !look.isParallel && distance(centreOf(pose), centreOf(look.pose)) < 0.02 * this.depth;
     for (const station of this.session.state.stations) {
       const isChosen = station.id === this.session.chosen;
       const isWrong = station.place && station.place !== "allowed";
@@ -94,12 +95,11 @@ export class Frusta {
       if (isChosen) colour = COLOURS.chosen;
       if (isWrong) colour = COLOURS.wrong;
       if (!station.is_on) colour = COLOURS.off;
-      const away = distance(centreOf(this.session.poseOf(station)), centreOf(look.pose));
-      const isEye = !look.isParallel && away < 0.02 * this.depth;
-      if (isEye) this.#border(sketch, station, colour);
+      if (isEye(this.session.poseOf(station))) this.#border(sketch, station, colour);
       else this.#frustum(sketch, station, colour, isChosen);
     }
-    for (const lamp of this.session.lamps) this.#lamp(sketch, lamp, look);
+    for (const { lamp, pose } of this.session.shownLamps())
+      if (lamp.pose || !isEye(pose)) this.#lamp(sketch, lamp, pose, look);
     const chosen = this.session.station();
     if (chosen && this.hasFocus) this.#focus(sketch, chosen);
   }
@@ -109,9 +109,9 @@ export class Frusta {
   }
 
   /** Points of a lamp, and the border of its cone; one that shines all around has rays. */
-  #lamp(sketch, lamp, look) {
+  #lamp(sketch, lamp, pose, look) {
     const isChosen = lamp.id === this.session.chosen;
-    const [pose, colour, width] = [this.session.poseOf(lamp), isChosen ? COLOURS.chosen : COLOURS.lamp, isChosen ? 2.5 : 1.6];
+    const [colour, width] = isChosen ? [COLOURS.chosen, 2.5] : [COLOURS.lamp, 1.6];
     const size = 5 * look.pixelAt(centreOf(pose));
     for (const point of lamp.points)
       for (const axis of [0, 1, 2]) {

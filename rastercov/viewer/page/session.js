@@ -10,7 +10,7 @@
  */
 
 import { Gone, bytesOf } from "rastercov/api.js";
-import { centreOf } from "rastercov/maths.js";
+import { centreOf, multiply } from "rastercov/maths.js";
 import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
@@ -108,6 +108,16 @@ export class Session {
   /** Pose of a station as it is shown: that of a drag goes before the server's. */
   poseOf(station) {
     return this.localPoses.get(station.id) ?? station.pose;
+  }
+
+  /** Lamps as they are shown, {lamp, pose}: one that rides is on each camera that has it and is on. */
+  shownLamps() {
+    const on = this.state.stations.filter((station) => station.is_on);
+    return (this.state.lamps ?? []).flatMap((lamp) => {
+      if (lamp.pose) return [{ lamp, pose: this.poseOf(lamp) }];
+      const carriers = on.filter((station) => lamp.rides[station.camera]);
+      return carriers.map((station) => ({ lamp, pose: multiply(this.poseOf(station), lamp.rides[station.camera]) }));
+    });
   }
 
   /** Centres of all cameras as they are shown, world. */
