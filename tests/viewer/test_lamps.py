@@ -31,6 +31,7 @@ LAMPS = rc.Lamps(
     [rc.Lamp.spot(12, intensity=40), rc.Lamp.area(0.2, intensity=30, points=4)],
     PLACES, ["key", "panel"], ambient=5,
 )  # fmt: skip
+LAMP_COLOUR = (217, 140, 0)  # of lines, as `frusta.js` has it
 LIT = rc.Task(max_incidence_deg=75, min_illuminance=70, max_highlight_deg=10)
 
 
@@ -260,6 +261,44 @@ def test_a_lamp_is_chosen_and_dragged_in_the_page(context):
     assert tab.faults == []
     running.stop()
     session.close()
+
+
+@pytest.mark.slow
+def test_a_lamp_that_rides_is_drawn_where_its_cameras_are_in_the_frame(context, tmp_path):
+    ride = np.eye(4)
+    ride[:3, 3] = (0.1, 0, 0)
+    lamps = rc.Lamps([rc.Lamp.point(9)], ride[None], rides=[True])
+    scene, robot, rows = moving_scene(tmp_path, lamps=lamps, steps=3)
+    session = Session(scene)
+    running = Program(session)
+    running.start()
+    tab = Tab(context, running.url)
+    for frame in (0, 1):
+        tab.js("frame => rastercov.session.setFrame(frame)", frame)
+        tab.idle()
+        shown = tab.js("rastercov.session.shownLamps().map(({ pose }) => pose)")
+        expected = by_hand(robot, rows[frame])[1] @ ride
+        assert np.allclose(np.reshape(shown, (-1, 4, 4)), expected)
+        assert all(is_drawn(tab, place[:3, 3]) for place in expected)
+    tab.js("() => rastercov.session.act({ do: 'switch', station: 1, is_on: false })")
+    tab.idle()
+    assert len(tab.js("rastercov.session.shownLamps()")) == 1
+    assert is_drawn(tab, expected[0, :3, 3])
+    assert not is_drawn(tab, expected[1, :3, 3])
+    tab.js("() => rastercov.session.setMode('time')")  # its cameras are on two bodies
+    tab.page.wait_for_function("rastercov.session.mode === 'reason'")
+    assert "needs these on one body" in tab.page.get_by_role("alert").inner_text()
+    assert tab.faults == []
+    running.stop()
+    session.close()
+
+
+def is_drawn(tab, point):
+    """True where the picture has the colour of lamps at a world point."""
+    x, y = tab.place(point)
+    clip = {"x": x - 3, "y": y - 3, "width": 7, "height": 7}
+    picture = Image.open(BytesIO(tab.page.screenshot(clip=clip))).convert("RGB")
+    return (np.abs(np.asarray(picture, int) - LAMP_COLOUR).max(axis=2) < 40).any()
 
 
 def test_reasons_of_light_follow_those_of_cameras():

@@ -36,7 +36,7 @@ from rastercov.camera.formats import (
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
 from rastercov.camera.pose_file import read_poses
-from rastercov.camera.rig import Rig, Views
+from rastercov.camera.rig import Views
 
 __all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
 

@@ -255,6 +255,7 @@ export class Session {
       this.emit("fault", error.message);
       this.emit("poses");
       this.emit("state", this.state);
+      if (this.figures && this.mode !== this.figures.mode) this.setMode(this.figures.mode); // what is shown
     }
   }
 
