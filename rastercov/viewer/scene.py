@@ -394,22 +394,19 @@ def described_lamps(rig: Rig) -> list[dict[str, Any]]:
     """Lamps of a rig, ready for JSON; of those that ride, the poses on their cameras by name."""
     if (lamps := rig.lamps) is None:
         return []
-    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
-    on = [np.flatnonzero(own).tolist() for own in lamps.carried_by(rig.names)]
-    return [
-        {
-            "id": f"lamp {row}", "row": row, "name": name, "half_angle_deg": lamp.half_angle_deg,
+    camera_from_rig, found = np.linalg.inv(rig.rig_from_camera), []
+    for row, carriers in enumerate(lamps.carried_by(rig.names)):
+        lamp, place = lamps.lamps[row], lamps.places[row]
+        on = np.flatnonzero(carriers).tolist()
+        rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
+        found.append({
+            "id": f"lamp {row}", "row": row, "name": lamps.names[row],
+            "half_angle_deg": lamp.half_angle_deg,
             "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
             "points": lamp.lamp_from_point[:, :3, 3].tolist(),
-            "pose": None if on[row] else place.ravel().tolist(),
-            "rides": {
-                rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on[row]
-            },
-        }
-        for row, (name, lamp, place) in enumerate(
-            zip(lamps.names, lamps.lamps, lamps.places, strict=True)
-        )
-    ]  # fmt: skip
+            "pose": None if on else place.ravel().tolist(), "rides": rides,
+        })  # fmt: skip
+    return found
 
 
 def open_plan(path: Path, rig: Views | None = None) -> Scene:

@@ -25,8 +25,6 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
@@ -291,11 +289,40 @@ class Session:
         return framed(head, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:
-        """Frame of a camera's own image: JSON, then a PNG."""
+        """Frame of a camera's own image, its distortion included: title, size, legend, then a PNG.
+
+        Parameters
+        ----------
+        station : int
+            Id of the station.
+        side : int
+            Longest side, px; at most that of the camera.
+
+        Raises
+        ------
+        ConfigError
+            For a station that is gone, or a side outside its limits.
+        """
+        if not LEAST_SIDE <= side <= MOST_SIDE:
+            raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
         with self.lock:
             mesh, state = self.moment.mesh, self.shown
-            (row,) = self.measurements.rows(state, [state.station(station)])
-        return framed(*camera_png(mesh, state, station, side, row.failed))
+            own = state.station(station)
+            (row,) = self.measurements.rows(state, [own])
+        camera = state.camera_of(own)
+        small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
+        found = by_faces(camera_scene(mesh, small, own.pose), row.failed)
+        image, buffer = Image.fromarray(camera_pixels(found)), BytesIO()
+        legend = [
+            {"label": key.name, "colour": first, "stripe": next(iter(others), None),
+             "hatch": key.hatch}
+            for key in camera_keys(found)
+            for first, *others in (key.colours,)
+        ]  # fmt: skip
+        image.save(buffer, "PNG", compress_level=1)
+        title = f"{own.name}: covers {int((mesh.task_mask & row.covers).sum()):,} whole faces"
+        head = {"width": image.width, "height": image.height, "title": title, "legend": legend}
+        return framed(head, buffer.getvalue())
 
     def why(self, face: int) -> dict[str, Any]:
         """Reason of a face, ready for JSON."""
@@ -431,42 +458,3 @@ def unframed(frame: bytes) -> tuple[dict[str, Any], bytes]:
 def _angle(given: Mapping[str, Any], known: Mapping[str, Any]) -> float:
     """Value of an option of a mode, its default where it is not given."""
     return number(known["name"], given.get(known["name"], known["default"]))
-
-
-def camera_png(
-    mesh: Mesh, state: RigState, station: int, side: int, reasons: NDArray[np.uint8]
-) -> tuple[dict[str, Any], bytes]:
-    """The camera's own image, its distortion included: title, size and legend, and a PNG.
-
-    Parameters
-    ----------
-    station : int
-        Id of the station.
-    side : int
-        Longest side, px; at most that of the camera.
-    reasons : (F,) uint8
-        `rastercov.Reason` of each face in the camera, or of its light.
-
-    Raises
-    ------
-    ConfigError
-        For a station that is gone, or a side outside its limits.
-    """
-    if not LEAST_SIDE <= side <= MOST_SIDE:
-        raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
-    own = state.station(station)
-    camera = state.camera_of(own)
-    small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
-    found = by_faces(camera_scene(mesh, small, own.pose), reasons)
-    n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
-    pixels = camera_pixels(found)
-    legend = [
-        {"label": key.name, "colour": first, "stripe": next(iter(others), None), "hatch": key.hatch}
-        for key in camera_keys(found)
-        for first, *others in (key.colours,)
-    ]
-    buffer = BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
-    height, width = pixels.shape[:2]
-    title = f"{own.name}: covers {n_covered:,} whole faces"
-    return {"width": width, "height": height, "title": title, "legend": legend}, buffer.getvalue()
