@@ -138,6 +138,57 @@ time_limit = 2.0
 [outputs]
 page = false
 """
+HOUSE = """[[meshes]]
+path = "a.ifc"
+role = "occluder"
+[rooms.kitchen]
+space = "Kitchen"
+[rooms.hall]
+space = "Ground/Hall"
+[[targets]]
+above = "IfcSlab"
+height = 1.6
+room = "kitchen"
+name = "faces"
+[[targets]]
+above = "IfcSlab"
+height = 1.0
+room = "hall"
+near = ["IfcDoor*"]
+within = 1.2
+name = "at the doors"
+[[candidates]]
+generator = "in_room"
+room = "kitchen"
+spacing = 3.0
+heights = [2.2, 2.5]
+[camera]
+width = 32
+height = 24
+hfov_deg = 100
+[selection]
+goal = "best_coverage"
+cameras = 2
+[outputs]
+page = false
+"""
+SPACES = (
+    *(
+        "",
+        "Hall",
+        "Loft/Hall",
+        "/",
+        "Ground/",
+        "/Hall",
+        "Ground/Hall/x",
+        "kitchen",
+        "Kitchen ",
+        "*",
+    ),
+    *("IfcSlab", "IfcDoor*", "Ifc[", "[", "Ground", "Attic", "a" * 5000, "a\nb", "\u202e", EVIL),
+    *("0", "1", "2", "hall", "../x", "/dev/zero", "a.ifc", "IfcSlab/Floor", "Küche", "K\u0000"),
+)
+"""Names that a plan of a building may hold for another."""
 POSES = {"poses": np.stack([np.eye(4)] * 2).tolist(), "present": [True, False]}
 VALID: dict[str, str] = {
     "part.obj": PART, "arm.urdf": URDF, "lamp.ies": IES, "lamps.toml": LAMPS, "m.toml": MOTION,
@@ -343,12 +394,28 @@ def files(report: Report, n: int) -> None:
 
 
 def buildings(report: Report, n: int) -> None:
-    """Altered IFC files, whose library runs in a process of its own."""
-    data, faults = bungalow(), []
+    """Altered IFC files, whose library runs in a process of its own, and plans of their rooms."""
+    data, plan, faults = bungalow(), Path("house.toml"), []
+    plan.write_text(HOUSE)
+    Path("a.ifc").write_bytes(data)
+    report.check("the plan of a building holds", not fault_of_command("place house.toml -o out"))
     for seed in range(n):
-        Path("a.ifc").write_bytes(altered(data, np.random.default_rng(seed)))
-        faults += [f"seed {seed}: {f}"] if (f := fault_of(lambda: rc.Mesh.load("a.ifc"))) else []
-    told(report, "buildings altered", n, faults)
+        rng = np.random.default_rng(seed)
+        cut = data[: int(rng.integers(len(data)))] if seed % 4 == 3 else altered(data, rng)
+        Path("a.ifc").write_bytes(cut)
+        if fault := fault_of(lambda: rc.Mesh.load("a.ifc")) or fault_of_command(
+            "place house.toml -o out"
+        ):
+            faults.append(f"seed {seed}: {fault}")
+    Path("a.ifc").write_bytes(data)
+    for seed in range(n):
+        words = list(re.finditer(r'"[^"]*"', HOUSE))
+        rng = np.random.default_rng([seed, 1])
+        at, new = words[int(rng.integers(len(words)))], SPACES[int(rng.integers(len(SPACES)))]
+        plan.write_text(HOUSE[: at.start()] + json.dumps(new) + HOUSE[at.end() :])
+        if fault := fault_of_command("place house.toml -o out"):
+            faults.append(f"{new!r} for {at[0]}: {fault}")
+    told(report, "buildings altered", 3 * n, faults)
 
 
 def commands(report: Report, n: int) -> None:

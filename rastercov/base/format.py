@@ -1,6 +1,7 @@
 """Numbers as text: the one format of each quantity in tables, pages, plots and messages."""
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import fields
 from importlib import import_module
@@ -37,6 +38,11 @@ def _in_short(value: Any) -> str:
     if isinstance(value, Mapping | tuple | list) and len(value) > MOST_SHOWN:
         return f"{len(value)} entries"
     return shortened(" ".join(repr(value).split()), MOST_LETTERS)
+
+
+def on_debian(packages: str) -> str:
+    """Command that installs packages, in brackets after their name; "" on other than Linux."""
+    return f" (on Debian apt-get install -y {packages})" if sys.platform == "linux" else ""
 
 
 def number(value: float) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import on_debian
 from rastercov.base.output import write_text
 from rastercov.report.folder import ReportFolder
 
@@ -34,9 +35,9 @@ def browser() -> str:
         pass
     if found is None or not Path(found).exists():
         raise ConfigError(
-            "--pdf wants a browser that prints, got none: install Chromium or Chrome (on Debian "
-            "apt-get install -y chromium), run `playwright install chromium`, or print the page "
-            "by hand"
+            "--pdf wants a browser that prints, got none: install Chromium or Chrome"
+            f"{on_debian('chromium')}, or run `playwright install chromium`, or print the page by "
+            "hand"
         )
     return found
 

@@ -191,9 +191,13 @@ class Scene:
         if self.plan is None:
             return False
         limits = self.plan.constraints
-        return bool(
-            limits.spaces or limits.keep_out or limits.clearance or limits.stand_off or self.pool
-        )
+        return bool(self.has_boxes or limits.keep_out or limits.clearance or limits.stand_off)
+
+    @property
+    def has_boxes(self) -> bool:
+        """True where a plan has boxes of places, or candidates of cameras, around which they are."""
+        has_some = self.pool is not None and len(self.pool.proposed) > 0
+        return has_some or (self.plan is not None and bool(self.plan.constraints.spaces))
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -249,10 +253,11 @@ class Scene:
         return cost
 
     def space(self, state: RigState) -> PoseSpace:
-        """Allowed places of cameras: by the plan, or around the mesh."""
-        if self.pool is not None:
+        """Allowed places of cameras: by the plan, around the mesh where it has no boxes."""
+        if self.pool is not None and self.has_boxes:
             return self.pool.space
-        return default_space(self.mesh, state, is_room=self.is_room)
+        around = default_space(self.mesh, state, is_room=self.is_room)
+        return around if self.pool is None else replace(self.pool.space, boxes=around.boxes)
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
@@ -300,7 +305,7 @@ class Scene:
     def _constraints(self) -> dict[str, Any]:
         if self.plan is None or self.pool is None:
             return {"boxes": [], "keep_out": []}
-        boxes = np.asarray(self.pool.space.boxes).tolist() if self.has_constraints else []
+        boxes = np.asarray(self.pool.space.boxes).tolist() if self.has_boxes else []
         volumes = []
         for entry in self.plan.constraints.keep_out:
             volume = entry.volume()
@@ -374,7 +379,7 @@ def described_state(
     eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.lamps)]
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
-        judged = scene.pool.space.judge(eyes)
+        judged = scene.space(state).judge(eyes)
         places = [Place(code).name.lower().replace("_", " ") for code in judged.tolist()]
     return history | {
         "stations": [

@@ -235,6 +235,7 @@ def test_files_that_are_no_motion_are_refused_in_one_line(tmp_path, name, text, 
     with pytest.raises((ConfigError, rc.MeshError), match=words) as error:
         rc.load_motion(passing().mesh, tmp_path / name)
     assert "\n" not in str(error.value)
+    assert name in str(error.value)
 
 
 def test_durations_without_a_common_unit_are_refused():

@@ -213,6 +213,16 @@ def test_a_hidden_zone_names_the_group_in_front():
     assert zone_lines({}) == []
 
 
+def test_where_nothing_is_covered_the_largest_zone_has_figures():
+    found = named(hidden_scene(), CAMERA, AHEAD, rc.Task(min_pixel_density=5000))
+    advice = found["dead_zones"][0]["advice"]
+    assert "needs" in advice
+    bare, *others = zone_lines(found)
+    assert "too few pixels" in bare
+    assert zone_lines(found | {"covered_area": {"m2": 1.0}}) == [bare, *others]
+    assert zone_lines(found | {"covered_area": {"m2": 0.0}}) == [f"{bare}; {advice}", *others]
+
+
 def test_faces_of_a_part_of_cad_are_named_by_the_part():
     """Both sheets are faces of one part, and so is the zone behind them of its own."""
     mesh = hidden_scene()

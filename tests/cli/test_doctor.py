@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import runpy
 import sys
 import time
 from unittest.mock import Mock
@@ -253,6 +254,14 @@ def test_without_any_library_the_report_says_what_to_install(no_library):
     for words in ("wanted", "libEGL.so.1", "libOSMesa.so.8", "libegl1", "libosmesa6"):
         assert words in text
     assert ON_CPU.search(text)
+
+
+@pytest.mark.parametrize("system", ["darwin", "win32"])
+def test_no_packages_of_debian_are_advised_elsewhere(system, monkeypatch):
+    monkeypatch.setattr(sys, "platform", system)
+    found = runpy.run_path(libraries.__file__)
+    for remedy in (found["INSTALL_EGL"], found["INSTALL_OSMESA"]):
+        assert remedy == "use the CPU: OpenGL needs Linux"
 
 
 def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):

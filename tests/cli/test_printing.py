@@ -101,6 +101,7 @@ def test_without_a_browser_nothing_is_done(here, capsys, monkeypatch):
     code, _, err = call(capsys, "evaluate box -c khepra -p sphere:2 -o out --pdf")
     assert code == 2
     assert "wants a browser" in err
+    assert ("apt-get install -y chromium)," in err) == (sys.platform == "linux")
     assert not Path("out").exists()
 
 

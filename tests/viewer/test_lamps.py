@@ -363,6 +363,8 @@ def test_results_and_plans_show_the_lamps_that_were_chosen(tmp_path, monkeypatch
         assert list(shown) == list(chosen.names)
         assert np.allclose(np.reshape(list(shown.values()), (-1, 4, 4)), chosen.places)
         assert data["frames"]["reason@0"]["summary"]["covered"]["faces"] > 0
+        assert {each["place"] for each in data["state"]["stations"]} == {"allowed"}
+        assert data["scene"]["constraints"]["boxes"] == []
     data = exported(capsys, "plan.toml -p eyes.json")  # none is chosen yet: in any light
     assert not data["state"].get("lamps")
     assert {each["place"] for each in data["state"]["stations"]} == {"allowed"}

@@ -163,7 +163,7 @@ class AreaRequirement(Requirement):
 
 @dataclass(frozen=True)
 class CellRequirement(Requirement):
-    """A required share of what all candidates cover; `faces` and `uncovered` are cells."""
+    """A required share of what can be covered; `faces` and `uncovered` are cells."""
 
     def words(self) -> str:
         """The requirement and its outcome in one line."""

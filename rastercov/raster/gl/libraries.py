@@ -8,13 +8,13 @@ EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
 from typing import Any
 
 from rastercov.base.errors import DeviceError
+from rastercov.base.format import on_debian
 
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")
@@ -24,10 +24,13 @@ EGL_EXTENSIONS = 0x3055
 MOST_DEVICES = 64
 """EGL devices that are listed."""
 
-INSTALL_EGL = "install Mesa (on Debian apt-get install -y libegl1 libgl1 libgl1-mesa-dri)"
-INSTALL_OSMESA = "install OSMesa (on Debian apt-get install -y libosmesa6)"
-if sys.platform != "linux":
-    INSTALL_EGL = INSTALL_OSMESA = "OpenGL opens on Linux only; the CPU counts the same"
+INSTALL_EGL, INSTALL_OSMESA = (
+    f"install {name}{command}"
+    if (command := on_debian(packages))
+    else "use the CPU: OpenGL needs Linux"
+    for name, packages in (("Mesa", "libegl1 libgl1 libgl1-mesa-dri"), ("OSMesa", "libosmesa6"))
+)
+"""Remedies for a missing library."""
 
 
 def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
