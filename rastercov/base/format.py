@@ -40,9 +40,10 @@ def _in_short(value: Any) -> str:
     return shortened(" ".join(repr(value).split()), MOST_LETTERS)
 
 
-def on_debian(packages: str) -> str:
-    """Command that installs packages, in brackets after their name; "" on other than Linux."""
-    return f" (on Debian apt-get install -y {packages})" if sys.platform == "linux" else ""
+def to_install(what: str, packages: str, elsewhere: str) -> str:
+    """Advice to install something, with its packages in Debian; `elsewhere` where it is no Linux."""
+    command = f"install {what} (on Debian apt-get install -y {packages})"
+    return command if sys.platform == "linux" else elsewhere
 
 
 def number(value: float) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import on_debian
+from rastercov.base.format import to_install
 from rastercov.base.output import write_text
 from rastercov.report.folder import ReportFolder
 
@@ -18,6 +18,7 @@ BROWSERS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
 )  # fmt: skip
+INSTALL_CHROMIUM = to_install("Chromium", "chromium", "install Chromium or Chrome")
 MOST_SECONDS = 120
 
 
@@ -35,9 +36,8 @@ def browser() -> str:
         pass
     if found is None or not Path(found).exists():
         raise ConfigError(
-            "--pdf wants a browser that prints, got none: install Chromium or Chrome"
-            f"{on_debian('chromium')}, or run `playwright install chromium`, or print the page by "
-            "hand"
+            f"--pdf wants a browser that prints, got none: {INSTALL_CHROMIUM}, or run "
+            "`playwright install chromium`, or print the page by hand"
         )
     return found
 

@@ -195,7 +195,7 @@ class Scene:
 
     @property
     def has_boxes(self) -> bool:
-        """True where a plan has boxes of places, or candidates of cameras, around which they are."""
+        """True where a plan has boxes of places, or candidates of cameras that they are around."""
         has_some = self.pool is not None and len(self.pool.proposed) > 0
         return has_some or (self.plan is not None and bool(self.plan.constraints.spaces))
 

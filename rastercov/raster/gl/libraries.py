@@ -14,7 +14,7 @@ from functools import cache, partial
 from typing import Any
 
 from rastercov.base.errors import DeviceError
-from rastercov.base.format import on_debian
+from rastercov.base.format import to_install
 
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")
@@ -24,13 +24,9 @@ EGL_EXTENSIONS = 0x3055
 MOST_DEVICES = 64
 """EGL devices that are listed."""
 
-INSTALL_EGL, INSTALL_OSMESA = (
-    f"install {name}{command}"
-    if (command := on_debian(packages))
-    else "use the CPU: OpenGL needs Linux"
-    for name, packages in (("Mesa", "libegl1 libgl1 libgl1-mesa-dri"), ("OSMesa", "libosmesa6"))
-)
-"""Remedies for a missing library."""
+NO_OPENGL = "use the CPU: OpenGL needs Linux"
+INSTALL_EGL = to_install("Mesa", "libegl1 libgl1 libgl1-mesa-dri", NO_OPENGL)
+INSTALL_OSMESA = to_install("OSMesa", "libosmesa6", NO_OPENGL)
 
 
 def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
