@@ -11,6 +11,7 @@ import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from rastercov.cluster.inputs import (
     write_inputs,
 )
 from rastercov.cluster.run import counted
+from rastercov.cluster.store import DamagedError
 from rastercov.cluster.store import remove as remove_files
 from rastercov.cluster.store import whole
 from rastercov.coverage.area.motion import Frames
@@ -127,15 +129,15 @@ class EvaluationShards:
 
         def make(number: int, did: Callable[[int], None]) -> bytes:
             poses = self.poses[store.rows(number)]
-            made[number] = _measured(self.observer, poses, self.task, self.wanted, did)
+            arrays = _measured(self.observer, poses, self.task, self.wanted, did)
+            made[number] = _packed(store.folder, number, arrays)
             return made[number]
 
-        for number in fill(store, make, store.read, staff):
-            data = made.pop(number, None) or store.read(number) or b""
-            yield self._part(data, self.poses[store.rows(number)])
+        for number in fill(store, make, partial(_unpacked, store), staff):
+            arrays = _unpacked(store, number, made.pop(number, None))
+            yield self._part(arrays, self.poses[store.rows(number)])
 
-    def _part(self, data: bytes, poses: Poses) -> JudgedPoses:
-        arrays = read_npz(data)
+    def _part(self, arrays: dict[str, NDArray[Any]], poses: Poses) -> JudgedPoses:
         left, found = poses[np.isin(poses.ids, arrays["ids"])], None
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
@@ -183,11 +185,11 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
     store = _store_in(folder, header, len(motion), OF_FRAMES, scene, **tables)
 
     def make(number: int, did: Callable[[int], None]) -> bytes:
-        data = _of_frames(job, some := rows[store.rows(number)])
+        arrays = _of_frames(job, some := rows[store.rows(number)])
         did(len(some))
-        return data
+        return _packed(store.folder, number, arrays)
 
-    numbers = list(fill(store, make, store.read, staff))
+    numbers = list(fill(store, make, partial(_unpacked, store), staff))
     if left := store.quarantined():
         frame, end = next(iter(left.items()))
         raise ConfigError(
@@ -198,7 +200,7 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
     check_memory(f"regions of {job.source.size:,} pictures", 2 * n_bytes, "take fewer frames")
     parts = []
     for number in numbers:
-        own: Any = read_npz(store.read(number) or b"")
+        own: Any = _unpacked(store, number)
         eyes = np.full((len(own["pose_ids"]), 3), np.nan)
         own |= {"mesh": motion.mesh, "camera": job.camera, "task": job.task}
         parts.append(Regions(eyes=eyes, **own))
@@ -207,13 +209,27 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
 
 def make_frames(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     """Content of a shard of frames, as `rastercov.cluster.ShardStore` wants it."""
-    return _of_frames(_opened_frames(folder), chosen)
+    return _packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
-def _of_frames(job: Frames, rows: NDArray[np.int64]) -> bytes:
-    """File of a shard of some frames."""
+def _of_frames(job: Frames, rows: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """Arrays of a shard of some frames."""
     found = job.regions(rows)
-    return npz_bytes(_joined_regions([found]) | {"pose_ids": found.pose_ids})
+    return _joined_regions([found]) | {"pose_ids": found.pose_ids}
+
+
+def _packed(folder: Path, number: int | None, arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """File of a shard, with the run in the folder and the number that it is of."""
+    return npz_bytes({**arrays, "of": np.array(f"{folder.name} {number}")})
+
+
+def _unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, NDArray[Any]]:
+    """Arrays of a shard; DamagedError for one of another run, and as of `ShardStore.read`."""
+    arrays = read_npz(data or store.read(number) or b"")
+    if str(arrays.pop("of", "")) != f"{store.folder.name} {number}":
+        why = "this is a shard of another run, or of other poses of this one"
+        raise DamagedError(store.folder / store.name(number), why)
+    return arrays
 
 
 @opened_once
@@ -279,7 +295,7 @@ def is_long(n_poses: int, n_faces: int) -> bool:
 def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     """Content of a shard, as `rastercov.cluster.ShardStore` wants it."""
     observer, poses, task, wanted = _opened(folder)
-    return _measured(observer, poses[chosen], task, wanted)
+    return _packed(folder, number, _measured(observer, poses[chosen], task, wanted))
 
 
 def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
@@ -340,8 +356,8 @@ def _measured(
     task: Task,
     wanted: Wanted,
     did: Callable[[int], None] = lambda n_poses: None,
-) -> bytes:
-    """File of a shard of some poses; `did` is called with the poses that are done."""
+) -> dict[str, NDArray[Any]]:
+    """Arrays of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = Network(observer.mesh, task), []
     for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
         batches.append(batch)
@@ -349,7 +365,7 @@ def _measured(
     arrays = {"ids": poses.ids} | _joined(poses, batches)
     if wanted.by_area:
         arrays |= _below("regions", _joined_regions([batch.regions for batch in batches]))
-    return npz_bytes(arrays)
+    return arrays
 
 
 def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[Any]]:
