@@ -12,6 +12,7 @@ import pytest
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Staff, Workers
+from rastercov.cluster.store import store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
@@ -114,8 +115,9 @@ def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
     shards = sorted((kept / "shards").iterdir())
     assert len(shards) == 3
     shards[1].write_bytes(shards[1].read_bytes()[:-9])  # and one of them is damaged meanwhile
+    store(kept, "shards/shard-00000.npz", shards[2].read_bytes())  # whole, and of other poses
     evaluated(tmp_path / "ended")
-    assert [ids[0] for ids in calls[4:]] == [8, 24, 32, 40]
+    assert [ids[0] for ids in calls[4:]] == [0, 8, 24, 32, 40]
     same(tmp_path / "ended", tmp_path / "whole")
     assert not (tmp_path / "ended" / UNFINISHED).exists()
 

@@ -7,6 +7,7 @@ from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.cluster.store import store
 from rastercov.coverage import shards
 from rastercov.coverage.shards import UNFINISHED
 
@@ -73,6 +74,17 @@ def test_workers_make_the_shards_of_one_process(tmp_path):
     ]
     assert made[0] == made[1]
     assert len(made[0]) == 4
+
+
+def test_shards_of_another_motion_with_their_checksums_are_made_again(tmp_path):
+    scene, (one, other) = (CAMERA, CAMERAS, TASK), (tmp_path / name for name in ("one", "other"))
+    plain = rc.evaluate_over_time(motion_of(), *scene, folder=one)
+    rc.evaluate_over_time(rc.Motion(MESH, frames(sweep(7)[::-1])), *scene, folder=other)
+    ((own,), (theirs,)) = one.iterdir(), other.iterdir()
+    for number in (0, 2):
+        data = (theirs / f"shards/shard-0000{number}.npz").read_bytes()
+        store(own, f"shards/shard-0000{number}.npz", data)
+    same(plain, rc.evaluate_over_time(motion_of(), *scene, folder=one))
 
 
 class EndedError(Exception):
