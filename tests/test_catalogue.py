@@ -136,7 +136,9 @@ def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys
     found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
     assert found[f"ours+{lens}"]["price"] == 450
     assert all(31.5 <= each["hfov_deg"] <= 38.5 and each["price"] <= 500 for each in found.values())
-    for text in ("[cameras]\nx = 3", "[shop.x]\na = 1", "[lenses.x]\nprice = 3", "cameras = 1"):
+    shops = "[cameras]\nx = 3", "[shop.x]\na = 1", "[lenses.x]\nprice = 3", "cameras = 1"
+    lens = "[lenses.x]\nfocal_length = 1e-2\nf_numbers = [2, 8]\nmount = "
+    for text in (*shops, f"{lens}[1]", f'{lens}"\\u202e"', '[cameras."a\\nb"]\nprice = 3'):
         (tmp_path / "own.toml").write_text(text)
         assert command(["cameras"]) == 2
         assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'own.toml'}: ")

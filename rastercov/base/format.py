@@ -41,7 +41,7 @@ def _in_short(value: Any) -> str:
 
 
 def to_install(what: str, packages: str, elsewhere: str) -> str:
-    """Advice to install something, with its packages in Debian; `elsewhere` where it is no Linux."""
+    """Advice to install something, by packages of Debian on Linux, and `elsewhere`."""
     command = f"install {what} (on Debian apt-get install -y {packages})"
     return command if sys.platform == "linux" else elsewhere
 

@@ -123,6 +123,10 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
         for what, more in (read_toml(path) if path else {}).items():
             for name, entry in more.items():
                 whole = tables[what][name] = tables[what].get(name, {}) | entry
+                for text in (name, whole.get("mount", "")):
+                    if not isinstance(text, str) or not text.isprintable():
+                        why = f"{what}: names and mounts must be printable, got {shown(text)}"
+                        raise CameraError(why)
                 needed = NEEDED[what][: 2 if has_lens(whole) else 3]
                 for each in (*needed, *(each for each in NUMBERS if each in whole)):
                     check = pair if each in ("pixel_size", "f_numbers") else positive
