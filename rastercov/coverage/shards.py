@@ -35,9 +35,8 @@ from rastercov.cluster.inputs import (
     write_inputs,
 )
 from rastercov.cluster.run import counted
-from rastercov.cluster.store import DamagedError
+from rastercov.cluster.store import DamagedError, whole
 from rastercov.cluster.store import remove as remove_files
-from rastercov.cluster.store import whole
 from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.table import Regions, joined

@@ -429,9 +429,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     chosen = lamps_of(rig.rig) if rig is not None and rig.rig is not None else None
     notes: tuple[str, ...] = (LAMPS_TO_CHOOSE,) if plan.lamp_entries and chosen is None else ()
     plan = plan.with_lamps(chosen) if plan.lamp_entries else plan
-    # Cameras that exist are where they are; candidates of such a plan are lamps.
-    has_places = plan.has_cameras and plan.existing is None
-    pool = candidate_pool(plan, mesh) if has_places else None
+    pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
         if rig.rig is None and cameras is None:
