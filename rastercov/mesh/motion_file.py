@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, errors_as
+from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
     StrPath,
@@ -77,8 +77,10 @@ def load_motion(
         found = read_gltf_motion(mesh, path, animation, steps, unit)
     else:
         found = read_motion(path)
-    with errors_as(ConfigError, printable(Path(path).name)):
+    try:
         return Motion(mesh, **found)
+    except RastercovError as error:
+        raise type(error)(f"{printable(Path(path).name)}: {error}") from None
 
 
 def read_gltf_motion(
