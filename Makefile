@@ -158,6 +158,14 @@ $(VENV)/installed: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and what it needs in $(VENV), about a minute" $(INSTALL) .
 	@touch $@
 
+# There is no wheel of moderngl for aarch64: pip compiles it, with headers of X11.
+ifeq ($(shell uname -m),aarch64)
+$(VENV)/installed-dev: $(VENV)/x11
+endif
+$(VENV)/x11: $(VENV)/compiler
+	@$(STEP) "installing headers of X11, some seconds" sh -c "$(APT) update; $(APT) install -y --no-install-recommends libx11-dev"
+	@touch $@
+
 $(VENV)/installed-dev: $(VENV)/tools pyproject.toml
 	@$(STEP) "installing rastercov and what its tests need in $(VENV), about 2 minutes" $(INSTALL) '.[dev]'
 	@touch $@ $(VENV)/installed
