@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from unittest import mock
 
 import matrix_damage as damage
 import numpy as np
@@ -72,13 +73,13 @@ def attack(report: Report, effort: float) -> None:
 
 def run(folder: Path | str | None = None, shift: float = 0.0, workers: int = 0) -> rc.OverTime:
     """A ball that passes a box before three cameras, a frame a shard."""
-    shards.PAIRS_A_SHARD = 1
     ball = shapes.sphere(1)
     away = rc.Mesh(ball.vertices * 0.4 + [0.9 + shift, 0, 0.2], ball.faces)
     mesh = rc.Mesh.joined([shapes.box((1, 1, 1)), away], names=["box", "ball"])
     motion = rc.Motion(mesh, {"ball": rc.conveyor(FRAMES, direction=(0, 1, 0), distance=1.5)})
     staff = rc.Workers(workers) if workers else None
-    return rc.evaluate_over_time(motion, CAMERA, EYES, folder=folder, workers=staff)
+    with mock.patch.object(shards, "PAIRS_A_SHARD", 1):
+        return rc.evaluate_over_time(motion, CAMERA, EYES, folder=folder, workers=staff)
 
 
 def bits(found: rc.OverTime) -> str:

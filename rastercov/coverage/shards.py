@@ -319,19 +319,21 @@ def _asked(inputs: Inputs) -> tuple[Task, Wanted]:
 
 def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
     engine = replace(wanted.engine, threads=None)
-    return inputs_of(observer, poses, task, observer.mesh.n_faces) | {
+    return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
         "wanted": asdict(replace(wanted, engine=engine))
     }
 
 
-def inputs_of(observer: Observer, poses: Poses, task: Task, n_elements: int) -> dict[str, Any]:
+def inputs_of(
+    observer: Observer, poses: Poses, task: Task, n_elements: int, pairs_a_shard: int
+) -> dict[str, Any]:
     """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
     mesh = observer.mesh
     cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
     if rules := gates_to_json(observer.camera):
         cameras.append(json.dumps(rules, sort_keys=True))
     together = max((gate.n for gate in gates_of(observer.camera).values()), default=1)
-    size = max(1, PAIRS_A_SHARD // max(1, n_elements) // together) * together
+    size = max(1, pairs_a_shard // max(1, n_elements) // together) * together
     groups = json.dumps([group.to_json() for group in mesh.groups])
     return {
         "rastercov": version("rastercov"),

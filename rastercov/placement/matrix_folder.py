@@ -62,6 +62,8 @@ from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
+PAIRS_A_SHARD = 1 << 22
+"""Pairs of a pose and an element in one shard: several seconds of work."""
 FUNCTION = "rastercov.placement.matrix_folder:make"
 """Function by which workers make a shard."""
 MOST_THREADS = 4
@@ -250,7 +252,7 @@ def describe(
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
     n_faces = mesh.n_faces if cells is None else len(cells)
-    header = inputs_of(observer, poses, task, n_faces) | {
+    header = inputs_of(observer, poses, task, n_faces, PAIRS_A_SHARD) | {
         "format": FORMAT,
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
         "n_poses": len(poses),
