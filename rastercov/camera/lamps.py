@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, members
-from rastercov.base.checks import finite_number, number, positive, shown, two
+from rastercov.base.checks import finite_number, is_one_of, number, positive, shown, two
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import (
     StrPath,
@@ -98,7 +98,7 @@ class Lamp:
     profile: Profile = ()
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
+        if not is_one_of(self.kind, KINDS):
             raise CameraError(f"kind of a lamp must be {', '.join(KINDS)}, got {shown(self.kind)}")
         given = {"intensity": self.intensity, "power_w_sr": self.power_w_sr}
         if sum(value is not None for value in given.values()) != 1:

@@ -14,11 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
 
 MOST_DEVICES = 64
 """Devices of a rig with a rule."""
+SHORTEST_LIMIT = 1e-30
+"""Metres, of max_uncertainty."""
+NOISE_PX = 1e-6, 1e6
+"""Least and largest noise; with them no information overflows, which would be halved to the end."""
 
 
 @dataclass(frozen=True)
@@ -188,17 +193,21 @@ def gate_of(
 def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[float]) -> Gate:
     """The gate with the noise of its devices."""
     limit, noise, stripes = finite_number(rule.max_uncertainty), rule.noise_px, rule.stripes
-    if not limit > 0:
+    if not SHORTEST_LIMIT <= limit <= LARGEST_COORDINATE:
         raise CameraError(
-            "max_uncertainty must be a length above 0, and comes with noise_px and stripes, got "
-            f"{shown(rule.max_uncertainty)}"
+            "max_uncertainty must be a length above 0, 1e-30 to 1e30 m, and comes with noise_px "
+            f"and stripes, got {shown(rule.max_uncertainty)}"
         )
     if isinstance(noise, Mapping) and set(noise) != set(names):
         raise CameraError(f"noise_px must have each of {shown(list(names))}, got {shown(noise)}")
     of_devices = [noise[name] if isinstance(noise, Mapping) else noise for name in names]
     values = [finite_number(value) for value in of_devices]
-    if not all(value > 0 for value in values):
-        raise CameraError(f"noise_px must be above 0 with max_uncertainty, got {shown(noise)}")
+    least, most = NOISE_PX
+    if not all(least <= value <= most for value in values):
+        raise CameraError(
+            f"noise_px must be above 0 with max_uncertainty, {least:g} to {most:g} px, got "
+            f"{shown(noise)}"
+        )
     if isinstance(stripes, str) or not all(name in names for name in stripes):
         raise CameraError(f"stripes must be some of {shown(list(names))}, got {shown(stripes)}")
     rows = tuple(sorted({list(names).index(name) for name in stripes}))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, plural
@@ -100,6 +101,9 @@ class Coverage(InNotebook):
     eyes: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
+        check_kind("mesh", self.mesh, Mesh, "a Mesh", ConfigError)
+        if np.ndim(self.pose_ids) != 1:
+            raise ConfigError(f"pose_ids must be (P,) numbers, got {shown(self.pose_ids)}")
         for name in FIGURES:
             if vars(self)[name] is None:  # not asked for
                 object.__delattr__(self, name)

@@ -389,11 +389,21 @@ def test_rules_are_written_and_read(tmp_path):
     assert again.gates[0].stripes == (1,)
 
 
+def test_a_limit_that_rounding_would_decide_is_refused_in_time():
+    camera, mesh = rc.Camera(width=32, height=24, fx=30, fy=30), rc.shapes.sphere()
+    rule = rc.All(max_uncertainty=1e12, noise_px=1.0)
+    rig = rc.Rig([camera] * 2, ["a", "b"], rc.look_at([(3, 0, 0), (3, 1, 0)], (0, 0, 0)), rule=rule)
+    with pytest.raises(ConfigError, match="rounding would decide"):
+        rc.evaluate(mesh, rig, rig.poses(np.eye(4)), by="area")
+
+
 @pytest.mark.parametrize(
     ("rule", "text"),
     [
         ({"max_uncertainty": 0, "noise_px": 1}, "above 0"),
         ({"max_uncertainty": 1e-4}, "noise_px must be above 0"),
+        ({"max_uncertainty": 1e29, "noise_px": 1e-300}, "1e-06 to 1e.06 px"),
+        ({"max_uncertainty": 1e-300, "noise_px": 1}, "1e-30 to 1e30 m"),
         ({"max_uncertainty": 1e-4, "noise_px": {"a": 1}}, "each of"),
         ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["c"]}, "stripes must be some"),
         ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["a", "b"]}, "fix no point"),

@@ -150,6 +150,7 @@ OWN: dict[str, dict[str, Any]] = {
     "load_lamps": {"path": FOLDER / "lamps.toml"},
     "AtLeast": {"k": 1},
     "Camera.check_pinhole": {"what": "this test"},
+    "LaserLine": {"stations": 3, "percent": 1.0, "doubled_percent": 1.5},
     "Lamps.at": {"lamp": 1, "place": POSES[0]},
     "RegionUnion.fill": {"chosen": np.arange(12) < 3},
     "Robot": {"description": urdf.read(FOLDER / "arm.urdf", "collision"), "base": np.eye(4)},
@@ -201,7 +202,6 @@ OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(place
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those in `OWN`."""
 UNTRIED = {
-    "LaserLine": "is made by laser_line",
     "OverTime": "is made by over_time",
 }
 """Classes, each with the reason why it is not tried."""
@@ -217,7 +217,13 @@ def listed(function):
     return lambda **named: list(function(**named))
 
 
+def in_words(function):
+    """The function, whose result is printed."""
+    return lambda **named: f"{function(**named)} {function(**named)!r}"
+
+
 MADE = {"open_observer": opened_and_closed, "open_rasterizer": opened_and_closed}
+MADE |= dict.fromkeys(("Coverage", "Evaluation", "LaserLine"), in_words)
 MADE |= {"evaluate_batches": listed, "Network.judge": listed}
 """Functions whose results have to be closed or taken."""
 

@@ -8,6 +8,7 @@ planes have other signs. Stations add up; the error falls with their width, see 
 F. Blais. Review of 20 years of range sensor development. 2004.
 """
 
+import math
 from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.checks import shown
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray
@@ -61,6 +63,12 @@ class LaserLine(InOneLine):
     stations: int
     percent: float
     doubled_percent: float
+
+    def __post_init__(self) -> None:
+        check_kind("regions", self.regions, Regions, "those of stations", ConfigError)
+        for name in ("stations", "percent", "doubled_percent"):
+            if math.isnan(finite_number(value := vars(self)[name])):
+                raise ConfigError(f"{name} must be a finite number, got {shown(value)}")
 
     def __str__(self) -> str:
         change = self.doubled_percent - self.percent

@@ -31,6 +31,9 @@ from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 
+MOST_INFORMATION = 1e7
+"""Largest limit of a deviation, in that of one ray at a diagonal of the mesh: its square is the
+information of rays beside 1, and rounded by 1e-16."""
 MOST_HALVINGS = 8
 """Of triangles in which the largest deviation is looked for."""
 QUARTERS = np.array([
@@ -142,6 +145,14 @@ def through(regions: Regions, gate: Gate, without: int = -1, lit: Sequence[Lit] 
         found = _within_baseline(found, gate, eyes) if gate.has_baseline else found
         if not gate.has_deviation or regions.columns is None:
             return found
+        most = (
+            MOST_INFORMATION * min(gate.noise) * float(np.linalg.norm(np.ptp(part.mesh.bounds, 0)))
+        )
+        if gate.most_deviation > most > 0:
+            raise ConfigError(
+                f"max_uncertainty must be {most:.2g} m or less with this noise and a mesh of this "
+                f"size, got {gate.most_deviation:g} m: rounding would decide"
+            )
         placed = (each.reshape(n_rigs, gate.n, 3) for each in (regions.eyes, regions.columns))
         return found.where(uncertainty_of(gate, *placed))
 

@@ -15,6 +15,7 @@ from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
@@ -214,5 +215,5 @@ def nearest_obstacle(mesh: Mesh) -> NearestSurface | None:
 
 def check_clearance(clearance: float) -> None:
     """Raise ConfigError for a clearance that is negative or not finite."""
-    if not 0 <= clearance < np.inf:
-        raise ConfigError(f"clearance must be 0 m or more and finite, got {clearance}")
+    if not finite_number(clearance) >= 0:
+        raise ConfigError(f"clearance must be 0 m or more and finite, got {shown(clearance)}")
