@@ -4,7 +4,6 @@ import struct
 from operator import attrgetter
 
 import numpy as np
-import pycolmap
 import pytest
 from lens_cases import COLMAP, HEIGHT, WIDTH
 from view_files import has_note, pixels_of, refused, same, same_pixels, some_points, two_views
@@ -12,6 +11,8 @@ from view_files import has_note, pixels_of, refused, same, same_pixels, some_poi
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.models import PROGRAMS
+
+pycolmap = pytest.importorskip("pycolmap")
 
 
 def motion(rng, most, translation):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import pycolmap
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,6 +23,8 @@ from view_files import (
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
+
+pycolmap = pytest.importorskip("pycolmap")
 
 CAMERA = rc.Camera(width=640, height=480, fx=500, fy=510)
 

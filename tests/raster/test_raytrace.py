@@ -8,12 +8,11 @@ left, the nearest of all faces at that pixel in float64 says who is wrong.
 """
 
 import itertools
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from image_laws import shown_by_two
 
 from rastercov.camera.camera import Camera
@@ -22,11 +21,14 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import WAYS
 from rastercov.reference import samples
 
+TriangleMesh = pytest.importorskip("embreex.mesh_construction").TriangleMesh
+EmbreeScene = pytest.importorskip("embreex.rtcore_scene").EmbreeScene
 CAMERA = Camera(width=640, height=512, fx=700, fy=690, cx=327.75, cy=250.25)
 WIDE = Camera(width=640, height=512, fx=320, fy=325, cx=315.25, cy=260.25)
 EDGE, GAP = 4e-3, 1e-4
 
-MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
+MESHES = Path(os.environ.get("RASTERCOV_MESHES", "no folder"))
+"""Folder of mesh files, some of which are tested, too."""
 
 
 def traced(mesh, camera, pose):

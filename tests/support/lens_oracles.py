@@ -1,6 +1,7 @@
 """Pixels of OpenCV and COLMAP for the lenses of `lens_cases`; they share no code with ours."""
 
 import numpy as np
+import pytest
 from lens_cases import COLMAP, HEIGHT, WIDTH
 
 
@@ -25,8 +26,7 @@ def _of_opencv(project, matrix, distortion, rays):
 
 def colmap_camera(model):
     """pycolmap's camera of `lens_cases.COLMAP`."""
-    import pycolmap
-
+    pycolmap = pytest.importorskip("pycolmap")
     return pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=COLMAP[model])
 
 
