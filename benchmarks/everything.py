@@ -52,6 +52,8 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--out", type=Path, default=Path("build/bench"))
     args = parser.parse_args()
+    if args.meshes is not None and not args.meshes.is_dir():
+        parser.error(f"--meshes must be a folder with mesh files, got {args.meshes}")
     args.out.mkdir(parents=True, exist_ok=True)
     failed = []
     for name in args.only:

@@ -1,12 +1,7 @@
 """Nothing that only Linux has is needed to measure, to report and to place on the CPU."""
 
-import runpy
-import sys
-
 import pytest
 from processes import run_python
-
-from rastercov.raster.gl import libraries
 
 
 @pytest.mark.slow
@@ -18,11 +13,3 @@ def test_it_works_without_what_another_system_lacks(tmp_path, system):
     assert (tmp_path / "report" / "summary.json").exists()
     assert (tmp_path / "placed" / "plan.json").exists()
     assert not [*tmp_path.rglob(".rastercov-lock")]
-
-
-@pytest.mark.parametrize("system", ["darwin", "win32", "linux"])
-def test_only_linux_is_advised_to_install_mesa(monkeypatch, system):
-    monkeypatch.setattr(sys, "platform", system)
-    entries = runpy.run_path(libraries.__file__)
-    for name in ("INSTALL_EGL", "INSTALL_OSMESA"):
-        assert ("apt-get" in entries[name]) == (system == "linux")

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from lens_cases import COLMAP, HEIGHT, WIDTH
 from view_files import has_note, pixels_of, refused, same, same_pixels, some_points, two_views
+from wheels import with_wheel
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.models import PROGRAMS
 
-pycolmap = pytest.importorskip("pycolmap")
+pycolmap = with_wheel("pycolmap")
 
 
 def motion(rng, most, translation):

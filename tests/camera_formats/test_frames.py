@@ -20,11 +20,12 @@ from view_files import (
     same_pixels,
     some_points,
 )
+from wheels import with_wheel
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
 
-pycolmap = pytest.importorskip("pycolmap")
+pycolmap = with_wheel("pycolmap")
 
 CAMERA = rc.Camera(width=640, height=480, fx=500, fy=510)
 

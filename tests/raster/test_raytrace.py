@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from image_laws import shown_by_two
+from wheels import with_wheel
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -21,8 +22,8 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import WAYS
 from rastercov.reference import samples
 
-TriangleMesh = pytest.importorskip("embreex.mesh_construction").TriangleMesh
-EmbreeScene = pytest.importorskip("embreex.rtcore_scene").EmbreeScene
+TriangleMesh = with_wheel("embreex.mesh_construction").TriangleMesh
+EmbreeScene = with_wheel("embreex.rtcore_scene").EmbreeScene
 CAMERA = Camera(width=640, height=512, fx=700, fy=690, cx=327.75, cy=250.25)
 WIDE = Camera(width=640, height=512, fx=320, fy=325, cx=315.25, cy=260.25)
 EDGE, GAP = 4e-3, 1e-4

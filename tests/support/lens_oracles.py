@@ -1,8 +1,8 @@
 """Pixels of OpenCV and COLMAP for the lenses of `lens_cases`; they share no code with ours."""
 
 import numpy as np
-import pytest
 from lens_cases import COLMAP, HEIGHT, WIDTH
+from wheels import with_wheel
 
 
 def opencv_pixels(matrix, distortion, rays):
@@ -26,7 +26,7 @@ def _of_opencv(project, matrix, distortion, rays):
 
 def colmap_camera(model):
     """pycolmap's camera of `lens_cases.COLMAP`."""
-    pycolmap = pytest.importorskip("pycolmap")
+    pycolmap = with_wheel("pycolmap")
     return pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=COLMAP[model])
 
 

@@ -338,8 +338,9 @@ def zone_lines(summary: Mapping[str, Any]) -> list[str]:
     """Lines about the largest zones of a summary, with advice on the first where all is dead."""
     zones = [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
     lines = [zone_line(zone) for zone in zones[:MOST_LINES]]
-    is_dead = summary.get("covered_area", {}).get("m2") == 0
-    return [f"{line}; {zones[0]['advice']}" for line in lines[:is_dead]] + lines[is_dead:]
+    if lines and summary.get("covered_area", {}).get("m2") == 0:
+        lines[0] += f"; {zones[0]['advice']}"
+    return lines
 
 
 def zone_line(zone: Mapping[str, Any]) -> str:
