@@ -92,7 +92,7 @@ def machine() -> str:
             continue
     return (
         f"{datetime.now(UTC):%Y-%m-%d}; {next(models, platform.machine())}, "
-        f"{len(os.sched_getaffinity(0))} cores, {platform.system()} {platform.release()}, "
+        f"{len(os.sched_getaffinity(0))} cores, {platform.system()}, "
         f"loops for {native.LEVEL}, load {load}; {', '.join(versions)}"
     )
 
