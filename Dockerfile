@@ -14,8 +14,10 @@ RUN apt-get update \
  && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri \
  && rm -rf /var/lib/apt/lists/*
 
-COPY --from=compiler /wheels /wheels
-RUN pip install --no-cache-dir /wheels/*.whl \
+# STEP, and IFC, PDF and DXF; --build-arg EXTRAS= leaves them out.
+ARG EXTRAS=[formats,building]
+COPY --from=compiler /wheels /src/rastercov/data/constraints.txt /wheels/
+RUN pip install --no-cache-dir -c /wheels/constraints.txt "$(ls /wheels/*.whl)$EXTRAS" \
  && useradd --create-home rastercov
 
 USER rastercov

@@ -2,16 +2,21 @@
 # make test    install everything and run all tests; RASTERCOV_NIGHTLY=1 takes larger problems and
 #              more examples
 # make quick   the same without the slow ones
-# make lint    formatting, style, types
+# make lint    formatting, style, types, weight
+# make weight  tokens of what ships, by folder, and what makes code hard to change
 # make native  compile what has changed of the loops in C++, as all of the above do
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
 #              commit gives the same bytes in any folder
+# make lib     build/lib and build/include: librastercov for C, without Python; docs/c.md
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
 # make docs    the documentation as a site, docs/_build/html, without a network
 # make bench   all figures of the documentation, side by side with a ray tracer, to build/bench; under
 #              an hour. MESHES=DIR measures the mesh files there, too
+#
+# Packages from PyPI have the versions of rastercov/data/constraints.txt, which the tests pass with;
+# VERSIONS=newest and VERSIONS=oldest, in a clone of its own, take others, as CI does at night.
 #
 # All of it lives in .venv and build/native; Mesa's OpenGL and a compiler of C++20 come from the
 # system, through apt when they are missing; without root the compiler comes from PyPI. Through apt
@@ -22,11 +27,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+VERSIONS ?= tested
+CONSTRAINTS := $(VENV)/constraints.txt
+PIP_INSTALL := $(PIP) install -c $(CONSTRAINTS)
 LOG := $(VENV)/install.log
 # step TEXT COMMAND...: a line with its seconds; what the command says is in the log.
 STEP = step() { printf '%s ... ' "$$1"; shift; mkdir -p $(VENV); began=$$(date +%s); \
 	if "$$@" >>$(LOG) 2>&1 </dev/null; then echo "$$(($$(date +%s) - began)) s"; \
-	else echo "failed, see $(LOG)"; return 1; fi; }; step
+	else echo "failed; the end of $(LOG):"; tail -n 40 $(LOG); return 1; fi; }; step
 MESA := libegl1 libgl1 libgl1-mesa-dri
 OSMESA := libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
@@ -44,25 +52,32 @@ TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
 NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
-CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python $$(cat $(VENV)/compiler)
-CPP := $(wildcard rastercov/native/*.?pp rastercov/native/*/*.?pp benchmarks/*.cpp)
+CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
+C_CONFIGURED = -G Ninja -S rastercov/native/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
+CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
+	rastercov/native/*/*.h rastercov/native/c/without_python/*/*/*.h examples/c/*.c benchmarks/*.cpp)
+# ON: a warning of the compiler ends the build, as in CI; not that of a user.
+WERROR ?= OFF
 # The target of CMake: the processor's own level, all that it can run, or all known ones.
 LEVELS ?= own
 # Of `make dist`: kinds of processors, ARCHS='x86_64 aarch64'.
 ARCHS ?= $(shell uname -m)
 # Of `make sanitize`.
 TESTS ?= tests
-# Sources that changed since clang-tidy last found nothing.
-TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" $$([ ! -e $(NATIVE)/tidied ] || echo -newer $(NATIVE)/tidied) -print0 \
-	| xargs -0 -r -n 1 -P $$(nproc) $(BIN)/clang-tidy -p $(NATIVE) --quiet'
+# Sources that changed since clang-tidy last found nothing, all where a header did, with the flags of
+# what compiles them.
+TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/native -name '*.h*' -newer build/native/tidied),,-newer build/native/tidied))
+TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" $(TIDIED) \
+	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
+	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
 # The target `native` compiles the loops, and shows how far it is.
-INSTALL := $(PIP) install --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
+INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
 
 # Two pips must not work on one environment. `demo` asks for what apt and pip install in one call.
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint native dist sanitize stubs docs bench opengl osmesa chromium clean
+.PHONY: demo test quick lint weight native lib dist sanitize stubs docs bench opengl osmesa chromium clean
 
 test quick: LEVELS := runnable
 
@@ -77,18 +92,22 @@ demo: $(BIN)/python
 	@echo "rastercov demo --out report"
 	@$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev native opengl osmesa chromium
+test: $(VENV)/installed-dev native lib opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=20
 
-quick: $(VENV)/installed-dev native opengl osmesa chromium
+quick: $(VENV)/installed-dev native lib opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: stubs
+lint: stubs build/c/build.ninja
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
-	$(BIN)/clang-format --dry-run --Werror $(CPP)
+	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	$(BIN)/mypy
+	@$(BIN)/python .ci/weight
+
+weight: $(BIN)/python
+	@$(BIN)/python .ci/weight --table
 
 # Ninja says what it compiles, and nothing where nothing has changed.
 native: $(NATIVE)/build.ninja
@@ -97,6 +116,16 @@ native: $(NATIVE)/build.ninja
 
 $(NATIVE)/build.ninja: $(VENV)/tools $(VENV)/compiler
 	@$(STEP) "configuring the build of the loops in C++" $(CMAKE) -B $(NATIVE) $(CONFIGURED)
+
+# Its tests in C++ want doctest, a header of Debian; without it they are skipped, which says so.
+build/c/build.ninja: $(VENV)/tools $(VENV)/compiler
+	@[ -e /usr/include/doctest/doctest.h ] || { $(STEP) "asking apt for doctest-dev, some seconds" \
+	sh -c "$(APT) update; $(APT) install -y --no-install-recommends doctest-dev" || true; }
+	@$(STEP) "configuring librastercov" $(CMAKE) -B build/c $(C_CONFIGURED) -DCMAKE_INSTALL_LIBDIR:STRING=lib
+
+lib: build/c/build.ninja
+	@$(STEP) "compiling librastercov, some minutes at first" $(CMAKE) --build build/c && \
+	step "putting it into build/lib and build/include" $(CMAKE) --install build/c --prefix build
 
 # A wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018). Debian's
 # headers of Python include those of the processor, which on Linux of 64 bits are equal.
@@ -107,13 +136,18 @@ dist: $(VENV)/tools $(VENV)/compiler-dist
 	-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$$arch -DCMAKE_CXX_COMPILER_TARGET=$$arch-linux-gnu.2.28" \
 	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
 	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$arch python -m build --no-isolation || exit 2; done
-	@$(BIN)/twine check --strict dist/* && sha256sum dist/*
+	@$(BIN)/python .ci/fused dist/*.whl && $(BIN)/twine check --strict dist/* && sha256sum dist/* && \
+	$(BIN)/python .ci/fits dist/*.whl
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
 	@for kind in address,undefined thread; do \
 	$(STEP) "configuring the loops for the sanitizers $$kind" $(CMAKE) -B build/$$kind \
-	-DRASTERCOV_SANITIZE=$$kind -DRASTERCOV_CHECKED=ON $(CONFIGURED) && \
+	-DRASTERCOV_SANITIZE=$$kind -DRASTERCOV_CHECKED=ON -DRASTERCOV_TIGHT=ON $(CONFIGURED) && \
 	step "compiling them" $(CMAKE) --build build/$$kind --target own && \
+	step "configuring the library of C" $(CMAKE) -B build/c-$$kind $(C_CONFIGURED) \
+	-DRASTERCOV_SANITIZE=$$kind -DRASTERCOV_CHECKED=ON -DRASTERCOV_TIGHT=ON && \
+	step "compiling it" $(CMAKE) --build build/c-$$kind && \
+	$(BIN)/ctest --test-dir build/c-$$kind --output-on-failure && \
 	. build/$$kind/sanitizer && $(TEST_ENV) RASTERCOV_MODULES=build/$$kind/modules \
 	$(BIN)/python -m pytest -q -s -m native $(TESTS) || exit 2; \
 	done
@@ -143,15 +177,18 @@ $(BIN)/python:
 	sh -c "$(APT) update; $(APT) install -y $$package && $(PYTHON) -m venv $(VENV)" || \
 	{ rm -rf $(VENV)/bin; echo "error: $(PYTHON) makes no virtual environment; as root: apt-get install -y $$package"; exit 2; }; }
 
-$(VENV)/tools: $(BIN)/python pyproject.toml
-	@$(STEP) "installing CMake, Ninja and nanobind in $(VENV), some seconds" $(PIP) install $(BUILD_TOOLS)
+$(CONSTRAINTS): $(BIN)/python pyproject.toml rastercov/data/constraints.txt .ci/versions
+	@$(BIN)/python .ci/versions $(VERSIONS) >$@.new && mv $@.new $@
+
+$(VENV)/tools: $(CONSTRAINTS)
+	@$(STEP) "installing CMake, Ninja and nanobind in $(VENV), some seconds" $(PIP_INSTALL) $(BUILD_TOOLS)
 	@touch $@
 
 $(VENV)/compiler: $(BIN)/python .ci/compiler
 	@TOGETHER=$(TOGETHER) sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
 
 $(VENV)/compiler-dist: $(VENV)/tools .ci/compiler
-	@$(STEP) "installing what packs a release, some seconds" $(PIP) install 'build>=1.2' 'twine>=6.1'
+	@$(STEP) "installing what packs a release, some seconds" $(PIP_INSTALL) 'build>=1.2' 'twine>=6.1'
 	@CXX=zig sh .ci/compiler $@ $(LOG) $(BIN)/python $(APT)
 
 $(VENV)/installed: $(VENV)/tools pyproject.toml

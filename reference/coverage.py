@@ -5,6 +5,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 
 import math
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -109,7 +110,8 @@ def visible_fraction(
     # A face seen from behind is not seen, by definition, and one outside the image neither.
     nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
     value[nothing], bound[nothing] = 0.0, 0.0
-    bound[in_doubt(mesh, camera, pose, geometry, seen, row)] = 1.0
+    doubt, unseen = in_doubt(mesh, camera, pose, geometry, seen, row)
+    bound[doubt], bound[unseen] = 1.0, 0.0
     return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
 
 
@@ -120,10 +122,11 @@ def in_doubt(
     geometry: FaceGeometry,
     seen: Observation,
     row: int,
-) -> NDArray[np.bool_]:
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(F,) faces of which rounding may decide whether they are seen from the front, in the image.
 
-    Their image is within its rounding; or their side is; or they are just outside the image.
+    Their image is within its rounding; or their side is; or they are just outside the image. And
+    (F,) those of which nothing is seen for certain, whatever rounding says of them.
     """
     corners = mesh.vertices[mesh.faces]
     points = (corners - pose[:3, 3]) @ pose[:3, :3]
@@ -145,11 +148,27 @@ def in_doubt(
     doubt: NDArray[np.bool_] = has_image & (is_edge_on & ~(mesh.two_sided_mask & geometry.is_front))
     doubt |= has_image & ~has_part & geometry.is_front
     if any(seen.area_error.strides):
-        is_small = drawn <= seen.area_error[row]
+        is_small = (drawn <= seen.area_error[row]) & (seen.area_error[row] > 0)
         doubt |= has_image & is_small & (seen.kind[row] == BoundKind.EXACT)
     outside = np.flatnonzero(~has_image & (geometry.is_front | is_edge_on))
     doubt[outside] = _reach_image(points[outside], camera, _near(mesh, camera, pose))
-    return doubt
+    return doubt, surely_unseen(mesh, pose, is_edge_on & ~(drawn > 0))
+
+
+def surely_unseen(
+    mesh: Mesh, pose: NDArray[np.float64], is_edge_on: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(F,) of faces that are edge-on to rounding those that the camera is not before, exactly."""
+    found = np.zeros(mesh.n_faces, np.bool_)
+    eye = [Fraction(x) for x in pose[:3, 3].tolist()]
+    for face in np.flatnonzero(is_edge_on):  # few, 20 us each
+        a, b, c = (
+            [Fraction(x) - at for x, at in zip(corner, eye, strict=True)]
+            for corner in mesh.vertices[mesh.faces[face]].tolist()
+        )
+        side = -sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
+        found[face] = side == 0 if mesh.two_sided_mask[face] else side <= 0
+    return found
 
 
 def _near(mesh: Mesh, camera: Camera, pose: NDArray[np.float64]) -> float:

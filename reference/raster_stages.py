@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.native.raster_clusters import ALTITUDE, RADIUS
-from rastercov.native.raster_loops import GUARD_BAND, SIDE, STEPS
+from rastercov.native.engine_raster import ALTITUDE, GUARD_BAND, RADIUS, SIDE, STEPS, TIE_REL
 from rastercov.native.raster_stages import BEHIND, LARGE, NEEDS_CLIPPING
-from rastercov.native.raster_targets import TIE_REL
 
 EYE, INTRINSICS, NEAR, MAGNIFICATION = 9, 12, 16, 17
 """Values of a camera: rotation world_from_camera (9, by rows), camera centre (3), fx, fy, cx, cy in
@@ -328,17 +326,15 @@ def count_triangle(
     tile: tuple[int, int, int, int],
     runs: tuple[Array, Array],
     depth: Array,
-    sums: Array,
 ) -> tuple[int, int]:
     """Samples that a part of a face covers, and those of them with no surface in front of it.
 
-    Arguments as of `rastercov.native.raster_targets.count_triangle`.
+    Arguments as of `rastercov.native.engine_raster.count_triangle`.
     """
     left, top, width, height = tile
     rows, columns = np.mgrid[top : top + height, left : left + width]
-    weights = np.diff(sums, axis=1) if sums.size else np.ones((height, width), np.int64)
     covered = covers(np.stack((x, y), axis=-1), columns, rows)
     covered &= (columns >= runs[0][rows]) & (columns < runs[1][rows])
     inverse = np.clip(plane[0] + plane[2] * rows + plane[1] * columns, least, greatest)
     seen = covered & (inverse * depth * (1 + TIE_REL) >= 1) if depth.size else np.False_
-    return int((covered * weights).sum()), int((seen * weights).sum())
+    return int(covered.sum()), int(seen.sum())

@@ -20,6 +20,7 @@ from rastercov.camera.rig import Rig
 from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.reference.coverage import surely_unseen
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -143,6 +144,9 @@ def meets_criteria(
             meets, per_m2, least = _through_lens(camera, local, normal, near)
             sharp = local[:, 2] if MODELS[camera.model].is_planar else distance
         meets &= (facing > 0) & mesh.task_mask[face] & ~mesh.degenerate_mask[face]
+        away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
+        is_near = np.abs((mesh.normals * away).sum(axis=1)) <= 1e-9 * np.linalg.norm(away, axis=1)
+        meets &= ~surely_unseen(mesh, pose, is_near)[face]
         meets &= (z_n <= sharp) & (sharp <= z_f)
         if task.max_incidence_deg < 90:
             meets &= facing >= distance * math.cos(math.radians(task.max_incidence_deg))

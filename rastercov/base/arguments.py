@@ -197,9 +197,10 @@ def check_limits(value: Any) -> None:
     ConfigError
         For the first field that is not of its type or not within its limits.
     """
-    # mypy takes a type for unhashable, which the cache of annotations asks for.
-    for name, hint in annotations_of(type(value)).items():  # type: ignore[arg-type]
-        object.__setattr__(value, name, _checked(name, getattr(value, name), hint))
+    # mypy takes a type for unhashable, which the cache asks for.
+    for rule in _rules_of(type(value)):  # type: ignore[arg-type]
+        if (given := getattr(value, rule.name)) is not rule.default:
+            object.__setattr__(value, rule.name, rule.checked(given))
 
 
 @functools.cache
@@ -236,30 +237,61 @@ def _is_optional(hint: Any) -> bool:
     return get_origin(hint) is Union or type(None) in get_args(hint)
 
 
-def _checked(name: str, value: Any, hint: Any) -> Any:
-    if _is_optional(hint):
-        if value is None:
+@dataclasses.dataclass(frozen=True)
+class _Rule:
+    """Limits of a field: its `kind`, `limits` of a number, and text that `reader` reads.
+
+    The `default`, a plain value within the limits, is not checked.
+    """
+
+    name: str
+    default: Any
+    is_optional: bool
+    kind: Any
+    reader: Reads | None
+    limits: dict[str, float]
+
+    @classmethod
+    def of(cls, name: str, default: Any, hint: Any) -> "_Rule":
+        """The rule of an annotation."""
+        is_optional = _is_optional(hint)
+        if is_optional:
+            hint = next(member for member in get_args(hint) if member is not type(None))
+        kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+        return cls(name, default, is_optional, kind, reader_of(hint), _limits(hint))
+
+    def checked(self, value: Any) -> Any:
+        """The plain value; ConfigError for one that is not allowed."""
+        if value is None and self.is_optional:
             return None
-        hint = next(member for member in get_args(hint) if member is not type(None))
-    kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
-    if kind is bool:
-        return flag(name, value)
-    if get_origin(kind) is Literal:
-        check_choice(name, value, get_args(kind))
-        return value
-    given, reader = value, reader_of(hint)
-    if reader is not None and isinstance(value, str):
-        try:
-            value = reader.read(value)
-        except ValueError as error:
-            raise ConfigError(f"{name} must be {error}") from None
-    number, limits = finite_number(value), _limits(hint)
-    is_whole = kind is not int or number.is_integer()
-    is_within = all(IS_WITHIN[name](number, limit) for name, limit in limits.items())
-    if math.isnan(number) or not is_whole or not is_within:
-        meant = share_meant(number) if limits.get("le") == 1 else ""
-        raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
-    return value if isinstance(value, Quantity) else kind(number)
+        name, kind, limits = self.name, self.kind, self.limits
+        if kind is bool:
+            return flag(name, value)
+        if get_origin(kind) is Literal:
+            check_choice(name, value, get_args(kind))
+            return value
+        given = value
+        if self.reader is not None and isinstance(value, str):
+            try:
+                value = self.reader.read(value)
+            except ValueError as error:
+                raise ConfigError(f"{name} must be {error}") from None
+        number = finite_number(value)
+        is_whole = kind is not int or number.is_integer()
+        is_within = all(IS_WITHIN[name](number, limit) for name, limit in limits.items())
+        if math.isnan(number) or not is_whole or not is_within:
+            meant = share_meant(number) if limits.get("le") == 1 else ""
+            raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
+        return value if isinstance(value, Quantity) else kind(number)
+
+
+@functools.cache
+def _rules_of(kind: type) -> tuple[_Rule, ...]:
+    """Rules of all fields of a dataclass."""
+    hints = annotations_of(kind)
+    return tuple(
+        _Rule.of(field.name, field.default, hints[field.name]) for field in dataclasses.fields(kind)
+    )
 
 
 IS_WITHIN = {"gt": operator.gt, "ge": operator.ge, "le": operator.le}

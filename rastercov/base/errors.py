@@ -4,10 +4,15 @@ Every message says what was wanted, what came, and what to do, in one line. The 
 prints that line without a traceback and exits with code 2.
 """
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+OUT_OF_MEMORY = re.compile(
+    "bad_alloc|[Cc]annot allocate|allocation still failed|failed to map segment|start new thread"
+)
+"""Words of libraries for want of memory, in errors of other kinds and in what they print."""
 Kinds = type[Exception] | tuple[type[Exception], ...]
 
 
@@ -47,6 +52,15 @@ class DeviceError(RastercovError, RuntimeError):
 
 class ResourceError(RastercovError, MemoryError):
     """More memory or more counters than the device or the budget allows."""
+
+
+def is_out_of_memory(error: BaseException | None) -> bool:
+    """True for an error that is, or follows from, want of memory; an import fails of it, too."""
+    return error is not None and (
+        isinstance(error, MemoryError)
+        or OUT_OF_MEMORY.search(str(error)) is not None
+        or is_out_of_memory(error.__cause__ or error.__context__)
+    )
 
 
 @contextmanager

@@ -11,18 +11,20 @@ that matters, and that is missing, is an error; any other is a note.
 """
 
 import json
+import math
 import os
 import stat
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import RastercovError
+from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.output import replacing
 
 StrPath = str | os.PathLike[str]
 
@@ -33,6 +35,8 @@ LARGEST_ARRAY = 2 << 30
 """Bytes of a file of poses: 16 million in .npy."""
 LARGEST_TEXT = 10_000_000
 """Bytes of a file that a person writes, such as a camera or a plan."""
+LARGEST_NUMBER = 1e100
+"""Magnitude of a finite number in a file, whatever it means: its cube is a float64."""
 READING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
 """Flags, as far as the system has them, to read bytes without waiting."""
 
@@ -142,11 +146,15 @@ def file_bytes(path: StrPath, most: int, advice: str = "is this the right file?"
 @contextmanager
 def written_file(path: StrPath) -> Iterator[BinaryIO]:
     """File to write to; UnwritableError where it cannot be opened, or the disk fails or is full."""
+    path = _as_path(path)
     try:
-        with _as_path(path).open("wb") as file:
+        with replacing(path) as part, part.open("wb") as file:
             yield file
     except OSError as error:
         raise UnwritableError(f"cannot be written ({_reason(error)})") from None
+    except ConfigError as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        raise UnwritableError(f"cannot be written ({reason})") from None
 
 
 def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
@@ -154,9 +162,10 @@ def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
     return parsed_json(file_bytes(path, most))
 
 
-def parsed_json(data: bytes) -> Any:
-    """Content of JSON, as `read_json` reads it."""
-    return _parsed("JSON", lambda text: json.loads(text, object_pairs_hook=unique_names), data)
+def parsed_json(data: bytes, constant: Callable[[str], Any] | None = None) -> Any:
+    """Content of JSON, as `read_json` reads it; `constant` takes NaN and Infinity, if given."""
+    parse = partial(json.loads, parse_constant=constant, object_pairs_hook=unique_names)
+    return _parsed("JSON", parse, data)
 
 
 def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
@@ -172,13 +181,52 @@ def one_line(error: Exception) -> str:
 
 def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
     try:
-        return parse(data.decode("utf-8-sig"))  # some editors put a byte order mark first
+        content = parse(data.decode("utf-8-sig"))  # some editors put a byte order mark first
+        check_numbers(content)
+        return content
+    except UnreadableError:
+        raise
     except UnicodeDecodeError as error:
         raise UnparsedError(form, f"{one_line(error)}; save it as UTF-8") from None
     except RecursionError:
         raise UnparsedError(form, "nested too deep") from None
     except ValueError as error:
-        raise UnparsedError(form, one_line(error)) from None
+        reason = one_line(error).partition("; use sys.")[0]  # advice for code, on long integers
+        raise UnparsedError(form, reason) from None
+
+
+def check_numbers(content: Any, name: str = "") -> None:
+    """Raise UnreadableError for a number beyond `LARGEST_NUMBER` in tables and lists of a file.
+
+    The line names the entry. Sums, products and conversions of all other numbers are finite.
+    """
+    if isinstance(content, Mapping):
+        for key, each in content.items():
+            check_numbers(each, f"{name}.{key}" if name else str(key))
+    elif isinstance(content, list):
+        # Most numbers of a large file are in such lists. One with NaN first is walked.
+        if {*map(type, content)} == {float} and is_within(min(content)) and is_within(max(content)):
+            return
+        for each in content:
+            check_numbers(each, name)
+    else:
+        check_number(content, name)
+
+
+def is_within(value: float) -> bool:
+    """True for a number within `LARGEST_NUMBER`, of any length; False for NaN."""
+    return -LARGEST_NUMBER <= value <= LARGEST_NUMBER
+
+
+def check_number(value: Any, name: str) -> None:
+    """Raise UnreadableError for a finite number beyond `LARGEST_NUMBER`."""
+    if not isinstance(value, int | float) or is_within(value):
+        return
+    if isinstance(value, int) or math.isfinite(value):
+        raise UnreadableError(
+            f"{printable(name) or 'the file'}: a number within ±{LARGEST_NUMBER:g} wanted, got "
+            f"{shown(value)}; correct it"
+        )
 
 
 def unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

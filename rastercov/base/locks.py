@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.output import named_folder, remove_folder
 
 if sys.platform == "win32":
     # It opens no folder, so a file in it is locked. The system deletes the file when it is closed.
@@ -37,7 +38,7 @@ def locked(path: Path) -> Iterator[Path]:
     """
     made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        named_folder(path)
         descriptor = os.open(path / LOCK, _FLAGS)
     except (FileExistsError, NotADirectoryError):
         raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
@@ -60,8 +61,7 @@ def locked(path: Path) -> Iterator[Path]:
     finally:
         if LOCK:  # the folder is not empty until then, nor once another process locks it
             os.close(descriptor)
-        with suppress(OSError):  # not empty
-            for folder in made:
-                folder.rmdir()
+        for folder in made:
+            remove_folder(folder)
         if not LOCK:
             os.close(descriptor)

@@ -43,19 +43,12 @@ def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """Array of any values that starts at a cache line: a row of one line is then in one."""
     n_bytes = math.prod(shape) * np.dtype(dtype).itemsize
     memory = np.empty(n_bytes + CACHE_LINE, np.uint8)
-    start = -memory.ctypes.data % CACHE_LINE
-    return memory[start : start + n_bytes].view(dtype).reshape(shape)
-
-
-def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Zeros that start at a cache line, so that no aligned vector crosses into a second one."""
-    zeros = aligned_array((shape,) if isinstance(shape, int) else shape, dtype)
-    zeros[...] = 0
-    return zeros
+    start = -memory.__array_interface__["data"][0] % CACHE_LINE
+    return np.ndarray(shape, dtype, memory, start)
 
 
 def read_only(array: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
-    """Contiguous view that is not writable: loops are compiled for each layout of an argument."""
+    """Contiguous view that is not writable, for what several calls share."""
     view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()
     view.flags.writeable = False
     return view

@@ -1,7 +1,12 @@
 """Output files, written beside their place and renamed, so that each appears only when whole.
 
-An error of the disk is an `OSError` that names the file. `rastercov.report.folder` does the same
-for all files of a report together.
+The only module that makes, replaces and deletes files and folders [tests/test_links.py]. An error
+of the disk is an `OSError` that names the file. `rastercov.report.folder` does the same for all
+files of a report together.
+
+An archive or a clone may carry symbolic links under any name that we use. A person may name a link
+as the folder for output. Within it no link is followed: a folder of ours that is a link is refused,
+and so is a file that leads out of its folder.
 """
 
 import dataclasses
@@ -9,10 +14,12 @@ import errno
 import json
 import math
 import os
+import re
 import secrets
+import stat
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +64,57 @@ def write_npz(path: str | Path, **arrays: NDArray[Any]) -> None:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type] # numpy's own flag is typed
 
 
+PART = re.compile(r"\.[0-9a-f]{12}\.part")
+"""Names of files that are being written."""
+
+
+def is_own_folder(path: Path) -> bool:
+    """True for a folder of ours that is there; ConfigError for a link, or a file in its place."""
+    try:
+        mode = path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    if stat.S_ISDIR(mode):
+        return True
+    kind = "a symbolic link" if stat.S_ISLNK(mode) else "a file"
+    raise ConfigError(f"{path}: expected a folder, got {kind}; move it away or delete it")
+
+
+def own_place(path: Path) -> Path:
+    """Path of a folder of ours, there or not; errors as of `is_own_folder`."""
+    is_own_folder(path)
+    return path
+
+
+def own_folder(path: Path) -> Path:
+    """The folder of ours, made when it is missing; errors as of `is_own_folder`."""
+    if not is_own_folder(path):
+        path.mkdir(exist_ok=True)
+    return own_place(path)
+
+
+def named_folder(path: Path, *, parents: bool = True) -> Path:
+    """The folder that a person named, perhaps as a link, made when it is missing."""
+    path.mkdir(parents=parents, exist_ok=True)
+    return path
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file, or a link itself, in a folder that is no link; again it does nothing."""
+    path.unlink(missing_ok=True)
+
+
+def remove_folder(path: Path) -> None:
+    """Remove an empty folder; one that is not, or is missing, stays as it is."""
+    with suppress(OSError):
+        path.rmdir()
+
+
+def move(path: Path, place: Path) -> None:
+    """Rename a file or folder; a file in its place is replaced, a link itself."""
+    path.replace(place)
+
+
 def check_place(path: Path) -> None:
     """Raise ConfigError where no file can be written: at a folder, and in one that is not there."""
     if path.is_dir() or not path.parent.is_dir():
@@ -75,20 +133,43 @@ def writing(path: Path) -> Iterator[Path]:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a name beside `path` to write to; it replaces `path` if the block ends well.
 
-    A link stays, and the file that it leads to is replaced. A pipe or a device such as /dev/null
-    is written to directly.
+    A link to a file in its own folder stays, and that file is replaced; ConfigError for any other.
+    A pipe or a device is written to directly, and so is what `OF_SYSTEM` has, such as /dev/stdout.
     """
     check_place(path)
-    if path.exists() and not path.is_file():
+    is_open = str(path.absolute().parent) in OF_SYSTEM
+    if not is_open:
+        path = _followed(path)
+    if is_open or (path.exists() and not path.is_file()):
         yield path
         return
-    path = path.resolve()
     part = path.with_name(f".{secrets.token_hex(6)}.part")
     try:
         yield part
-        os.replace(part, path)  # noqa: PTH105 - the atomic one by name
+        move(part, path)
     finally:
-        part.unlink(missing_ok=True)
+        remove_file(part)
+
+
+OF_SYSTEM = ("/dev", "/dev/fd", "/proc/self/fd")
+"""Folders of the system, whose links lead to devices and to what this process has open."""
+
+
+def _followed(path: Path) -> Path:
+    """Path of a file, whole, after links within its folder."""
+    folder, name = path.parent.resolve(), path.name
+    if not path.is_symlink():
+        return folder / name
+    try:
+        there = path.resolve()
+    except (OSError, RuntimeError):  # links in a ring
+        there = Path(os.sep)
+    if there.parent != folder or there.is_symlink():
+        raise ConfigError(
+            f"{path}: expected a file, got a symbolic link to {path.readlink()}; name that file, "
+            "or delete the link"
+        )
+    return there
 
 
 def sync(path: Path) -> None:

@@ -1,26 +1,24 @@
 """Threads, processes, and objects that must be closed.
 
-Many poses in several threads: compiled loops hold no lock, so they run side by side. An object that
-measures poses may itself be used from several threads at once. So what its loops work in belongs to
-a call, not to the object: a call takes it from a `ScratchPool`. A value that threads share is
-`Once`.
+Many poses in several threads: compiled loops hold no lock, so they run side by side. A value that
+threads share is `Once`.
 """
 
 import os
 import sys
 import threading
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import update_wrapper
 from pathlib import Path
-from typing import Generic, NoReturn, Self, TypeVar
+from typing import Concatenate, Generic, NoReturn, ParamSpec, Self, TypeVar
+from weakref import WeakKeyDictionary
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import guarded_class
-
-Scratch = TypeVar("Scratch")
+from rastercov.native import base_interrupt
 
 POSES_A_TURN = 16
 """Most poses a thread takes at a time: enough to stay in the loops."""
@@ -47,8 +45,8 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
     """Call the workers side by side with slices that together cover the poses.
 
     The first works in the thread of the caller, the others each in one of its own, as far as the
-    system gives threads. What one of them raises is raised, and ends all; so does an interrupt,
-    after their turn.
+    system gives threads. What one of them raises first is raised, and ends all; so does an
+    interrupt. Loops in C++ of the others end at their next look, all else after a turn.
     """
     turns = []
     start = 0
@@ -57,10 +55,17 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
         step = max(1, min(POSES_A_TURN, (n_poses - start) // shares))
         turns.append(slice(start, start + step))
         start += step
+    if len(turns) == 1:
+        workers[0](turns[0])
+        return
     turns.reverse()  # taken from the end
     raised: list[BaseException] = []
+    # A pool would start all threads anew as well, and takes twice as long to do so.
+    threads: list[threading.Thread] = []
+    stop = base_interrupt.Stop()
 
     def work(worker: Callable[[slice], None]) -> None:
+        stop.enter()
         try:
             while turns:
                 try:
@@ -70,72 +75,32 @@ def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> Non
                 worker(turn)
         except BaseException as error:
             raised.append(error)
+            stop.set()
+            turns.clear()  # then all stop
         finally:
-            turns.clear()  # empty already, unless something went wrong: then all stop
+            stop.leave()
 
-    # A pool would start all threads anew as well, and takes twice as long to do so.
-    threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     try:
-        try:
-            for thread in threads:
+        threads.extend(threading.Thread(target=work, args=(worker,)) for worker in workers[1:])
+        with suppress(RuntimeError):  # the system gives no more threads, or Python is about to end:
+            for thread in threads:  # those that run share all turns
                 thread.start()
-        except RuntimeError:  # the system gives no more threads, or Python is about to end
-            pass  # those that run share all turns
         work(workers[0])
+        _join(threads)
+    except BaseException:  # an interrupt comes here
+        stop.set()
+        raise
     finally:
-        turns.clear()  # an interrupt comes here
-        for thread in threads:
-            if thread.ident is not None:
-                thread.join()
+        turns.clear()
+        _join(threads)
     if raised:
         raise raised[0]
 
 
-class ScratchPool(Generic[Scratch]):
-    """Scratch memory of one object for calls from any number of threads.
-
-    Each call takes what it works in, so that no two calls ever write to the same memory, and gives
-    it back for later calls when it has ended well. What an error or an interrupt has left half
-    changed, as arrays of which one has grown and another has not, is never used again.
-
-    There is no lock: single operations of a deque are atomic. So neither a fork nor a handler of a
-    signal can find the pool locked.
-
-    Parameters
-    ----------
-    make : callable
-        Gives new scratch memory. It must not hold the object that owns the pool, which would then
-        outlive its last use.
-    most_idle : int
-        Scratch memory kept between calls; more is dropped, so that memory does not grow with the
-        number of threads that have ever called.
-    """
-
-    def __init__(self, make: Callable[[], Scratch], most_idle: int) -> None:
-        self._make = make
-        self._idle: deque[Scratch] = deque(maxlen=min(most_idle, sys.maxsize))
-        self._is_open = True
-
-    def take(self, n: int) -> list[Scratch]:
-        """Scratch memory for `n` workers that nothing else uses, idle or new."""
-        return [self._take_one() for _ in range(n)]
-
-    def give_back(self, scratch: Iterable[Scratch]) -> None:
-        """Keep what a call that ended well has taken; a closed pool keeps nothing."""
-        self._idle.extend(scratch)
-        if not self._is_open:
-            self._idle.clear()
-
-    def close(self) -> None:
-        """Drop what is idle, and what calls give back from now on."""
-        self._is_open = False
-        self._idle.clear()
-
-    def _take_one(self) -> Scratch:
-        try:
-            return self._idle.pop()
-        except IndexError:
-            return self._make()
+def _join(threads: Iterable[threading.Thread]) -> None:
+    for thread in threads:
+        if thread.ident is not None:  # it was started
+            thread.join()
 
 
 T = TypeVar("T")
@@ -167,6 +132,27 @@ class Once(Generic[T]):
                 if not self._made:
                     self._made.append(make())
         return self._made[0]
+
+
+Key = TypeVar("Key")
+Further = ParamSpec("Further")
+
+
+def once_each(
+    make: Callable[Concatenate[Key, Further], T],
+) -> Callable[Concatenate[Key, Further], T]:
+    """Function of an object that is called `Once` for each, and kept as long as the object exists.
+
+    The value must not hold the object.
+    """
+    kept: WeakKeyDictionary[Key, Once[T]] = WeakKeyDictionary()
+
+    def value(key: Key, /, *others: Further.args, **named: Further.kwargs) -> T:
+        once = kept.get(key) or kept.setdefault(key, Once())
+        return once.get(lambda: make(key, *others, **named))
+
+    update_wrapper(value, make)
+    return value
 
 
 def child_environment() -> dict[str, str]:

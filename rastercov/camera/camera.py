@@ -52,6 +52,9 @@ OPTICS = (
 """Entries that a calibration lacks, and that are accepted beside `file`."""
 ANGLES = ("hfov_deg", "vfov_deg")
 """Entries that give fx and fy by the angles between opposite sides of the image."""
+WIDEST_DEG = 175.0
+"""Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
+without limit. No lens sees that far."""
 MOST_DIFFERENCE_REL = 0.05
 """Difference of the focal lengths across and down the image that is taken for calibration."""
 
@@ -191,10 +194,14 @@ def _near(name: str, value: Any) -> float:
     return near
 
 
-def _angle(name: str, value: Any) -> float:
+def field_angle(name: str, value: Any) -> float:
+    """Angle from an axis, degrees: up to `WIDEST_DEG`, or 180; CameraError for another one."""
     angle = number(name, value)
-    if not 0 < angle <= 180:
-        raise CameraError(f"{name} must be above 0 and at most 180, got {angle:g}")
+    if not (0 < angle <= WIDEST_DEG or angle == 180):
+        raise CameraError(
+            f"expected {name} above 0, up to {WIDEST_DEG:g}, or 180 for all directions, got "
+            f"{angle:g}"
+        )
     return angle
 
 
@@ -215,7 +222,7 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "pixel_size": pair,
     "near": _near,
     "focus_range": _range,
-    "max_angle_deg": _angle,
+    "max_angle_deg": field_angle,
 }
 """Check of each field by itself."""
 CENTRES = {"cx": "width", "cy": "height"}
@@ -269,8 +276,8 @@ class Camera:
     distortion : sequence of float, optional
         Coefficients of the model, in its order.
     max_angle_deg : float, optional
-        Largest angle from the optical axis at which the lens is trusted; otherwise as far as the
-        image reaches, or as the model is proved not to fold.
+        Largest angle from the optical axis at which the lens is trusted, up to 175, or 180 for
+        none; otherwise as far as the image reaches, or as the model is proved not to fold.
 
     Raises
     ------

@@ -9,13 +9,15 @@ whatever its distance, with f-number N, magnification m, transmission tau of the
 pixel, time t, quantum efficiency eta, dark noise sigma_d, quantisation sigma_q = 1 / sqrt(12) and
 gain K. So least SNR and greatest saturation are a band of E.
 
-EMVA 1288. Standard for Characterization of Image Sensors and Cameras. Release 4.0, 2021.
+EMVA 1288. Standard for Characterization of Image Sensors and Cameras. Release 4.0, 2021. CIE
+018:2019. The Basis of Physical Photometry; its curve of 1924 as ISO/CIE 23539:2023 has it.
 """
 
 import math
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
@@ -29,13 +31,24 @@ LUMENS_PER_WATT = 683.0
 VISIBLE = 380e-9, 780e-9
 """Metres: wavelengths of which there are lumens."""
 
+# 1e5 V, every 2 nm from 380 to 428 nm, and every 5 nm from 430 to 780 nm.
+_TABLE = """
+3.9 4.6915 5.7176 7.2344 9.3508 12 15.149 19.182 24.691 31.852 39.6 47.302 57.222 72.456
+94.116 121 153.08 193.53 245.48 311.78 400 515.93 654.62 808.65 976.77 1160 1684 2300 2980
+3800 4800 6000 7390 9098 11260 13902 16930 20802 25860 32300 40730 50300 60820 71000 79320
+86200 91485 95400 98030 99495 100000 99500 97860 95200 91540 87000 81630 75700 69490 63100
+56680 50300 44120 38100 32100 26500 21700 17500 13820 10700 8160 6100 4458 3200 2320 1700
+1192 821 572.3 410.2 292.9 209.1 148.4 104.7 74 52 36.11 24.92 17.19 12 8.48 6 4.24 3 2.12
+1.499
+"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
     """Sensor, lens and time of a camera, and the surface before it.
 
-    Light is of one wavelength. In lx it is by the eye's sensitivity there, within some 5 % of that
-    of the CIE: V = 1.019 exp(-285.4 (lambda - 0.559)^2), lambda in um.
+    Light is of one wavelength. In lx it is by the luminous efficiency V there, of the CIE 1924
+    photopic curve, within 0.3 %.
 
     Parameters
     ----------
@@ -120,8 +133,7 @@ class Exposure:
                 raise ConfigError(
                     f"light of {self.wavelength * 1e9:.0f} nm has no lx; give lamps in W/sr"
                 )
-            eye = 1.019 * math.exp(-285.4 * (self.wavelength * 1e6 - 0.559) ** 2)
-            per_electron *= LUMENS_PER_WATT * eye
+            per_electron *= LUMENS_PER_WATT * luminous_efficiency(self.wavelength)
         least, most = self.electrons()
         return least * per_electron, most * per_electron
 
@@ -131,3 +143,17 @@ class Exposure:
         asked = [f"SNR {number(self.min_snr)} or more"] if self.min_snr else []
         asked.append(f"saturation {number(self.max_saturation)} or less")
         return f"exposure: {' and '.join(asked)} is {number(least)} to {number(most)} {unit}"
+
+
+def luminous_efficiency(wavelength: float) -> float:
+    """V at a wavelength of `VISIBLE`, metres, within 0.3 % of the tables of every nm.
+
+    Cubics of ln V through four neighbours in the table.
+    """
+    table = np.array(_TABLE.split(), np.float64)
+    nm, nodes = wavelength * 1e9, np.r_[380.0:430:2, 430.0:781:5]
+    first = int(np.clip(np.searchsorted(nodes, nm) - 2, 0, len(nodes) - 4))
+    near, logarithm = nodes[first : first + 4], np.log(table[first : first + 4])
+    others = [np.delete(near, row) for row in range(4)]
+    basis = [np.prod((nm - x) / (at - x)) for at, x in zip(near, others, strict=True)]
+    return float(1e-5 * np.exp(basis @ logarithm))

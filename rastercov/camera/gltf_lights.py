@@ -15,8 +15,16 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import number, positive, shown
 from rastercov.base.errors import CameraError, MeshError, errors_as
+from rastercov.base.files import UnknownNames
 from rastercov.mesh.formats.gltf import nodes_below, root_nodes
-from rastercov.mesh.formats.gltf_file import Y_UP, chunks, json_header, json_object
+from rastercov.mesh.formats.gltf_file import (
+    Y_UP,
+    chunks,
+    json_header,
+    json_list,
+    json_object,
+    unknown_names,
+)
 from rastercov.mesh.formats.polygons import broken_files_refused
 
 EXTENSION = "KHR_lights_punctual"
@@ -24,6 +32,11 @@ WORLD = "rastercov_world"
 """Entry in `extras` of the node whose frame is the world, as of files of cameras."""
 FORWARDS = np.diag([1.0, -1.0, -1.0, 1.0])
 """node_from_lamp: a lamp looks along z, a light along -z."""
+
+
+HARMLESS = frozenset(("name", "color", "range", "innerConeAngle", "extras", "extensions"))
+NAMES = HARMLESS | {"light", "lights", "type", "intensity", "spot", "outerConeAngle"}
+"""Names of the extension; lamps do not depend on the harmless ones."""
 
 
 class Light(NamedTuple):
@@ -39,7 +52,15 @@ def read_lights(data: bytes) -> list[Light]:
     """Lights of a scene; CameraError for a file without any, or with a directional one."""
     with errors_as(CameraError, caught=MeshError), broken_files_refused():
         header = chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
+        unknown_names(header, CameraError)  # an error for a slip
+        slips = UnknownNames(CameraError)
+        for owner in (header, *json_list(header, "nodes")):
+            slips.look("the scene", owner.get("extensions", {}), frozenset({EXTENSION}))
+            slips.look(EXTENSION, _extension(owner), NAMES)
         known = _extension(header)
+        for entries in json_list(known, "lights"):
+            for each in (entries, entries.get("spot", {})):
+                slips.look("a light", each, NAMES, HARMLESS)
         found = [
             _light(json_object(known, "lights", own["light"]), name, matrix @ FORWARDS)
             for node, name, matrix, _ in nodes_below(header, root_nodes(header), WORLD)

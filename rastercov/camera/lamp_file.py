@@ -1,5 +1,6 @@
 """Files of lamps: TOML in the form of a plan, and lights of glTF scenes."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -65,7 +66,8 @@ def load_lamps(path: StrPath) -> Lamps:
 def _of_lights(lights: Sequence[Light]) -> Lamps:
     """Lamps of the lights of a scene; those of one name are numbered."""
     names = [light.name for light in lights]
-    names = [f"{each} {row}" if names.count(each) > 1 else each for row, each in enumerate(names)]
+    uses = Counter(names)
+    names = [f"{each} {row}" if uses[each] > 1 else each for row, each in enumerate(names)]
     lamps = [
         Lamp(
             kind="point" if light.half_angle_deg >= 180 else "spot",

@@ -23,7 +23,7 @@ from rastercov.base.files import (
 )
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
+from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light
 from rastercov.camera.photometry import (
@@ -48,6 +48,9 @@ UNITS = {"cd": "lx", "W/sr": "W/m2"}
 """Unit of an illuminance by that of the intensity."""
 PIXELS_PER_RADIAN = 1000
 """Of the image of a lamp, whose outline alone matters."""
+MARGIN = 64
+"""Pixels beyond the cone of a lamp in its image: polygons around the cone end within them, so that
+nothing is cut to the image."""
 SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
 """Points of a lamp of size, as of a surface that shines."""
 
@@ -68,7 +71,7 @@ class Lamp:
     power_w_sr : float, optional
         Radiant intensity on the axis, W/sr, for irradiances in W/m^2.
     half_angle_deg : float
-        Angle from the axis beyond which a point sends nothing, (0, 180].
+        Angle from the axis beyond which a point sends nothing, (0, 175], or 180.
     exponent : float
         m of cos^m; 1 for a surface that shines, 0 for the same intensity in all directions.
     size : (2,) float
@@ -109,11 +112,8 @@ class Lamp:
         for name, value in given.items():
             if value is not None:
                 object.__setattr__(self, name, positive(f"{name} of a lamp", value))
-        if not 0 < finite_number(self.half_angle_deg) <= 180:
-            raise CameraError(
-                "half_angle_deg of a lamp must be more than 0, up to 180, got "
-                f"{shown(self.half_angle_deg)}"
-            )
+        half_angle = field_angle("half_angle_deg of a lamp", self.half_angle_deg)
+        object.__setattr__(self, "half_angle_deg", half_angle)
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
@@ -136,7 +136,7 @@ class Lamp:
                 f"{'1' if is_single else f'1 to {MOST_POINTS}'}, got {shown(self.points)}; "
                 "shares change by less than 0.2 points beyond 16"
             )
-        for name in ("half_angle_deg", "exponent", "share"):
+        for name in ("exponent", "share"):
             object.__setattr__(self, name, float(getattr(self, name)))
         object.__setattr__(self, "points", int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))
@@ -290,7 +290,7 @@ class Lamp:
         if self.half_angle_deg >= 180:
             step = 180 / math.pi
             return Camera(width=360, height=180, fx=step, fy=step, model="equirectangular")
-        radius = math.ceil(PIXELS_PER_RADIAN * math.radians(self.half_angle_deg)) + 1
+        radius = math.ceil(PIXELS_PER_RADIAN * math.radians(self.half_angle_deg)) + MARGIN
         return Camera(
             width=2 * radius, height=2 * radius, fx=PIXELS_PER_RADIAN, fy=PIXELS_PER_RADIAN,
             model="opencv_fisheye", max_angle_deg=self.half_angle_deg,

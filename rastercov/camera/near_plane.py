@@ -18,11 +18,10 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import box_corners, to_camera
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of
+from rastercov.native import camera_pose
 
-NEAR_TO_FAR = 1e-6
+NEAR_TO_FAR = camera_pose.NEAR_TO_FAR
 """Least depth that is seen, relative to the farthest depth, whatever `Camera.near` is."""
-LEAST_DEPTH = 1e-150
-"""Metres: positive even where every vertex is at the camera centre."""
 
 
 def limits(
@@ -54,23 +53,10 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
     return tuple(found.values())
 
 
-def limits_of_poses(
-    mesh: Mesh, cameras: Sequence[Camera], poses: Poses
-) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """`limits` of poses that may have different cameras."""
-    near, (can_cull, clipped) = np.empty(len(poses)), np.empty((2, len(poses)), np.bool_)
-    for index, rows in poses.by_camera():
-        own = limits(mesh, cameras[index], poses.world_from_camera[rows])
-        near[rows], can_cull[rows], clipped[rows] = own
-    return near, can_cull, clipped
-
-
 def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> FloatArray:
     """`near_limit` of poses that may have different cameras."""
-    near = np.empty(len(poses))
-    for index, rows in poses.by_camera():
-        near[rows] = near_limit(cameras[index], bounds, poses.world_from_camera[rows])
-    return near
+    of_cameras = np.array([camera.near for camera in cameras], np.float64)[poses.camera]
+    return _near_limits(of_cameras, bounds, poses.world_from_camera)
 
 
 def picture_limits(mesh: Mesh, camera: Camera, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -88,9 +74,14 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
     those of the opaque part of a mesh.
     """
-    reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
-    farthest = np.sqrt((reach**2).sum(axis=1))
-    return np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)
+    return _near_limits(np.full(len(poses), float(camera.near)), bounds, poses)
+
+
+def _near_limits(of_cameras: FloatArray, bounds: FloatArray, poses: FloatArray) -> FloatArray:
+    """`near_limit` of poses with the `near` of the camera of each."""
+    found, matrices = np.empty(len(poses)), np.ascontiguousarray(poses)
+    camera_pose.find_near_limits(matrices, np.ascontiguousarray(bounds), of_cameras, found)
+    return found
 
 
 def near_cuts(
@@ -149,11 +140,18 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: BoolArray) -> BoolArray:
     margin = NEAR_TO_FAR * distance[:, None]
     is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
     allowed: BoolArray = is_beyond.any(axis=1) & ~clipped
-    if not (allowed.any() and mesh.can_cull_back_faces):
-        return np.zeros(len(poses), bool)
-    for row in np.flatnonzero(allowed & (distance > mesh.contacts.reach)):
-        allowed[row] = not mesh.contacts.faces_within_components(distance[row]).any()
+    for row in np.flatnonzero(allowed):
+        allowed[row] = hides_its_back(mesh, distance[row])
     return allowed
+
+
+def hides_its_back(mesh: Mesh, distance: float) -> bool:
+    """True if no camera outside, with no surface beyond a distance, sees a back; see `can_cull`."""
+    mesh = mesh.opaque
+    if not mesh.can_cull_back_faces:
+        return False
+    is_near = distance <= mesh.contacts.reach
+    return is_near or not mesh.contacts.faces_within_components(distance).any()
 
 
 def depth_range(

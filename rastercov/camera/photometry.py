@@ -53,8 +53,9 @@ def _profile(text: str) -> tuple[float, Profile]:
         raise CameraError("its numbers are not as many as it says, or no numbers") from None
     if type_c != 1:
         raise CameraError(f"wanted photometric type C, 1, got {type_c}")
-    if not are_angles(down) or len(around) != n_around:
+    if not are_angles(down):
         raise CameraError(f"vertical angles must {ASCEND}")
+    weights = _weights(around)
     if not (candela >= 0).all() or not factor > 0:
         raise CameraError(f"intensities must be 0 or more, within {LARGEST_NUMBER:g}")
     largest = float(candela.max())
@@ -66,9 +67,33 @@ def _profile(text: str) -> tuple[float, Profile]:
             f"its intensity varies by {100 * differs:.0f} % around its axis, of "
             f"{100 * MOST_AROUND:.0f} % at most; give a lamp of size in its place"
         )
-    mean = candela.mean(axis=0)
+    mean = weights @ candela
     share = mean / mean.max()
     return factor * float(mean.max()), tuple(zip(down.tolist(), share.tolist(), strict=True))
+
+
+def _weights(around: FloatArray) -> FloatArray:
+    """(N,) shares of planes at horizontal angles, degrees, in the mean around the axis.
+
+    The trapezoidal rule, so that the planes at both ends, which are of a mirror or the same one,
+    count half. A circle may leave out its end; CameraError for angles that are none of type C.
+    """
+    if len(around) == 1:
+        return np.ones(1)
+    gaps = np.diff(around)
+    span = float(around[-1] - around[0])
+    rest = 360 - span
+    if np.isclose(span, (90, 180, 360), rtol=0, atol=LEAST_STEP).any():
+        gaps = np.r_[0.0, gaps, 0.0]
+    elif rest <= gaps.max() + LEAST_STEP:
+        gaps = np.r_[rest, gaps, rest]
+    if len(gaps) <= len(around) or not (np.diff(around) >= LEAST_STEP).all():
+        raise CameraError(
+            "horizontal angles must ascend over 90, 180 or 360 degrees, each "
+            f"{LEAST_STEP:g} degrees or more above the last"
+        )
+    shares: FloatArray = (gaps[1:] + gaps[:-1]) / (gaps[1:] + gaps[:-1]).sum()
+    return shares
 
 
 def are_angles(degrees: FloatArray) -> bool:

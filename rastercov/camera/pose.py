@@ -17,9 +17,18 @@ from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import check_fields
 from rastercov.mesh.arrays import matrices_of
+from rastercov.native import camera_pose
 
-DRIFT_TOLERANCE = 1e-6
-"""A rotation further than this from orthonormal is refused; nearer, it is made orthonormal."""
+DRIFT_TOLERANCE, ROUNDING = 1e-6, 1e-14
+"""A rotation further than the first from orthonormal is refused; nearer, and further than the
+second, it is made orthonormal."""
+LIMITS = LARGEST_COORDINATE, DRIFT_TOLERANCE, ROUNDING
+FAULTS = (
+    *("", "is not finite", f"is beyond ±{LARGEST_COORDINATE:g} m", "must end in the row 0 0 0 1"),
+    *("is not a rotation (scaled, sheared or drifted)", "is a reflection, not a rotation"),
+)
+DRIFTED = camera_pose.DRIFTED
+"""Index of a pose that has drifted; those below are of `FAULTS`."""
 
 
 def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
@@ -30,30 +39,13 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     """
     array = real_numbers("poses", poses, "(P, 4, 4)")
     out = as_matrices(array[None] if array.ndim == 2 else array)
-    faults: dict[int, str] = {}
-
-    def fault(mask: ArrayLike, text: str) -> None:
-        for row in np.flatnonzero(mask):
-            faults.setdefault(int(row), text)
-
-    finite: NDArray[np.bool_] = np.isfinite(out).all(axis=(1, 2))  # type: ignore[assignment] # an array
-    fault(~finite, "is not finite")
-    far = ~(np.abs(out[:, :3, 3]) <= LARGEST_COORDINATE).all(axis=1)
-    fault(far, f"is beyond ±{LARGEST_COORDINATE:g} m")
-    rotation = out[:, :3, :3]
-    if faults:
-        rotation = np.where(finite[:, None, None], rotation, np.eye(3))
-    with np.errstate(all="ignore"):  # what comes out is compared, and NaN is a fault
-        drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
-            axis=(1, 2), initial=0
-        )
-        reflected = np.linalg.det(rotation) < 0
-    fault((out[:, 3] != (0, 0, 0, 1)).any(axis=1), "must end in the row 0 0 0 1")
-    fault(~(drift <= DRIFT_TOLERANCE), "is not a rotation (scaled, sheared or drifted)")
-    fault(reflected, "is a reflection, not a rotation")
-
-    drifted = [int(row) for row in np.flatnonzero(drift > 1e-14) if int(row) not in faults]
-    if drifted:
+    found = np.empty(len(out), np.uint8)
+    camera_pose.find_faults(out, LIMITS, found)
+    if not found.any():
+        return out, {}
+    faults = {row: FAULTS[at] for row, at in enumerate(found.tolist()) if 0 < at < DRIFTED}
+    drifted = np.flatnonzero(found == DRIFTED)
+    if len(drifted):
         u, _, vt = np.linalg.svd(out[drifted, :3, :3])
         out[drifted, :3, :3] = u @ vt
     return out, faults
@@ -141,7 +133,9 @@ class Poses(InOneLine):
         if faults and not skip_bad:
             raise error_of(tuple(sorted(faults)), f" {faults[min(faults)]}")
         ids = np.arange(len(matrices))
-        indices = _camera_indices(0 if camera is None else camera, len(matrices))
+        indices = np.zeros(len(ids), np.int32)
+        if camera is not None:
+            indices = _camera_indices(camera, len(ids))
         if not faults:
             return cls(matrices, ids, matrices, {}, indices)
         ids = np.delete(ids, list(faults))
@@ -164,14 +158,16 @@ class Poses(InOneLine):
         for index in used:
             yield int(index), np.flatnonzero(self.camera == index)
 
-    def check_cameras(self, n_cameras: int) -> None:
-        """Raise `PoseError` if a pose has a camera beyond these."""
-        if len(self) and int(self.camera.max()) not in range(n_cameras):
+    def check_cameras(self, n_cameras: int) -> set[int]:
+        """Indices of the cameras of the poses; `PoseError` for one beyond these."""
+        used: set[int] = set(self.camera.tolist())
+        if used and max(used) >= n_cameras:
             row = int(self.camera.argmax())
             raise PoseError(
                 f"pose {self.ids[row]} has camera {self.camera[row]}, but there are {n_cameras} "
                 "cameras, from 0; give all cameras, or correct the index"
             )
+        return used
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
         return np.array(self.world_from_camera, dtype, copy=copy)

@@ -198,7 +198,6 @@ def half_angles(camera: Camera) -> tuple[float, float]:
 def _inscribed(camera: Camera) -> tuple[float, float]:
     """Tangents of `half_angles` of a lens that is no pinhole."""
     from rastercov.camera.lenses.of_camera import lens_of
-    from rastercov.native.lens_rays import SECTORS
 
     lens = lens_of(camera)
     top, right, bottom, left = (
@@ -210,8 +209,8 @@ def _inscribed(camera: Camera) -> tuple[float, float]:
         most = math.tan(min(lens.valid_angle, LARGEST_ANGLE))
     across, down = min(left, right, most), min(top, bottom, most)
     if not lens.is_whole and lens.valid_angle < LARGEST_ANGLE:
-        # The valid region ends inside the image: at a polygon within this cone.
-        cone = math.tan(lens.valid_angle) * math.cos(math.pi / SECTORS)
+        # The valid region ends inside the image.
+        cone = math.tan(lens.valid_angle)
         across, down = (side * min(1.0, cone / math.hypot(across, down)) for side in (across, down))
     return across, down
 

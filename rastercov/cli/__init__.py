@@ -1,126 +1,98 @@
 """The `rastercov` command, with a module for each of its commands.
 
 Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Results go to standard
-output; warnings, errors and progress to standard error, an error as one line.
+output; warnings, errors and progress to standard error, an error as one line. SIGTERM ends a
+command as Ctrl-C does, with exit code 143.
 """
 
 import gc
-import signal
+import os
 import sys
 from collections.abc import Sequence
-from functools import cached_property
-from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-from typer.core import TyperCommand
+from rastercov.base.interrupts import (
+    announce_end,
+    code_of_interrupt,
+    ignore_signals,
+    is_announced,
+    take_signals,
+    was_interrupted,
+)
+from rastercov.base.streams import own_output
 
-import rastercov
-from rastercov.base.interrupts import come_again, interrupt
-from rastercov.cli.console import Command, Group, exit_code, leave, notices_shown
-
-SETTINGS: dict[str, Any] = {
-    "add_completion": False,
-    "pretty_exceptions_enable": False,
-    "rich_markup_mode": None,
-}
-COMMANDS = {
-    "evaluate": "Evaluate every pose and leave a report: a table, figures, pictures, a coloured "
-    "mesh.",
-    "demo": "Run the main job on a built-in mesh.",
-    "render": "Draw one pose: a picture, the face index and the depth of every pixel (PNG and "
-    "NPZ).",
-    "compare": "Compare ways to find visibility with the truth; 1 when a bound does not hold.",
-    "place": "Find out where cameras go: carry out a plan file; 1 when its goal is not reached.",
-    "check": "Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.",
-    "audit": "Audit existing cameras: what each sees, what is lost without it, and the smallest "
-    "subset.",
-    "cameras": "List cameras, lenses and heads that are sold, by text, pixels, mount, price or "
-    "field of view.",
-    "convert": "Convert camera and pose files between programs; whatever is lost is said.",
-    "view": "See a rig in the browser, move its cameras, and understand what they cover.",
-    "sheet": "Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.",
-    "doctor": "List graphics devices, test each, and say what to install.",
-    "validate": "Hold the model against what a real task makes of pictures.",
-}
-"""Commands and the first line of their help, which the list shows before any is loaded."""
+LEAST_MEMORY = 700 << 20
+"""Bytes of address space below which Python or numpy may end the process, or fail to be loaded."""
+LEAST_PRODUCT = 128
+"""Rows of matrices whose product OpenBLAS takes its memory for."""
 GARBAGE = 200_000
 """Objects that are made between two looks for garbage."""
-IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
-"""Modules of commands that have another name."""
-
-
-class LazyCommand(TyperCommand):
-    """Command whose module is imported when it runs or shows its own help."""
-
-    @cached_property
-    def loaded(self) -> Any:
-        """The command itself."""
-        assert self.name is not None
-        module = import_module(f"rastercov.cli.{IN_MODULE.get(self.name, self.name)}")
-        app = getattr(module, self.name)
-        if not isinstance(app, typer.Typer):
-            command, app = app, typer.Typer(**SETTINGS)
-            app.command(cls=Command)(command)
-        found = typer.main.get_command(app)
-        found.name = self.name
-        return found
-
-    def make_context(self, *args: Any, **options: Any) -> Any:
-        """Context of the command itself."""
-        return self.loaded.make_context(*args, **options)
-
-
-def _group() -> Any:
-    """The commands, as one that has them."""
-    group = typer.Typer(
-        help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
-        "Example: rastercov demo --out report/",
-        cls=Group,
-        **SETTINGS,
-    )
-    group.callback(invoke_without_command=True)(_start)
-    found: Any = typer.main.get_command(group)
-    for name, words in COMMANDS.items():
-        found.add_command(LazyCommand(name, help=words))
-    return found
-
-
-def _start(
-    context: typer.Context,
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-) -> None:
-    if show_version:
-        print(rastercov.__version__)
-        raise typer.Exit
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
-        raise typer.Exit(2)
 
 
 def main() -> None:
     """Run the command as a process of its own."""
+    take_signals()  # before anything that takes long to import
     # Modules leave many objects and no garbage: it is looked for hardly ever.
     gc.set_threshold(GARBAGE)
-    if hasattr(signal, "SIGPIPE"):  # not on Windows
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it without a word
-    # As Ctrl-C: what is done is kept.
-    signal.signal(signal.SIGTERM, interrupt)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored by a shell
-        signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = come_again
+    own_output()
     # Names of files may hold what the terminal cannot show.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code = command(sys.argv[1:])
-    except KeyboardInterrupt:  # a second one, while the first was reported
-        code = 130
+        code = _refused_for_memory() or command(sys.argv[1:])
+    except BaseException as error:
+        # An interrupt before a command began, of which an import may have made another error, or a
+        # second one while the first is reported.
+        if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+            raise
+        ignore_signals()
+        code = code_of_interrupt()
+        if not is_announced():
+            announce_end()
+            print("interrupted", file=sys.stderr, flush=True)
+    from rastercov.cli.console import leave
+
     leave(code)
+
+
+def _refused_for_memory() -> int:
+    """Exit code for a limit of memory that is too low, 0 for another; before numpy is imported.
+
+    OpenBLAS ends the process for want of memory: under a limit it has one thread, of 40 MB, which
+    are taken while they are there.
+    """
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return 0
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return 0
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if limit >= LEAST_MEMORY:
+        import numpy as np
+
+        matrix = np.ones((LEAST_PRODUCT, LEAST_PRODUCT))
+        matrix @ matrix
+        return 0
+    from rastercov.cli.console import say
+
+    return say(
+        f"error: expected at least {LEAST_MEMORY >> 20} MB of memory, got a limit of "
+        f"{limit >> 20} MB; raise it: ulimit -v unlimited"
+    )
 
 
 def command(arguments: Sequence[str]) -> int:
     """Exit code of the command; see `console.exit_code`."""
+    from rastercov.cli.console import exit_code, notices_shown
+
     with notices_shown():
         return exit_code(_group(), arguments)
+
+
+def _group() -> Any:
+    from rastercov.cli.console import group
+
+    return group()

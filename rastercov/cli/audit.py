@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
-from rastercov.cli.console import progress_bar, say, warn
+from rastercov.cli.console import Console, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions, in_metres, left_out
 from rastercov.cluster import Tally
 from rastercov.coverage.task import Task

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from rastercov.base.arguments import check_choice
@@ -14,6 +13,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, price_of
 from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
+from rastercov.cli.console import Console
 
 Row = dict[str, Any]
 NEAR_REL = 0.1

@@ -9,15 +9,23 @@ from typing import Annotated
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
-from rastercov.cli import SETTINGS, options
-from rastercov.cli.console import Command, Group, out_option, progress_bar, size_line, warn
+from rastercov.cli import options
+from rastercov.cli.console import (
+    SETTINGS,
+    Command,
+    Console,
+    Group,
+    out_option,
+    progress_bar,
+    size_line,
+    warn,
+)
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
 from rastercov.mesh import Mesh

@@ -6,20 +6,32 @@ terminals of any width: options in panels, no name or metavar broken.
 
 import logging
 import os
+import select
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
+from rich import console
 
-from rastercov.base.errors import RastercovError
+import rastercov
+from rastercov.base.errors import RastercovError, is_out_of_memory
 from rastercov.base.format import plural, shortened
-from rastercov.base.interrupts import ABANDONED, forget_interrupts, was_interrupted
+from rastercov.base.interrupts import (
+    ABANDONED,
+    announce_end,
+    code_of_interrupt,
+    forget_interrupts,
+    ignore_signals,
+    was_interrupted,
+    watch_signals,
+)
 
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh
@@ -33,6 +45,48 @@ LONGEST_WORD, LONGEST_LINE = 200, 600
 """Characters that are printed of a name or value without spaces, and of a line."""
 
 
+class Console(console.Console):
+    """Console of Rich, which leaves a broken pipe to us: its own ends the process with 1."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise the error again."""
+        raise
+
+
+NO_READER = 141
+"""Exit code where the reader of standard output went away: as a shell has it for SIGPIPE."""
+
+
+class NoReaderError(Exception):
+    """Standard output has no reader any more, as in `rastercov doctor | head -1`."""
+
+
+def _is_unread() -> bool:
+    """True where standard output is a pipe or a socket without a reader."""
+    try:
+        if sys.stdout is None:
+            return False
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        return bool(poll.poll(0))  # nothing was asked for but errors, which always come
+    except (AttributeError, OSError, ValueError):  # Windows, or a stream of a test
+        return True
+
+
+@contextmanager
+def broken_pipes_told_apart() -> Iterator[None]:
+    """Standard output without a reader is `NoReaderError`, any other broken pipe an `OSError`.
+
+    Typer would take each for the first, and end without a word.
+    """
+    try:
+        yield
+    except BrokenPipeError as error:
+        if _is_unread():
+            raise NoReaderError from None
+        raise OSError(f"a process or a connection has ended ({error.strerror})") from error
+
+
 def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     """Exit code of a command; whatever goes wrong is one line on standard error.
 
@@ -44,9 +98,16 @@ def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()  # a full disk shows up here, not when Python ends
     except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            return NO_READER
         if code != 2:  # one line is enough
             code = say(f"error: {error}")
     return code
+
+
+def _interrupted() -> int:
+    announce_end()
+    return say("interrupted", code_of_interrupt())
 
 
 def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
@@ -56,7 +117,9 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             return int(code or 0)
         raise KeyboardInterrupt  # which newer versions of Typer turn into this code
     except (KeyboardInterrupt, typer.Abort):
-        return say("interrupted", 130)
+        return _interrupted()
+    except NoReaderError:
+        return NO_READER
     except RastercovError as error:
         for line in getattr(error, "lines", [str(error)]):  # of a plan, a line for each fault
             say(f"error: {line}")
@@ -75,8 +138,12 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             return say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
+        if is_out_of_memory(error):
+            return say(
+                "error: not enough memory; close other programs, or raise the limit: ulimit -v"
+            )
         if was_interrupted():  # a compiler, for one, makes another error of it
-            return say("interrupted", 130)
+            return _interrupted()
         return say(
             f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
             "with what RASTERCOV_TRACEBACK=1 shows)"
@@ -121,7 +188,7 @@ def leave(code: int) -> NoReturn:
     for the threads that an interrupt leaves alone.
     """
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to interrupt
+        ignore_signals()
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None:
@@ -130,7 +197,11 @@ def leave(code: int) -> NoReturn:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, stream.fileno())
             os.close(nowhere)
-    if any(thread.name.startswith(ABANDONED) for thread in threading.enumerate()):
+    if code == NO_READER and hasattr(signal, "SIGPIPE"):  # the end that a shell expects
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGPIPE)
+    is_left = any(thread.name.startswith(ABANDONED) for thread in threading.enumerate())
+    if is_left or was_interrupted():  # Python would tidy up its memory for half a second
         os._exit(code)
     sys.exit(code)
 
@@ -218,14 +289,101 @@ class _Help:
 
 
 class Command(_Help, TyperCommand):
-    """Command with this help."""
+    """Command with this help, which a signal ends within a second."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it."""
+        watch_signals()
+        return super().invoke(ctx)
 
 
 class Group(_Help, TyperGroup):
     """Group of commands with this help."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command of the group."""
+        with broken_pipes_told_apart():
+            return super().invoke(ctx)
 
 
 def _names(text: str) -> str:
     """Names and metavar of an option; one that may be repeated ends in dots, an argument, too."""
     text = re.sub(r"<list\[(.*)\]>", r"<\1>...", text.replace(" range>", ">"))
     return re.sub(r"\.\.\. <.*>\.\.\.", "...", text)
+
+
+SETTINGS: dict[str, Any] = {
+    "add_completion": False,
+    "pretty_exceptions_enable": False,
+    "rich_markup_mode": None,
+}
+COMMANDS = {
+    "evaluate": "Evaluate every pose and leave a report: a table, figures, pictures, a coloured "
+    "mesh.",
+    "demo": "Run the main job on a built-in mesh.",
+    "render": "Draw one pose: a picture, the face index and the depth of every pixel (PNG and "
+    "NPZ).",
+    "compare": "Compare ways to find visibility with the truth; 1 when a bound does not hold.",
+    "place": "Find out where cameras go: carry out a plan file; 1 when its goal is not reached.",
+    "check": "Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.",
+    "audit": "Audit existing cameras: what each sees, what is lost without it, and the smallest "
+    "subset.",
+    "cameras": "List cameras, lenses and heads that are sold, by text, pixels, mount, price or "
+    "field of view.",
+    "convert": "Convert camera and pose files between programs; whatever is lost is said.",
+    "view": "See a rig in the browser, move its cameras, and understand what they cover.",
+    "sheet": "Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.",
+    "doctor": "List graphics devices, test each, and say what to install.",
+    "validate": "Hold the model against what a real task makes of pictures.",
+}
+"""Commands and the first line of their help, which the list shows before any is loaded."""
+IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
+"""Modules of commands that have another name."""
+
+
+class LazyCommand(TyperCommand):
+    """Command whose module is imported when it runs or shows its own help."""
+
+    @cached_property
+    def loaded(self) -> Any:
+        """The command itself."""
+        assert self.name is not None
+        module = import_module(f"rastercov.cli.{IN_MODULE.get(self.name, self.name)}")
+        app = getattr(module, self.name)
+        if not isinstance(app, typer.Typer):
+            command, app = app, typer.Typer(**SETTINGS)
+            app.command(cls=Command)(command)
+        found = typer.main.get_command(app)
+        found.name = self.name
+        return found
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Context of the command itself."""
+        return self.loaded.make_context(*args, **options)
+
+
+def group() -> Any:
+    """The commands, as one that has them."""
+    app = typer.Typer(
+        help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
+        "Example: rastercov demo --out report/",
+        cls=Group,
+        **SETTINGS,
+    )
+    app.callback(invoke_without_command=True)(_start)
+    found: Any = typer.main.get_command(app)
+    for name, words in COMMANDS.items():
+        found.add_command(LazyCommand(name, help=words))
+    return found
+
+
+def _start(
+    context: typer.Context,
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if show_version:
+        print(rastercov.__version__)
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(2)

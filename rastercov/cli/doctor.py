@@ -9,11 +9,11 @@ from typing import Any
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 
 Report = dict[str, Any]
@@ -39,6 +39,7 @@ def print_report(report: Report, console: Console) -> None:
     absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in listed]
     _section(console, "Missing devices, needed only for OpenGL", absent)
     _section(console, "Environment", [(f"{k}={v}",) for k, v in report["environment"].items()])
+    _section(console, "Versions that were not tested", [(line,) for line in report["untested"]])
     _section(console, "Why no hardware", [("-", hint) for hint in report["hardware_hints"]])
     console.print(Text(_verdict(report), "bold" if exit_code(report) == 0 else "bold red"))
 

@@ -11,7 +11,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural, verb
@@ -23,7 +22,7 @@ from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of, names_of_poses, with_lamps
 from rastercov.cli import options
-from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import Console, out_option, progress_bar, say, size_line, warn
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
@@ -52,7 +51,8 @@ class ReportOptions(NamedTuple):
         str | None,
         typer.Option(
             help="Pairs of pose and face in the table: none, covered, seen (in the image, facing "
-            "the camera) or all.",
+            "the camera) or all. Or groups: visible and truncated share of each group's "
+            "silhouette in each image.",
             show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import Console, out_option, progress_bar, say, size_line, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
@@ -218,7 +217,8 @@ def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
     from rastercov.report.plan import of_plan
 
     lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
-    return [*lines, *of_plan(doubts(cameras.network, plan.rig, cameras.placed))]
+    lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+    return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 
 @contextmanager

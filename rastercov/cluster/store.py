@@ -15,7 +15,16 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.output import named, replacing, sync
+from rastercov.base.output import (
+    PART,
+    is_own_folder,
+    named,
+    own_folder,
+    remove_file,
+    remove_folder,
+    replacing,
+    sync,
+)
 
 SUMS, QUARANTINE = "sha256", "quarantine"
 """Folders of the checksums of all files, and of the notes on poses that were left out."""
@@ -62,8 +71,10 @@ def whole(folder: Path, name: str) -> bytes:
 
 def store(folder: Path, name: str, data: bytes | memoryview) -> None:
     """Write a file, and its checksum before it."""
-    _write(sum_file(folder, name), _sum_line(name, data))
-    _write(folder / name, data)
+    for path, content in ((sum_file(folder, name), _sum_line(name, data)), (folder / name, data)):
+        if path.parent != folder:
+            own_folder(path.parent)
+        _write(path, content)
 
 
 def renew(folder: Path, name: str, data: bytes, note: Note) -> None:
@@ -78,8 +89,9 @@ def renew(folder: Path, name: str, data: bytes, note: Note) -> None:
 
 def discard(folder: Path, name: str) -> None:
     """Remove a file and its checksum; again it does nothing."""
-    (folder / name).unlink(missing_ok=True)
-    sum_file(folder, name).unlink(missing_ok=True)
+    for path in (folder / name, sum_file(folder, name)):
+        if path.parent == folder or is_own_folder(path.parent):
+            remove_file(path)
 
 
 def sum_file(folder: Path, name: str) -> Path:
@@ -95,7 +107,6 @@ def _sum_line(name: str, data: bytes | memoryview) -> bytes:
 def _write(path: Path, data: bytes | memoryview) -> None:
     """Write a file atomically: it appears under its name when it is complete and on the disk."""
     with named(path):
-        path.parent.mkdir(exist_ok=True)
         with replacing(path) as part:
             part.write_bytes(data)
             sync(part)
@@ -104,18 +115,25 @@ def _write(path: Path, data: bytes | memoryview) -> None:
 
 def remove_halves(folder: Path) -> None:
     """Remove files that a run which was killed left half written."""
-    for left in (*folder.glob(".*.part"), *folder.glob("*/.*.part")):
-        left.unlink()
+    inside = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
+    for part in (part for where in (folder, *inside) for part in where.iterdir()):
+        if PART.fullmatch(part.name):
+            remove_file(part)
 
 
 def remove(folder: Path, names: Sequence[str]) -> None:
-    """Remove files of these names, which may have wildcards, and their folders that are empty."""
+    """Remove files of these names, which may have wildcards, and their folders that are empty.
+
+    ConfigError for a folder that is a link; nothing is removed then.
+    """
+    parents = sorted({(folder / name).parent for name in names}, reverse=True)
+    for path in parents:
+        is_own_folder(path)
     for name in names:
         for path in folder.glob(name):
-            path.unlink()
-    for path in sorted({(folder / name).parent for name in names}, reverse=True):
-        if path.is_dir() and not any(path.iterdir()):
-            path.rmdir()
+            remove_file(path)
+    for path in parents:
+        remove_folder(path)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
+from rastercov.base.versions import version_of
 from rastercov.cluster.process import Process, ProcessEndedError
 from rastercov.cluster.store import ShardStore
 
@@ -62,7 +62,7 @@ def work(
     FolderLostError
         Where the folder cannot be reached.
     """
-    worker, own = f"{platform.node()}:{os.getpid()}", version("rastercov")
+    worker, own = f"{platform.node()}:{os.getpid()}", version_of("rastercov")
     if store.version != own:
         both = f"has rastercov {own}, and the run {store.version}"
         raise ConfigError(f"worker {worker} {both}; install the same on both")

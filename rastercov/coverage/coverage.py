@@ -4,6 +4,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,8 @@ from rastercov.raster.contract import RasterizerInfo
 
 PAIRS_A_BATCH = 1 << 19
 """Pose-face pairs evaluated at a time: about 50 MB of figures."""
+LEAST_ALIGNED = 1 << 14
+"""Pairs from which on figures start at a cache line."""
 POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
 
@@ -214,7 +217,9 @@ def judged(
 
 def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
     """Memory for the named figures, (P, F) each."""
-    return {name: aligned_array(shape, FIGURES[name]) for name in names}
+    # To align an array takes 3 us, more than it saves in a loop over a few faces.
+    make = np.empty if math.prod(shape) < LEAST_ALIGNED else aligned_array
+    return {name: make(shape, FIGURES[name]) for name in names}
 
 
 def checked_fields(names: Sequence[str] | None) -> list[str]:

@@ -18,6 +18,7 @@ from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.provenance import provenance_of
+from rastercov.coverage.silhouettes import GroupViews, group_views
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -84,6 +85,13 @@ class Evaluation(Coverage):
             raise ConfigError('this evaluation is by face; give by="area" for covered areas')
         return self.areas.covered
 
+    def group_views(self) -> GroupViews:
+        """Visible and truncated share of the silhouette of each group in each image.
+
+        Computed at each call; ConfigError for method "sampled".
+        """
+        return group_views(self.mesh, self.camera, self.poses, self.engine)
+
     def summary(self) -> dict[str, Any]:
         """Content of `summary.json`: figures of the network and of each pose, doubts, inputs."""
         network, placed = self.network, self.poses
@@ -112,7 +120,11 @@ class Evaluation(Coverage):
             "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
             "warnings": list(self.mesh.warnings),
             "dead_pixels": dead_pixels(self.camera),
-            "doubts": [*doubts(network, self.camera, placed), *light_doubts(found)],
+            "doubts": [
+                *doubts(network, self.camera, placed),
+                *light_doubts(found),
+                *(self.areas.doubts() if self.areas is not None else ()),
+            ],
             "per_pose": per_pose,
         }
         if isinstance(self.areas, TimeAreas):

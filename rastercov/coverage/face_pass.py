@@ -4,13 +4,12 @@ A network adds them up. The loops are in `native/coverage`.
 """
 
 from collections.abc import Callable, Mapping
-from itertools import pairwise
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import read_only
 from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -23,8 +22,8 @@ from rastercov.native.coverage_figures import judge_poses
 from rastercov.raster.contract import FaceCounts
 from rastercov.raster.observation import Observation
 
-TASK = Task()
-"""Thresholds that leave out no face."""
+TASK, NONE = Task(), np.empty((0, 0))
+"""Thresholds that leave out no face; and no figures."""
 Measured = Observation | FaceCounts
 """Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
 arrays of them would take as long as half the judging."""
@@ -65,15 +64,15 @@ class FacePass:
             work, spaces = make_worker(), dict[type, Any]()
 
             def work_in_turn(turn: slice) -> None:
-                camera = poses.camera[turn]
-                cuts = turn.start + 1 + np.flatnonzero(camera[1:] != camera[:-1])
-                for start, stop in pairwise([turn.start, *cuts.tolist(), turn.stop]):
-                    index = int(poses.camera[start])
+                start = turn.start
+                for index, run in groupby(poses.camera[turn].tolist()):
+                    stop = start + len(list(run))
                     lens = self._lenses[index]
                     if type(lens) not in spaces:
                         spaces[type(lens)] = workspace(self.mesh.n_vertices, lens)
                     scope = self._scene, lens, seen, spaces[type(lens)]
                     work(slice(start, stop), index, scope)
+                    start = stop
 
             return work_in_turn
 
@@ -84,7 +83,7 @@ class FacePass:
         visible: NDArray[Any]
         drawn: NDArray[Any]
         kind: NDArray[Any]
-        kind = error = np.empty((0, 0))
+        kind = error = NONE
         if isinstance(measured, FaceCounts):
             assert measured.drawn is not None
             visible, drawn = measured.visible, measured.drawn
@@ -96,13 +95,9 @@ class FacePass:
             scale, samples, kind = 1.0, float(measured.samples_per_pixel), measured.kind
             if any(measured.area_error.strides):
                 error = measured.area_error
-        return Seen(
-            read_only(poses.world_from_camera, np.float64),
-            read_only(near_limits(self.cameras, self.mesh.opaque.bounds, poses), np.float64),
-            read_only(visible, dtype),
-            read_only(drawn, dtype),
-            scale,
-            read_only(kind, np.uint8),
-            read_only(error, np.float64),
-            samples,
-        )
+        near = near_limits(self.cameras, self.mesh.opaque.bounds, poses)
+        dense = np.ascontiguousarray
+        matrices = dense(poses.world_from_camera, np.float64)
+        visible, drawn = dense(visible, dtype), dense(drawn, dtype)
+        errors = dense(kind, np.uint8), dense(error, np.float64)
+        return Seen(matrices, near, visible, drawn, scale, *errors, samples)

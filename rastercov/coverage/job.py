@@ -34,16 +34,19 @@ from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import SUMMED, JudgedPoses, Network, sums_of
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import (
-    UNFINISHED,
     EvaluationShards,
     Wanted,
     is_long,
     judged_parts,
+    kept_in,
     open_for,
 )
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
+BYTES = {name: np.dtype(kind).itemsize for name, kind in FIGURES.items()}
+"""Bytes of a figure of a pair of pose and face."""
+NONE_ASKED: dict[str, Any] = dict.fromkeys(FIGURES)
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
 
@@ -100,7 +103,7 @@ def evaluate(
     task = (Task() if task is None else task).lit_by(lamps)
     engine = Engine.of(method, threads)
     unit, reason = unit_of_result(by, task, engine, camera, len(accepted))
-    size = sum(np.dtype(FIGURES[name]).itemsize for name in names) * len(accepted) * mesh.n_faces
+    size = sum(map(BYTES.__getitem__, names)) * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
         raise ResourceError(
             f"{len(accepted)} poses x {mesh.n_faces} faces would take {size / 2**30:.1f} GiB; "
@@ -158,14 +161,14 @@ def measure(
     network, areas = Network(mesh, task), AreaNetwork(mesh, task) if wanted.by_area else None
     apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
     wanted = replace(wanted, apart=apart.is_asked)
-    whole = arrays_for(fields, (len(poses), mesh.n_faces))
+    whole: dict[str, Any] = arrays_for(fields, (len(poses), mesh.n_faces))
     judge = FacePass(mesh, camera, observer.threads, task) if whole else None
     # Otherwise the figures are added up; not the rays to cameras, of which the network keeps rows.
     is_summed = task.min_angle_deg > 0 or not SUMMED.keys() <= set(fields)
     is_summed |= is_joint(camera)
     shards = None
     if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
-        shards = EvaluationShards(folder / UNFINISHED, observer, poses, task, wanted)
+        shards = EvaluationShards(kept_in(folder), observer, poses, task, wanted)
     done, interrupted, table = 0, False, None
     ids, clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
     with ExitStack() as opened:
@@ -208,18 +211,20 @@ def measure(
             if not done:
                 raise
             interrupted = True
-        try:
-            with interrupts_held():
-                opened.close()
-        except KeyboardInterrupt:
-            interrupted = True
+        if table is not None:
+            try:
+                with interrupts_held():
+                    opened.close()
+            except KeyboardInterrupt:
+                interrupted = True
         seconds = time.perf_counter() - began
-    measured = poses[np.isin(poses.ids, np.concatenate(ids))]
+    if done < len(poses):
+        left = poses[np.isin(poses.ids, np.concatenate(ids))]
+        poses = replace(left, rejected=poses.rejected)
+        whole = {name: array[:done] for name, array in whole.items()}
     return Evaluation(
-        mesh, camera, task, observer.info, measured.ids, np.concatenate(clipped),
-        **(dict.fromkeys(FIGURES) | {name: array[:done] for name, array in whole.items()}),
-        eyes=measured.world_from_camera[:, :3, 3],
-        poses=replace(measured, rejected=poses.rejected),
+        mesh, camera, task, observer.info, poses.ids, np.concatenate(clipped),
+        **(NONE_ASKED | whole), eyes=poses.world_from_camera[:, :3, 3], poses=poses,
         engine=wanted.engine, options=options, network=network, by_face_because=reason, areas=areas,
         apart=apart, pairs=wanted.pairs, n_rows=0 if table is None else table.n_rows,
         is_kept=shards is not None, quarantined={} if shards is None else shards.quarantined,

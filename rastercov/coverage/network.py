@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint, lamps_of, led_by, rows_of_result
@@ -164,12 +164,11 @@ def sums_of(
 
 def _sums_of_rows(mesh: Mesh, figures: Mapping[str, NDArray[Any]], rows: IntArray) -> Sums:
     """Sums of the figures of some poses, rows of (P, F) each."""
-    is_scored = read_only(mesh.task_mask, np.bool_)
     coverage, reason, bound, kind, part = (
-        read_only(figures[name], dtype) for name, dtype in SUMMED.items()
+        np.ascontiguousarray(figures[name], dtype) for name, dtype in SUMMED.items()
     )
     sums = no_sums(mesh.n_faces, len(coverage))
-    add_rows(rows, is_scored, coverage, reason, bound, kind, part, sums)
+    add_rows(rows, mesh.task_mask, coverage, reason, bound, kind, part, sums)
     return sums
 
 
@@ -210,7 +209,7 @@ def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums]
         Keep the sums of each camera apart.
     """
     mesh, of_camera = judge.mesh, dict[int, Sums]()
-    is_scored, coverage = read_only(mesh.task_mask, np.bool_), np.empty(mesh.n_faces)
+    is_scored, coverage = mesh.task_mask, np.empty(mesh.n_faces)
 
     def add(rows: slice, index: int, scope: Scope) -> None:
         camera, rules = index if apart else -1, judge.rules[index]
@@ -247,9 +246,11 @@ class ViewSpread:
 
     def __init__(self, centroids: FloatArray, min_angle: float) -> None:
         n = len(centroids)
-        self._centroids = np.array(centroids, np.float64)
         self._min_cosine, self._is_asked = least_cosine(min_angle), min_angle > 0
         self.is_spread = np.full(n, not self._is_asked)
+        if not self._is_asked:
+            return
+        self._centroids = np.array(centroids, np.float64)
         self._first, self._last = np.full((2, n), -1, np.int64)
         self._is_near = np.ones(n, np.bool_)
         self._before: NDArray[Any] = np.empty(0, np.int64)

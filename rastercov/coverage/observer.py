@@ -2,16 +2,15 @@
 
 certified
     Regions of faces that no event edge crosses are proved wholly visible or wholly hidden; the
-    faces that are crossed are computed. See `rastercov.exact.certificate`. Needs no rasteriser.
+    faces that are crossed are computed. See `rastercov.exact`. Needs no rasteriser.
 exact
-    Every face is computed, see `rastercov.exact.half_planes`: the same answers several times
+    Every face is computed, see `rastercov.exact`: the same answers several times
     slower, to check with.
 sampled
     Counts of a rasteriser, with a statistical bound; see `rastercov.raster.observation`.
 """
 
 from abc import ABC, abstractmethod
-from importlib.metadata import version
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import DeviceError
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import Closing, thread_count
+from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene
 from rastercov.coverage.engine import Engine
@@ -118,7 +118,7 @@ class ExactObserver(Observer):
 
     def __init__(self, solvers: ExactPass) -> None:
         self.mesh, self.camera, method = solvers.mesh, solvers.camera, solvers.method
-        renderer = f"{method}, rastercov {version('rastercov')}"
+        renderer = f"{method}, rastercov {version_of('rastercov')}"
         self.info = RasterizerInfo("analytic", method, renderer, "", "cpu", "float64", "")
         self._pass, self.threads = solvers, solvers.threads
 
@@ -126,7 +126,7 @@ class ExactObserver(Observer):
         """Exact or certified areas, see `Observer`."""
         accepted = self._accepted(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
-        self._pass.run(accepted, seen)
+        self._pass.observe(accepted, seen)
         return seen
 
     def close(self) -> None:

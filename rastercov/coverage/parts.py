@@ -38,8 +38,8 @@ class PartRow(NamedTuple):
     ----------
     name : str
     area_m2 : float
-    percent : float
-        Covered, of its area, or of its faces where the result is by face.
+    percent, bound_percent : float
+        Covered, of its area, or of its faces where the result is by face, which have no bound.
     of_seeable_percent : float or None
         Covered, of its area that can be seen; None where none can be.
     reason : str
@@ -50,6 +50,7 @@ class PartRow(NamedTuple):
     name: str
     area_m2: float
     percent: float
+    bound_percent: float
     of_seeable_percent: float | None
     reason: str
 
@@ -58,12 +59,13 @@ class PartRow(NamedTuple):
         """Row of the figures of a part, a group or the whole task."""
         name = entry.get("name", "all to be seen")
         name += " (target)" if entry.get("role") == "target" else ""
-        percent = entry.get("covered_area", entry["covered"])["percent"]
+        figures = entry.get("covered_area", entry["covered"])
+        percent, bound = figures["percent"], figures.get("bound_percent", 0.0)
         why = entry.get("seeable_not_covered_because", {})
         most = max(why, key=lambda each: float(why[each]["area_percent"]), default="")
         reason = REASONS[most].label if most and percent < 100 else ""
         of_seeable = entry["covered_of_seeable_percent"]
-        return cls(name, entry["area_m2"], percent, of_seeable, reason)
+        return cls(name, entry["area_m2"], percent, bound, of_seeable, reason)
 
 
 def part_rows(summary: Mapping[str, Any], level: int | None = None) -> list[PartRow]:

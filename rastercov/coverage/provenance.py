@@ -4,12 +4,12 @@ import hashlib
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.versions import version_of
 from rastercov.camera.formats.own import rule_entries
 from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
 from rastercov.coverage.task import Task
@@ -62,7 +62,7 @@ def provenance_of(
         **{name: entry for name, entry in optional.items() if entry is not None},
         "versions": {
             "python": platform.python_version(),
-            **{name: _version(name) for name in packages},
+            **{name: version_of(name) for name in packages},
         },
     }
 
@@ -95,10 +95,3 @@ def sha256(*parts: NDArray[Any] | str) -> str:
             total.update(f"{part.dtype.str} {part.shape}".encode())
             total.update(np.ascontiguousarray(part).data)
     return total.hexdigest()
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

@@ -17,6 +17,7 @@ from rastercov.base.memory import (
     aligned_array,
     read_only,
 )
+from rastercov.base.threads import once_each
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import (
@@ -98,11 +99,12 @@ TYPES: dict[str, type] = {
     name: np.bool_ if name in ("in_view", "in_focus") else np.float64 for name in Figures._fields
 } | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
 """Types of the arrays of `Figures`."""
+NO_FIGURES: dict[str, Any] = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
 
 
 def figures_of(arrays: Mapping[str, NDArray[Any]]) -> Figures:
     """Record of the (P, F) arrays that are given, by their names."""
-    return Figures(*(arrays.get(name, np.empty((0, 0), kind)) for name, kind in TYPES.items()))
+    return Figures(**(NO_FIGURES | dict(arrays)))
 
 
 class Sums(NamedTuple):
@@ -168,6 +170,7 @@ class Sink(NamedTuple):
     rows: PairRows
 
 
+@once_each
 def scene_of(mesh: Mesh) -> Scene:
     """Arrays of a `Mesh`."""
     return Scene(

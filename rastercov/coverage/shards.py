@@ -12,7 +12,6 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,8 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import check_memory
+from rastercov.base.output import is_own_folder, named_folder, own_folder, own_place, remove_folder
+from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, gates_to_json
 from rastercov.cluster import ALONE, ShardStore, Staff, fill
@@ -63,7 +64,10 @@ FILES = (
     "shards/shard-*.npz", "shards/.*.part", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
 )  # fmt: skip
 """Files of a folder, in an order of removal that is safe to interrupt."""
-OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
+OF_REGIONS = (
+    *("xy", "starts", "face", "pose", "pair_pose", "pair_face"),
+    *("area", "bound", "excess", "cut_short"),
+)
 """Arrays of `Regions` in a shard."""
 
 
@@ -250,17 +254,23 @@ def _store_in(
 ) -> ShardStore:
     """Shards of n poses, or frames, in a folder that is named by the hash of their header."""
     own = above / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
-    own.mkdir(parents=True, exist_ok=True)
+    own_folder(named_folder(above) / own.name)
     write_inputs(own, header, *scene, LOG.warning, **arrays)
     return ShardStore(own, "shards/shard-{}.npz", n, header["poses_a_shard"], function)
 
 
 def remove(above: Path) -> None:
     """Remove the shards of evaluations in a folder; only files that are known, and then empty."""
+    if not is_own_folder(above):
+        return
     for folder in above.glob("[0-9a-f]" * 16):
         remove_files(folder, FILES)
-    if above.is_dir() and not any(above.iterdir()):
-        above.rmdir()
+    remove_folder(above)
+
+
+def kept_in(folder: Path) -> Path:
+    """Folder in that of a report for the shards of its run; ConfigError for a link."""
+    return own_place(folder / UNFINISHED)
 
 
 def judged_parts(
@@ -336,7 +346,7 @@ def inputs_of(
     size = max(1, pairs_a_shard // max(1, n_elements) // together) * together
     groups = json.dumps([group.to_json() for group in mesh.groups])
     return {
-        "rastercov": version("rastercov"),
+        "rastercov": version_of("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
         "camera": sha256(*cameras),
         "poses": hash_of(poses),
@@ -399,4 +409,4 @@ def _under(path: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[A
 def _joined_regions(found: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """Arrays of the regions of several batches, as those of one."""
     both = joined(found)
-    return {name: getattr(both, name) for name in OF_REGIONS}
+    return {name: np.asarray(getattr(both, name)) for name in OF_REGIONS}

@@ -153,7 +153,7 @@ class Collisions(InOneLine):
         n = len(next(iter(frames.values())))
         frames[SCENE] = np.broadcast_to(np.eye(4), (n, 4, 4))
         found = np.full(n, float(most))
-        contact = CONTACT_REL * float(np.linalg.norm(np.ptp(self.robot.mesh.bounds, axis=0)))
+        contact = CONTACT_REL * self.robot.mesh.diagonal
         for one, other in self.pairs:
             relative = np.linalg.inv(frames[one]) @ frames[other]
             trees = (self._trees[one], self._trees[other])

@@ -3,14 +3,13 @@
 The certificate needs them: one point of a face represents the whole face only if no other face cuts
 it or lies on it. So does `Mesh.can_cull_back_faces`, because a closed surface that cuts itself can
 show its back. Conservative: a false positive costs time, a false negative would break both. A tree
-of boxes finds the pairs, separating axes decide each; see `native/mesh/contacts.cpp`.
+of boxes finds the pairs, separating axes decide each; see `native/engine/contacts.cpp`.
 
 The tree has the queries of all others that search a mesh, too: `coverage.line_of_sight` asks for
 segments that hit a triangle, `placement.candidates.clearance` for nearest points and winding
 numbers.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,18 +18,19 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.base.threads import Once, share_poses, thread_count
-from rastercov.mesh.arrays import bounds_of, normals_and_areas
-from rastercov.mesh.topology import first_equal_row
-from rastercov.native import mesh_contacts as kernels
-from rastercov.native import mesh_tree
+from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.base.threads import Once, thread_count
+from rastercov.mesh.arrays import normals_and_areas
+from rastercov.native import engine_contacts, mesh_tree
 
 T = TypeVar("T")
 
 
 LEAF = mesh_tree.LEAF
-BOX_MARGIN = 2.0**-24
+MOST_AT_A_CORNER, LEAVES_A_PART = engine_contacts.MOST_AT_A_CORNER, engine_contacts.LEAVES_A_PART
+CONTACT, REACH = engine_contacts.CONTACT, engine_contacts.REACH
+MOST_PARTNERS, PAIRS_A_FACE = engine_contacts.MOST_PARTNERS, engine_contacts.PAIRS_A_FACE
+ROUNDING_FACTOR, BOX_MARGIN = engine_contacts.ROUNDING_FACTOR, engine_contacts.BOX_MARGIN
 """Margin of float32 boxes in a scene of diagonal 1 about the origin: twice the rounding of 1/2."""
 
 
@@ -65,8 +65,9 @@ class TriangleTree:
         *,
         margin: float = 0.0,
         dtype: type[np.floating[Any]] = np.float64,
+        groups: NDArray[np.integer[Any]] | None = None,
     ) -> Self:
-        """Tree over (T, 3) faces, T > 0, of (V, 3) finite points.
+        """Tree over (T, 3) faces, T > 0, of (V, 3) finite points, each of (T,) groups together.
 
         Boxes of another type than float64 need a margin on each side, at least twice the rounding
         of a coordinate.
@@ -75,7 +76,7 @@ class TriangleTree:
         placed: NDArray[Any] = np.ascontiguousarray(faces)
         keys = np.empty(len(faces), np.uint64)
         mesh_tree.order_keys(points, placed, keys)
-        order = np.argsort(keys, kind="stable")
+        order = np.argsort(keys, kind="stable") if groups is None else np.lexsort((keys, groups))
         del keys
         placed = placed[order]
         leaves = 1 << max((-(-len(faces) // LEAF) - 1).bit_length(), 1)
@@ -125,28 +126,6 @@ class TriangleTree:
         return turns
 
 
-LEAST_TOLERANCE_REL = 1e-12
-"""Least tolerance in diagonals of the bounding box: 200 times the rounding of a distance."""
-ROUNDING_FACTOR = 1.01
-"""Factor on the tolerance that covers that rounding where the tolerance is the least."""
-STEPS_A_CALL = 20_000
-"""Steps through the tree before a compiled loop returns: a few milliseconds, or a second if many
-faces meet in one place."""
-LEAVES_A_PART = 128
-"""Leaves that a thread works on at a time, or a few times as many."""
-FRAME_SAMPLES = 4096
-"""Greatest number of faces on which two frames for the boxes are compared."""
-MOST_PARTNERS = 24
-"""Faces in contact with one face, beyond which they are not listed."""
-PAIRS_A_FACE = 8
-"""Pairs for each face in contact, beyond which none is listed: whole surfaces lie on each other."""
-CONTACT = 1e-8
-"""Contact distance in diagonals of the bounding box."""
-REACH = 30.0
-"""Camera distance in diagonals up to which `CONTACT` suffices: from farther away, surfaces farther
-apart than that are still at equal depth to within the tie tolerance of the exact methods."""
-
-
 class Partners(NamedTuple):
     """For each face, the faces in contact with it.
 
@@ -154,7 +133,7 @@ class Partners(NamedTuple):
     ----------
     starts : (F + 1,) int64
         The partners of face f are faces[starts[f]] ... faces[starts[f + 1] - 1]. None are listed of
-        a face with more than `MOST_PARTNERS`, and none at all if there are too many pairs.
+        a face with more than 24, and none at all if there are too many pairs.
     faces : (N,) int32
     """
 
@@ -224,8 +203,7 @@ class Contacts:
 
     def _once(self, what: str, distance: float, make: Callable[[float], T]) -> T:
         """Answer for a distance, made of the tolerance in metres, once a decade of distances."""
-        far = distance / self.reach if self.diagonal > 0 else 1.0
-        decade = max(0, math.ceil(math.log10(max(far, 1.0))))
+        decade = engine_contacts.decade_of(float(distance), self.diagonal)
         once: Once[T] = self._known.setdefault((decade, what), Once())
         return once.get(lambda: make(CONTACT * 10**decade * self.diagonal))
 
@@ -278,13 +256,17 @@ def touching_faces(
     touching = np.zeros(len(faces), dtype=bool)
     if degenerate_mask is None:
         degenerate_mask = ~np.any(normals_and_areas(vertices, faces)[0], axis=1)
-    chosen = np.flatnonzero(~degenerate_mask)
-    if len(chosen) < 2:
-        return touching
-    placed = _Placed.of(vertices, faces, chosen, tolerance)
-    names = np.empty(0, np.int32) if labels is None else labels[placed.chosen].astype(np.int32)
-    touching[placed.chosen[_marks(placed, names, threads)]] = True
+    names = np.empty(0, np.int32) if labels is None else labels
+    engine_contacts.find_touching(
+        *_positions(vertices, faces), read_only(degenerate_mask, np.bool_),
+        read_only(names, np.int32), float(tolerance), thread_count(threads), MOST_AT_A_CORNER,
+        LEAVES_A_PART, touching,
+    )  # fmt: skip
     return touching
+
+
+def _positions(vertices: FloatArray, faces: NDArray[Any]) -> tuple[FloatArray, IntArray]:
+    return read_only(vertices, np.float64), read_only(faces, np.int64)
 
 
 def contact_partners(
@@ -297,105 +279,9 @@ def contact_partners(
 
     `touching` is the answer of `touching_faces` for the same mesh and tolerance.
     """
-    chosen = np.flatnonzero(touching)
-    pairs = np.empty((0, 2), np.int64)
-    if len(chosen):
-        placed = _Placed.of(vertices, faces, chosen, ROUNDING_FACTOR * tolerance)
-        tree = placed.tree
-        rows = np.empty((PAIRS_A_FACE * len(chosen), 2), np.int32)
-        n = kernels.list_contacts(
-            placed.vertices, placed.scale, tree.faces, tree.boxes, tree.nodes, placed.reach, rows
-        )
-        if n <= len(rows):
-            pairs = placed.chosen[rows[:n]]
-    both = np.concatenate((pairs, pairs[:, ::-1]))
-    counts = np.bincount(both[:, 0], minlength=len(faces))
-    both = both[(counts <= MOST_PARTNERS)[both[:, 0]]]
-    both = both[np.lexsort(both.T[::-1])]
-    counts[counts > MOST_PARTNERS] = 0
-    starts = np.concatenate(([0], np.cumsum(counts)))
-    return Partners(starts.astype(np.int64), np.ascontiguousarray(both[:, 1], np.int32))
-
-
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """Chosen faces of a mesh, scaled to a bounding box of diagonal 1, in a tree.
-
-    Attributes
-    ----------
-    chosen : (N,) int64
-        The faces, in the order of the tree.
-    vertices : (V, 3) float64
-        Of the mesh.
-    scale : float
-        Inverse of the diagonal.
-    reach : float
-        Tolerance as a fraction of the diagonal, raised against rounding.
-    """
-
-    chosen: IntArray
-    vertices: FloatArray
-    scale: float
-    reach: float
-    tree: TriangleTree
-
-    @classmethod
-    def of(
-        cls,
-        vertices: FloatArray,
-        faces: NDArray[np.integer[Any]],
-        chosen: IntArray,
-        tolerance: float,
-    ) -> Self:
-        vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
-        dtype = np.int32 if len(vertices) < 2**31 else np.int64
-        position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(dtype)
-        corners = position[faces[chosen]]
-        low, high = bounds_of(vertices, corners)
-        extent = math.hypot(*(high - low))  # its squares may under- and overflow
-        scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
-        reach = ROUNDING_FACTOR * max(float(tolerance), LEAST_TOLERANCE_REL * extent) * scale
-        placed = (np.clip(vertices, low, high) - (low + high) / 2) * scale
-        placed = placed @ _frame(placed, corners)
-        tree = TriangleTree.over(placed, corners, margin=BOX_MARGIN, dtype=np.float32)
-        return cls(chosen[tree.order], vertices, scale, reach, tree)
-
-
-def _frame(placed: FloatArray, corners: NDArray[np.int32]) -> FloatArray:
-    """(3, 3) rotation that makes boxes small: the identity, or the main directions of the edges.
-
-    The box of a needle across the axes overlaps those of all needles beside it. A part of parallel
-    needles, such as a cylinder, is rotated until they are parallel to an axis.
-    """
-    points = placed[corners[:: -(-len(corners) // FRAME_SAMPLES)]]
-    edges = (np.roll(points, -1, axis=1) - points).reshape(-1, 3)
-    length = np.linalg.norm(edges, axis=1)
-    weighted = edges / np.sqrt(np.where(length > 0, length, 1))[:, None]
-    turned = np.linalg.eigh(weighted.T @ weighted)[1]
-    is_better = _box_area(points @ turned) < 0.5 * _box_area(points)
-    return turned if is_better else np.eye(3)
-
-
-def _box_area(points: FloatArray) -> float:
-    """Half the surface area of the boxes of (N, 3, 3) triangles."""
-    x, y, z = np.ptp(points, axis=1).T
-    return float((x * y + y * z + z * x).sum())
-
-
-def _marks(placed: _Placed, labels: NDArray[np.int32], threads: int | None) -> NDArray[np.bool_]:
-    """(N,) faces in contact, in the order of the tree."""
-    tree = placed.tree
-    done, marks = tree.nodes[:, 0] == np.inf, np.zeros(len(tree.faces), dtype=bool)
-
-    def mark(leaves: slice) -> None:
-        start, end = leaves.start * LEAVES_A_PART, min(leaves.stop * LEAVES_A_PART, n_leaves)
-        while start < end:
-            start = kernels.mark_contacts(
-                placed.vertices, placed.scale, tree.points, tree.faces, labels, tree.boxes,
-                tree.nodes, done, placed.reach, start, end, STEPS_A_CALL, marks,
-            )  # fmt: skip
-
-    n_leaves = -(-len(tree.faces) // LEAF)
-    n_parts = -(-n_leaves // LEAVES_A_PART)
-    share_poses(n_parts, [mark] * min(thread_count(threads), n_parts))
-    return marks
+    starts = np.empty(len(faces) + 1, np.int64)
+    partners = np.empty(engine_contacts.MOST_PARTNERS * np.count_nonzero(touching), np.int32)
+    n = engine_contacts.find_partners(
+        *_positions(vertices, faces), float(tolerance), touching, starts, partners
+    )
+    return Partners(starts, partners[:n])

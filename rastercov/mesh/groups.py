@@ -149,10 +149,11 @@ def at_level(group: str, level: int | None) -> str:
 
 
 class FileGroups(NamedTuple):
-    """A mesh file and its groups."""
+    """A mesh file and its groups, by their names in the scene and, where known, in the file."""
 
     path: StrPath
     groups: Sequence[str]
+    own: Sequence[str] = ()
 
 
 class Names:
@@ -174,9 +175,14 @@ class Names:
         self.files, self._group_first = tuple(files), group_first
         self._known = {group: group for group in groups}
         self.groups = tuple(self._known)
+        self._own: dict[str, list[str]] = {}
         if len(files) == 1:  # of several files, groups begin with the stem
             stem = Path(files[0].path).stem
             self._known = {f"{stem}/{each}": each for each in files[0].groups} | self._known
+        else:
+            for file in files:
+                for name, group in zip(file.own, file.groups, strict=False):
+                    self._own.setdefault(name, []).append(group)
 
     def groups_of(self, name: str) -> list[str]:
         """Groups that a name means, in the order of the scene; MeshError where there is none."""
@@ -187,6 +193,13 @@ class Names:
             return [self._known[name]]
         if below := [group for group in self.groups if group.startswith(f"{name}/")]:
             return below
+        if not rows and (own := self._own.get(name)):  # its name in a file, as if that were alone
+            if len(own) > 1:
+                raise MeshError(
+                    f"{len(own)} files have a group {quoted(name)}; give one of {listed(own)}, "
+                    f"or {quoted(f'*/{name}')} for all"
+                )
+            return own
         found = {group for row in rows for group in self.files[row].groups} | self._like(name)
         found = found or self._like(f"*/{name}")  # the levels above may be left out
         if not found:

@@ -477,6 +477,11 @@ class Mesh(InNotebook):
         """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
         return frozen(bounds_of(self.vertices, self.faces))
 
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the bounding box, metres."""
+        return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+
     @property
     def size_in_words(self) -> str:
         """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
@@ -631,7 +636,7 @@ class Mesh(InNotebook):
         """Faces that touch or cut another face."""
         from rastercov.mesh.contacts import Contacts
 
-        diagonal = float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        diagonal = self.diagonal
         topology = self.topology
         return Contacts(
             self.vertices, self.faces, self.degenerate_mask, diagonal, topology.components

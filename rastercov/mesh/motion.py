@@ -32,6 +32,8 @@ MOST_UNITS = 10_000
 """Units of time of all frames together."""
 MOST_RESTS = 8
 """Sets of bodies that are there together whose data at rest are kept."""
+ROUNDING = 1e-9
+"""Difference of a duration from a multiple of the unit, relative to it, that is rounding."""
 RIGID = 1e-9
 """Difference from a rotation below which a matrix is one; it is made orthogonal."""
 
@@ -50,8 +52,8 @@ class Motion(InOneLine):
     present : mapping of str to (T,) bool array_like, optional
         Frames in which a body is there; all unless given.
     durations : (T,) float array_like, optional
-        Weight of each frame, above 0, such as seconds: whole multiples of one unit, `MOST_UNITS` in
-        all at most. 1 each unless given.
+        Weight of each frame, above 0, such as seconds: whole multiples of one unit within
+        `ROUNDING`, `MOST_UNITS` in all at most. 1 each unless given.
     groups : mapping of str to iterable of str, optional
         Names of the groups or files of bodies that are not named for one.
 
@@ -235,16 +237,21 @@ def _durations(given: ArrayLike, n: int) -> FloatArray:
 
 
 def _units(durations: FloatArray) -> NDArray[np.int64]:
-    exact = [Fraction(str(each)) for each in durations.tolist()]
+    """(T,) durations in the greatest unit that all are multiples of, within `ROUNDING`.
+
+    Shares of the shortest have denominators up to `MOST_UNITS`, and are 1e-8 of it apart.
+    """
+    with np.errstate(over="ignore"):
+        shares = np.minimum(durations / durations.min(), 2.0 * MOST_UNITS)
+    exact = [Fraction(each).limit_denominator(MOST_UNITS) for each in shares.tolist()]
     scale = math.lcm(*(each.denominator for each in exact))
     whole = [int(each * scale) for each in exact]
-    unit = math.gcd(*whole)
-    if sum(whole) // unit > MOST_UNITS:
+    if sum(whole) > MOST_UNITS or not np.allclose(np.array(exact, float), shares, ROUNDING, 0):
         raise ConfigError(
-            f"durations must be whole multiples of one unit, {MOST_UNITS:,} in all at most, got "
-            f"{sum(whole) // unit:,}; round them"
+            f"durations must be whole multiples of one unit within {ROUNDING:g}, {MOST_UNITS:,} in "
+            f"all at most, got {shown(durations.tolist())}; round them"
         )
-    return np.array([each // unit for each in whole], np.int64)
+    return np.array(whole, np.int64)
 
 
 def turntable(

@@ -5,8 +5,8 @@ poses are rigid motions from the rest pose, and all but the names may be left ou
 frames begin, are taken instead of durations; the last frame is as long as the one before.
 
 CSV: a row a frame. Columns are `time` or `duration`, and of each body NAME.x, NAME.y, NAME.z,
-metres, NAME.qw ... NAME.qz, a quaternion of any length, and NAME.present, 0 or 1; those left out
-is 0, no turn, and there.
+metres, NAME.qw ... NAME.qz, a quaternion of length 1 within `OFF_UNIT`, and NAME.present, 0 or 1;
+those left out is 0, no turn, and there.
 """
 
 import csv
@@ -21,6 +21,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
+    LARGEST_NUMBER,
     StrPath,
     UnreadableError,
     file_bytes,
@@ -39,6 +40,8 @@ TIMES = ("time", "duration")
 """Columns that say when a frame begins, or its weight."""
 COLUMNS = (*PLACE, *TURN, "present")
 OF_GLTF = (".glb", ".gltf")
+OFF_UNIT = 1e-3
+"""Difference of the length of a quaternion from 1 that is rounding."""
 OFF_RIGID, STILL = 1e-5, 1e-7
 """Scale, and difference from the rest pose, up to which they are rounding of float32."""
 
@@ -178,8 +181,7 @@ def durations_of(content: Any) -> dict[str, Any]:
     for row, (before, after) in enumerate(pairwise(times), start=1):
         if not after > before:
             raise ConfigError(f"times must rise, got {after:g} after {before:g} in frame {row}")
-    # As decimals: 0.3 - 0.2 is no 0.1.
-    lengths = np.diff(times).round(9).tolist() or [1.0]
+    lengths = np.diff(times).tolist() or [1.0]
     return {"durations": [*lengths, lengths[-1]][: len(times)]}
 
 
@@ -199,9 +201,12 @@ def columns_of(text: str) -> dict[str, list[float]]:
     columns: dict[str, list[float]] = {}
     for at, name in enumerate(names):
         columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
-        if not np.isfinite(columns[name]).all():
-            wrong = int(np.isfinite(columns[name]).argmin())
-            raise ConfigError(f"column {shown(name)}, frame {wrong}: wanted a number")
+        is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
+        if not is_usable.all():
+            raise ConfigError(
+                f"column {shown(name)}, frame {int(is_usable.argmin())}: a number within "
+                f"±{LARGEST_NUMBER:g} wanted, got {shown(rows[1 + int(is_usable.argmin())][at])}"
+            )
     return columns
 
 
@@ -243,9 +248,15 @@ def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
         found[:, axis, 3] = own.get(field, 0.0)
     if any(field in own for field in TURN):
         turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
-        is_turn = turns.any(axis=1)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(turns, axis=1)
+        is_turn = np.abs(length - 1) <= OFF_UNIT
         if not is_turn.all():
-            raise ConfigError(f"body {shown(name)}, frame {int(is_turn.argmin())}: no quaternion")
+            frame = int(is_turn.argmin())
+            raise ConfigError(
+                f"body {shown(name)}, frame {frame}: expected a quaternion of length 1, got "
+                f"{length[frame]:g}"
+            )
         found[:, :3, :3] = rotations_of_quaternions(unit(turns)[:, [1, 2, 3, 0]])
     return found
 

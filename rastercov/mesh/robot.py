@@ -4,17 +4,17 @@ A file in URDF names shapes and mesh files. These are read by the readers of mes
 limits. A robot hides and is not scored; a camera may be fixed to one of its links.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_choice, check_seed, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
-from rastercov.base.errors import ConfigError, MeshError, errors_as
+from rastercov.base.errors import ConfigError, MeshError, ResourceError, errors_as
 from rastercov.base.files import (
     LARGEST_TEXT,
     StrPath,
@@ -26,8 +26,8 @@ from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import frozen
-from rastercov.mesh.formats import MEMORY_BUDGET, urdf
-from rastercov.mesh.formats.polygons import LONGEST_NAME, check_budget
+from rastercov.mesh.formats import FREE_FACES, MEMORY_BUDGET, urdf
+from rastercov.mesh.formats.polygons import LONGEST_NAME, PEAK_BYTES_PER_FACE, check_budget
 from rastercov.mesh.formats.urdf import Shape
 from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import Kinematics, Solutions
@@ -39,6 +39,12 @@ from rastercov.mesh.shapes import box, sphere
 GEOMETRIES = ("collision", "visual")
 SIDES = 32
 """Sides of the prism in place of a cylinder; its edges lie on it."""
+SUBDIVISIONS = 2
+"""Of the icosphere in place of a sphere."""
+FACES = {"box": 12, "cylinder": 4 * SIDES, "sphere": 20 * 4**SUBDIVISIONS}
+MOST_INSTANCES = 50
+"""Uses of each mesh file on average, beyond `FREE_FACES` in all."""
+BYTES_PER_SHAPE = 5000
 ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
 
@@ -163,15 +169,14 @@ class Robot(InOneLine):
         """
         check_choice("geometry", geometry, GEOMETRIES)
         found, folders = urdf.read(path, geometry), dict(packages or {})
-        folder, cached, n_faces = Path(path).parent, dict[Any, Mesh](), 0
-        shapes: dict[str, Mesh] = {}
+        all_shapes = [shape for each in found.links.values() for shape in each]
         with errors_as(MeshError, printable(str(path))):
-            for link, each in found.links.items():
-                parts = [_mesh_of(shape, link, folder, folders, cached) for shape in each]
-                n_faces += sum(part.n_faces for part in parts)
-                check_budget(n_faces, MEMORY_BUDGET)
-                if parts:
-                    shapes[link] = _placed(Mesh.joined(parts), link, np.eye(4))
+            files = _files_of(all_shapes, Path(path).parent, folders)
+            with errors_as(ResourceError, printable(str(path))):
+                _check_size(all_shapes, files)
+            shapes = {
+                link: _link_of(link, each, files) for link, each in found.links.items() if each
+            }
         if not shapes:
             other = GEOMETRIES[geometry == "collision"]
             raise MeshError(
@@ -317,37 +322,71 @@ class Robot(InOneLine):
         return np.clip(found, *self.limits.T)
 
 
-def _mesh_of(
-    shape: Shape,
-    link: str,
-    folder: Path,
-    packages: Mapping[str, StrPath],
-    cached: dict[Any, Mesh],
-) -> Mesh:
-    """A shape in the frame of its link."""
+def _files_of(
+    shapes: Iterable[Shape], folder: Path, packages: Mapping[str, StrPath]
+) -> dict[str, Mesh]:
+    """Meshes by the names of their files in a URDF; a file of several names is read once."""
+    known: dict[tuple[int, int], Mesh] = {}
+    found: dict[str, Mesh] = {}
+    for name in dict.fromkeys(shape.file for shape in shapes if shape.kind == "mesh"):
+        path = urdf.located(name, folder, packages)
+        entry = path.stat()
+        key = entry.st_dev, entry.st_ino
+        if key not in known:
+            known[key] = Mesh.load(path)
+        found[name] = known[key]
+    return found
+
+
+def _check_size(shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> None:
+    """ResourceError, before any is made, for more faces than files and a short text may become."""
+    distinct = {id(mesh): max(mesh.n_faces, mesh.n_vertices) for mesh in files.values()}
+    most = max(FREE_FACES, MOST_INSTANCES * sum(distinct.values()))
+    own = [files[each.file] for each in shapes if each.kind == "mesh"]
+    n_faces = sum(mesh.n_faces for mesh in own)
+    n_faces += sum(FACES.get(each.kind, 0) for each in shapes)
+    n_vertices, n_bytes = sum(mesh.n_vertices for mesh in own), BYTES_PER_SHAPE * len(shapes)
+    budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * most)
+    check_budget(n_faces, budget, n_vertices, n_bytes, "simplify its meshes, or use fewer")
+
+
+def _link_of(name: str, shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> Mesh:
+    """Shapes in the frame of their link."""
+    points, faces, n_points = list[FloatArray](), list[NDArray[np.int64]](), 0
+    for shape in shapes:
+        mesh = _mesh_of(shape, files)
+        is_mirrored = shape.kind == "mesh" and np.prod(shape.sizes) < 0
+        corners = mesh.vertices * (shape.sizes if shape.kind == "mesh" else 1.0)
+        points.append(_moved(corners, shape.origin))
+        faces.append((mesh.faces[:, ::-1] if is_mirrored else mesh.faces) + n_points)
+        n_points += mesh.n_vertices
+    read = list(dict.fromkeys(each.file for each in shapes if each.kind == "mesh"))
+    sources = dict.fromkeys(source for file in read for source in files[file].sources)
+    notes = dict.fromkeys(note for file in read for note in files[file].notes)
+    groups = [Group(name[:LONGEST_NAME], is_occluder=True)]
+    fields = (np.concatenate(points), np.concatenate(faces), groups)
+    return Mesh(*fields, sources=list(sources), notes=list(notes))
+
+
+def _mesh_of(shape: Shape, files: Mapping[str, Mesh]) -> Mesh:
+    """A shape in its own frame; that of a file without its scales."""
     sizes = shape.sizes
     if shape.kind == "box":
-        mesh = box((sizes[0], sizes[1], sizes[2]))
-    elif shape.kind == "sphere":
-        mesh = sphere(2, sizes[0])
-    elif shape.kind == "cylinder":
-        mesh = _prism(*sizes)
-    else:
-        path = urdf.located(shape.file, folder, packages)
-        if path not in cached:
-            cached[path] = Mesh.load(path)
-        mesh = cached[path]
-        if sizes != (1.0, 1.0, 1.0):
-            faces = mesh.faces if np.prod(sizes) > 0 else mesh.faces[:, ::-1]
-            mesh = Mesh(mesh.vertices * sizes, faces, sources=mesh.sources, notes=mesh.notes)
-    return _placed(mesh, link, shape.origin)
+        return box((sizes[0], sizes[1], sizes[2]))
+    if shape.kind == "sphere":
+        return sphere(SUBDIVISIONS, sizes[0])
+    return _prism(*sizes) if shape.kind == "cylinder" else files[shape.file]
+
+
+def _moved(points: FloatArray, pose: FloatArray) -> FloatArray:
+    if np.array_equal(pose, np.eye(4)):
+        return points
+    return points @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _placed(mesh: Mesh, name: str, pose: FloatArray) -> Mesh:
     """A mesh as one group that hides, where a pose brings it."""
-    vertices = mesh.vertices
-    if not np.array_equal(pose, np.eye(4)):
-        vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+    vertices = _moved(mesh.vertices, pose)
     groups = [Group(name[:LONGEST_NAME], is_occluder=True)]
     return Mesh(vertices, mesh.faces, groups, sources=mesh.sources, notes=mesh.notes)
 

@@ -86,7 +86,7 @@ def _is_room(mesh: Mesh, solid: ClosedParts) -> bool:
     A component in a two-sided group does not count: its winding is undefined.
     """
     low, high = solid.boxes[:, 0], solid.boxes[:, 1]
-    slack = ROOM_TOLERANCE_REL * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    slack = ROOM_TOLERANCE_REL * mesh.diagonal
     holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
     part = np.repeat(np.arange(len(low)), np.diff(solid.starts))
     inward = encloses_volume(mesh.vertices, mesh.faces[solid.faces, ::-1], part)

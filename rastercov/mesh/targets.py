@@ -6,20 +6,27 @@ Both are plain meshes; `with_target` adds one to a scene as a group of its own.
 
 import math
 from collections.abc import Sequence
-from itertools import product
+from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import MeshError
+from rastercov.base.format import area, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, listed, named
 from rastercov.mesh.mesh import Mesh, names_of
 
+Corner = tuple[float, ...]
+Piece = list[Corner]
+"""Corners (x, y, z) of a convex polygon."""
 STEEPEST_DEG = 45.0
 """Slope up to which a face counts as facing up."""
+COINCIDENT_REL = 1e-7
+"""Distance up to which faces of a sheet coincide, relative to its diagonal."""
 MOST_BOXES = 100_000
 """Boxes of one grid."""
 BOX_FACES = np.array(
@@ -41,7 +48,8 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
         The scene; z is up.
     group : str or sequence of str
         Names of groups or files, a floor for example. Faces steeper than `STEEPEST_DEG` are left
-        out; slopes stay slopes. In a two-sided group faces that face down count, too, and are
+        out; slopes stay slopes; what coincides counts once, and a note of the sheet says so. In a
+        two-sided group faces that face down count, too, and are
         turned over.
     height : float
         Metres.
@@ -66,7 +74,114 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     is_turned = mesh.normals[chosen, 2] < 0
     faces[is_turned] = faces[is_turned, ::-1]
     used, corners = np.unique(faces, return_inverse=True)
-    return Mesh(mesh.vertices[used] + (0.0, 0.0, height), corners.reshape(-1, 3))
+    sheet = Mesh(mesh.vertices[used] + (0.0, 0.0, height), corners.reshape(-1, 3))
+    return _counted_once(sheet, ", ".join(sorted(members)))
+
+
+def _counted_once(sheet: Mesh, name: str) -> Mesh:
+    """The sheet without what lies on another face of it, and with a note that says so.
+
+    Faces coincide up to `COINCIDENT_REL` of the diagonal; the first of the file stays whole. Of the
+    others convex pieces are left. Without such faces the sheet is returned as it is.
+    """
+    corners = sheet.vertices[sheet.faces]
+    tolerance = COINCIDENT_REL * sheet.diagonal
+    _, first = np.unique(
+        np.sort(corners.view("f8,f8,f8")[..., 0], axis=1), axis=0, return_index=True
+    )
+    is_first = np.zeros(sheet.n_faces, np.bool_)
+    is_first[first] = True
+    under = _faces_under(corners, np.flatnonzero(is_first), tolerance)
+    if is_first.all() and not under:
+        return sheet
+    kept = [corners[is_first & ~np.isin(np.arange(sheet.n_faces), list(under))]]
+    faces: list[Piece] = [[tuple(corner) for corner in face] for face in corners.tolist()]
+    rests: list[Piece] = []
+    for row, others in under.items():
+        pieces = [faces[row]]
+        for other in others:
+            pieces = [rest for piece in pieces for rest in _outside(piece, faces[other], tolerance)]
+        rests += [
+            [piece[0], *piece[k : k + 2]] for piece in pieces for k in range(1, len(piece) - 1)
+        ]
+    kept.append(np.array(rests, np.float64).reshape(-1, 3, 3))
+    vertices = np.concatenate(kept).reshape(-1, 3)
+    found = Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
+    lost = area(sheet.areas.sum() - found.areas.sum(), whole=float(sheet.areas.sum()))
+    note = f"sheet above {shortened(name, 60)}: faces that coincide count once, {lost} less"
+    return Mesh(found.vertices, found.faces, notes=(note,))
+
+
+def _faces_under(corners: FloatArray, rows: NDArray[Any], tolerance: float) -> dict[int, list[int]]:
+    """Faces that coincide with parts of each of some faces, (N, 3, 3), and come before it."""
+    import shapely
+
+    flat = corners[rows]
+    boxes = shapely.box(*flat[..., :2].min(axis=1).T, *flat[..., :2].max(axis=1).T)
+    one, other = shapely.STRtree(boxes).query(boxes)
+    one, other = rows[one[other < one]], rows[other[other < one]]
+    # Their heights meet, and no side of either has the other beyond it.
+    low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    is_near = (low[one] <= high[other] + tolerance) & (low[other] <= high[one] + tolerance)
+    for a, b in ((one, other), (other, one)):
+        for k in range(3):
+            here = corners[a, k, None, :2]
+            u, v = np.moveaxis(corners[a, (k + 1) % 3, None, :2] - here, -1, 0)
+            x, y = np.moveaxis(corners[b, :, :2] - here, -1, 0)
+            beyond = (u * y - v * x).max(axis=1) / np.hypot(u, v)[:, 0]
+            is_near &= beyond > tolerance
+    one, other = one[is_near], other[is_near]
+    here = corners[other, :1]
+    normal = np.cross(corners[other, 1] - here[:, 0], corners[other, 2] - here[:, 0])
+    up = normal / normal[:, 2:]
+    is_flat = np.abs(np.einsum("nkc,nc->nk", corners[one] - here, up)).max(axis=1) <= tolerance
+    found: dict[int, list[int]] = {}
+    for row, (a, b) in enumerate(zip(one.tolist(), other.tolist(), strict=True)):
+        if not is_flat[row]:  # they may be of one height where they overlap
+            common, face = ([tuple(each) for each in corners[f].tolist()] for f in (a, b))
+            for k in range(3):
+                common = _beyond(common, face[k], face[(k + 1) % 3], 1.0)
+            if not common or np.abs((np.array(common) - face[0]) @ up[row]).max() > tolerance:
+                continue
+        found.setdefault(a, []).append(b)
+    return found
+
+
+def _beyond(piece: Piece, start: Corner, end: Corner, sign: float) -> Piece:
+    """Part of a convex polygon left of a line of the plane of x and y, or right of it.
+
+    Corners are tuples: arrays of a few numbers take ten times the time.
+    """
+    x, y = start[:2]
+    u, v = end[0] - x, end[1] - y
+    side = [sign * (u * (each[1] - y) - v * (each[0] - x)) for each in piece]
+    found: Piece = []
+    for k, corner in enumerate(piece):
+        before, here, there = piece[k - 1], side[k - 1], side[k]
+        if here * there < 0:
+            t = here / (here - there)
+            at = (p + t * (q - p) for p, q in zip(before, corner, strict=True))
+            found.append(tuple(at))
+        if there >= 0:
+            found.append(corner)
+    return found
+
+
+def _outside(piece: Piece, face: Piece, tolerance: float) -> list[Piece]:
+    """Convex parts of a convex polygon, seen from above, that lie outside of a triangle."""
+    found = []
+    for k in range(3):
+        start, end = face[k], face[(k + 1) % 3]
+        part = _beyond(piece, start, end, -1.0)
+        if len(part) >= 3:
+            away = [(each[0] - part[0][0], each[1] - part[0][1]) for each in part]
+            twice = sum(x * v - u * y for (x, y), (u, v) in pairwise(away))
+            if twice > tolerance * max(math.hypot(*each) for each in away):
+                found.append(part)
+        piece = _beyond(piece, start, end, 1.0)
+        if len(piece) < 3:
+            break
+    return found
 
 
 @typed

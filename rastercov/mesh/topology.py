@@ -1,6 +1,6 @@
 """Mesh topology: equal rows, the edge table, edge-connected components, faults of a surface.
 
-Equal rows and edges are found by sorting, components by hooking and pointer jumping.
+Edges are found by sorting, components by hooking and pointer jumping.
 
 Source: Y. Shiloach, U. Vishkin. An O(log n) Parallel Connectivity Algorithm. 1982.
 """
@@ -12,39 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.mesh.arrays import blocks, frozen
-
-ODD_MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
+from rastercov.native import engine_surface
 
 
 def first_equal_row(rows: NDArray[np.uint64]) -> NDArray[np.int64]:
     """(N,) index of the first of (N, 2) or (N, 3) rows that equals each row; its own if none does.
 
-    N > 0. The rows may have any bits; floats viewed as integers, for example.
+    The rows may have any bits; floats viewed as integers, for example.
     """
-    digest = np.zeros(len(rows), dtype=np.uint64)
-    for column, multiplier in zip(rows.T, ODD_MULTIPLIERS, strict=False):
-        digest = (digest ^ column) * np.uint64(multiplier)
-        digest ^= digest >> np.uint64(29)
-    order = np.argsort(digest)
-    is_first = np.ones(len(rows), dtype=bool)
-    is_first[1:] = digest[order[1:]] != digest[order[:-1]]
-    if not _equals_previous(rows, order)[~is_first].all():  # two rows with one digest
-        order = np.lexsort(rows.T)
-        is_first = ~_equals_previous(rows, order)
-    starts = np.flatnonzero(is_first)
-    lowest = np.minimum.reduceat(order, starts)
     first = np.empty(len(rows), dtype=np.int64)
-    first[order] = np.repeat(lowest, np.diff(starts, append=len(rows)))
+    engine_surface.find_first_equal(np.ascontiguousarray(rows), first)
     return first
-
-
-def _equals_previous(rows: NDArray[np.uint64], order: NDArray[np.int64]) -> NDArray[np.bool_]:
-    equals = np.ones(len(rows), dtype=bool)
-    equals[0] = False
-    for column in rows.T:
-        in_order = column[order]
-        equals[1:] &= in_order[1:] == in_order[:-1]
-    return equals
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +64,10 @@ class EdgeTable:
         return (self.uses // 3).astype(np.int64)
 
 
-def edge_table(
-    faces: NDArray[np.integer[Any]], n_vertices: int, *, with_collapsed: bool = False
-) -> EdgeTable:
+def edge_table(faces: NDArray[np.integer[Any]], n_vertices: int) -> EdgeTable:
     """Table of the edges of `faces`, (F, 3) indices below `n_vertices`.
 
-    A collapsed face, which repeats a vertex, is left out unless `with_collapsed`; then its edge of
-    length zero is in the table, too.
+    A collapsed face, which repeats a vertex, is left out.
     """
     n_bits = (6 * len(faces)).bit_length()  # of 2 use + is_forward
     key = np.empty(3 * len(faces), np.uint64)
@@ -103,7 +78,7 @@ def edge_table(
         index = np.arange(6 * block.start, 6 * (block.start + len(start)), 2).reshape(-1, 3)
         end = start[:, [1, 2, 0]]
         has_edges = (start != end).all(axis=1)
-        if not (with_collapsed or has_edges.all()):
+        if not has_edges.all():
             start, end, index = start[has_edges], end[has_edges], index[has_edges]
         part = slice(n, n + start.size)
         key[part] = (np.minimum(start, end) * n_vertices + np.maximum(start, end)).ravel()

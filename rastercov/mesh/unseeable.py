@@ -11,12 +11,10 @@ part is not among them, nor is one of a sealed cavity, where a camera could be: 
 A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
 """
 
-from weakref import WeakKeyDictionary
-
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.threads import Once
+from rastercov.base.threads import once_each
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree, touching_faces
 from rastercov.mesh.mesh import Mesh
@@ -32,15 +30,13 @@ CONTACT_REL = 1e-9
 ROUNDING_REL = 1e-9
 
 
-_AREAS: WeakKeyDictionary[Mesh, Once[NDArray[np.float64]]] = WeakKeyDictionary()
-
-
+@once_each
 def unseeable_areas(mesh: Mesh) -> NDArray[np.float64]:
     """(F,) area of each scored face of which it is proved, m^2: 0, or all of it but its margin.
 
     Two-sided faces count as seeable. Computed at the first call.
     """
-    return _AREAS.setdefault(mesh, Once()).get(lambda: frozen(_computed(mesh)))
+    return frozen(_computed(mesh))
 
 
 def unseeable_where_seen(mesh: Mesh, seen: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -50,7 +46,8 @@ def unseeable_where_seen(mesh: Mesh, seen: NDArray[np.float64]) -> NDArray[np.fl
     inside a surface that is no body, then.
     """
     areas = unseeable_areas(mesh)
-    is_seen = seen * mesh.areas > 2 * (mesh.areas - areas) + ROUNDING_REL * mesh.areas
+    with np.errstate(over="ignore"):  # a share of 1e10 of a face of 1e300 m^2 is seen, too
+        is_seen = seen * mesh.areas > 2 * (mesh.areas - areas) + ROUNDING_REL * mesh.areas
     return np.zeros_like(areas) if is_seen[areas > 0].any() else areas
 
 
@@ -59,7 +56,7 @@ def _computed(mesh: Mesh) -> NDArray[np.float64]:
     bodies = _bodies(mesh)
     if not len(bodies):
         return found
-    middle, size = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
     points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
     chosen = np.flatnonzero(mesh.task_mask & ~mesh.two_sided_mask & ~mesh.degenerate_mask)
     corners = points[mesh.faces[chosen]]

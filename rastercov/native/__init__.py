@@ -1,7 +1,7 @@
 """Loops in C++, compiled for the level of this processor: `mesh_tree` and others.
 
 `RASTERCOV_LEVEL`, v2, v3, v4 or generic, chooses another level, for tests. `RASTERCOV_MODULES`
-names a folder with modules of another build, such as those with sanitizers. See docs/kernels.md.
+names a folder with modules of another build, such as those with sanitizers. See docs/engine.md.
 """
 
 import os

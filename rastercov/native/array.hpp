@@ -6,9 +6,9 @@
 // element of a one-dimensional array. With RASTERCOV_CHECKED each index is checked, and
 // IndexError raised in Python.
 #pragma once
+#include "error.hpp"
 #include <array>
 #include <cstdint>
-#include <stdexcept>
 #include <string>
 #include <type_traits>
 
@@ -78,10 +78,10 @@ template <class T, int64_t... Extents> struct Array {
     }
 };
 
-// ValueError in Python. Kernels check what types cannot say, once, before their loops: that lengths
+// Kernels check what types cannot say, once, before their loops: that lengths
 // belong together, and that indices are inside.
 inline void require(bool is_right, const char *wanted) {
-    if (!is_right) throw std::invalid_argument(wanted);
+    if (!is_right) fail(wanted);
 }
 
 // All of them from 0 to n - 1.

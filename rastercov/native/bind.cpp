@@ -1,11 +1,48 @@
-// The border's functions that need no template: the type of an array, its text, memory apart.
+// The border's functions that need no template: errors, the type of an array, its text, memory
+// apart.
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include <algorithm>
+#include <cstdio>
+#include <cstring>
 #define NPY_NO_DEPRECATED_API NPY_2_0_API_VERSION
 #define NPY_TARGET_VERSION NPY_2_0_API_VERSION
 #include <numpy/ndarraytypes.h>
 
 namespace rastercov {
+namespace {
+
+// Sets the error of Python for memory that ran out in a function, by the sentence on it.
+void set_out_of_memory(const char *doing) {
+    const int length = int(std::min<size_t>(std::strcspn(doing, ".:;\n"), 100));
+    char text[200];
+    std::snprintf(text, sizeof text,
+                  "expected memory to go on with \"%.*s\", got too little; pass less at once, or "
+                  "free some",
+                  length, doing);
+    try {
+        const auto errors = nanobind::module_::import_("rastercov.base.errors");
+        PyErr_SetString(errors.attr("ResourceError").ptr(), text);
+    } catch (nanobind::python_error &error) {
+        error.restore(); // no memory for that, either
+    }
+}
+
+} // namespace
+
+void translate_errors() {
+    nanobind::register_exception_translator([](const std::exception_ptr &raised, void *) {
+        try {
+            std::rethrow_exception(raised);
+        } catch (const OutOfMemory &error) {
+            set_out_of_memory(error.doing);
+        } catch (const std::bad_alloc &) {
+            set_out_of_memory("Make an object");
+        } catch (const Interrupted &) {
+            PyErr_SetNone(PyExc_KeyboardInterrupt);
+        }
+    });
+}
 
 // By their places in memory, each array after those that begin before it.
 void require_apart(std::vector<Extent> &all) {

@@ -1,15 +1,17 @@
-// Border between Python and C++: what a .cpp needs to offer its functions; see docs/kernels.md.
+// Border between Python and C++: what a .cpp needs to offer its functions; see docs/engine.md.
 //
 // An argument is a scalar, an Array, or a record: a struct of these that Python passes as a
 // (named) tuple. An array of another type, shape, stride or alignment, or one that cannot be
 // written where it must be, is a TypeError; none is ever copied. What shares memory with an output
-// is a ValueError. The lock of Python is released while a function runs.
+// is a ValueError. Memory that runs out is a ResourceError with the first sentence on the function.
+// The lock of Python is released while a function runs.
 //
 // All files include this one: what needs no template is compiled once, in bind.cpp, and the text of
 // a signature is put together when a module is loaded, where nanobind would do so in its types.
 #pragma once
 #include "array.hpp"
 #include <nanobind/nanobind.h>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -112,23 +114,44 @@ std::string signature(const char *name, bool is_method, Names... names) {
     return text;
 }
 
-// Calls a function on arguments that share no memory with an output, without the lock of Python.
-template <class Call, class... Args> auto call_apart(Call call, const Args &...args) {
-    std::vector<Extent> extents;
-    (collect_extents(args, extents), ...);
-    require_apart(extents);
-    const nanobind::gil_scoped_release unlocked;
-    return call();
+// Memory that ran out; the text is a literal, for there may be no memory for another one.
+struct OutOfMemory : std::bad_alloc {
+    const char *doing;
+    explicit OutOfMemory(const char *doing) : doing(doing) {}
+};
+
+// Makes errors of C++ those of Python; once a module.
+void translate_errors();
+
+// Calls a function, and says what it was doing where memory runs out.
+template <class Call> auto call_within_memory(const char *doing, Call call) {
+    try {
+        return call();
+    } catch (const std::bad_alloc &) {
+        throw OutOfMemory(doing);
+    }
 }
 
-// Adds a function to a module, its arguments by name.
+// Calls a function on arguments that share no memory with an output, without the lock of Python.
+template <class Call, class... Args>
+auto call_apart(const char *doing, Call call, const Args &...args) {
+    return call_within_memory(doing, [&] {
+        std::vector<Extent> extents;
+        (collect_extents(args, extents), ...);
+        require_apart(extents);
+        const nanobind::gil_scoped_release unlocked;
+        return call();
+    });
+}
+
+// Adds a function to a module, its arguments by name; `doc` is a literal.
 template <class R, class... Args, class... Names>
 void def(nanobind::module_ &m, const char *name, R (*function)(Args...), const char *doc,
          Names... names) {
     m.def(
         name,
-        [function](Args... args) -> R {
-            return call_apart([&] { return function(args...); }, args...);
+        [function, doc](Args... args) -> R {
+            return call_apart(doc, [&] { return function(args...); }, args...);
         },
         nanobind::arg(names)...,
         nanobind::sig(signature<R, Args...>(name, false, names...).c_str()), doc);
@@ -140,8 +163,21 @@ void def(nanobind::class_<C> &type, const char *name, R (*function)(C &, Args...
          Names... names) {
     type.def(
         name,
-        [function](C &self, Args... args) -> R {
-            return call_apart([&] { return function(self, args...); }, args...);
+        [function, doc](C &self, Args... args) -> R {
+            return call_apart(doc, [&] { return function(self, args...); }, args...);
+        },
+        nanobind::arg(names)..., nanobind::sig(signature<R, Args...>(name, true, names...).c_str()),
+        doc);
+}
+
+// Adds a method of the object itself.
+template <class C, class R, class... Args, class... Names>
+void def(nanobind::class_<C> &type, const char *name, R (C::*method)(Args...), const char *doc,
+         Names... names) {
+    type.def(
+        name,
+        [method, doc](C &self, Args... args) -> R {
+            return call_apart(doc, [&] { return (self.*method)(args...); }, args...);
         },
         nanobind::arg(names)..., nanobind::sig(signature<R, Args...>(name, true, names...).c_str()),
         doc);
@@ -151,6 +187,7 @@ void def(nanobind::class_<C> &type, const char *name, R (*function)(C &, Args...
 template <class C, class... Args, class... Names>
 void def(nanobind::class_<C> &type, nanobind::init<Args...> init, Names... names) {
     type.def(std::move(init), nanobind::arg(names)..., nanobind::keep_alive<1, 2>(),
+             nanobind::call_guard<nanobind::gil_scoped_release>(),
              nanobind::sig(signature<void, Args...>("__init__", true, names...).c_str()));
 }
 

@@ -199,6 +199,20 @@ template <class T, int L>
 INLINE Vec<T, L> select(typename Vec<T, L>::M mask, Vec<T, L> a, Vec<T, L> b) {
     return Vec<T, L>::make(EACH(k) { return blend<T>(mask.r[k], a.r[k], b.r[k]); });
 }
+// In each lane the sum of the products of its two signed halves of 16 bits.
+INLINE Int dot_halves(Int a, Int b) {
+#if defined(__AVX512F__) && defined(__AVX512DQ__)
+    return Int::make(
+        EACH(k) { return Int::R(_mm512_madd_epi16((__m512i)a.r[k], (__m512i)b.r[k])); });
+#elif defined(__AVX2__)
+    return Int::make(
+        EACH(k) { return Int::R(_mm256_madd_epi16((__m256i)a.r[k], (__m256i)b.r[k])); });
+#elif defined(__SSE2__)
+    return Int::make(EACH(k) { return Int::R(_mm_madd_epi16((__m128i)a.r[k], (__m128i)b.r[k])); });
+#else
+    return (a << 16 >> 16) * (b << 16 >> 16) + (a >> 16) * (b >> 16);
+#endif
+}
 template <class T, int L> INLINE Vec<T, L> min(Vec<T, L> a, Vec<T, L> b) {
     return Vec<T, L>::make(EACH(k) { return a.r[k] < b.r[k] ? a.r[k] : b.r[k]; });
 } // b where one is NaN

@@ -28,7 +28,7 @@ from rastercov.base.format import area, percent, plural, verb
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras
+from rastercov.camera.rig import Cameras, led_by
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
@@ -156,7 +156,7 @@ def in_front(
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
     if not len(faces) or not len(solid):
         return shares
-    middle, size = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
     vertices, eyes = (mesh.vertices - middle) / size, (eyes - middle) / size
     tree = TriangleTree.over(vertices, mesh.faces[solid])
     row = np.full(mesh.n_faces, -1)
@@ -215,7 +215,7 @@ class Leftover:
     mesh, task
         Mesh and thresholds.
     n_cameras, n_candidates : int
-        Cameras of the network, and candidate poses examined.
+        Cameras of the network, and candidates that were examined; a rig with a rule counts once.
     left : bool
         Task faces that are not covered.
     reason : uint8
@@ -429,8 +429,8 @@ def left_by(
     return Leftover(
         mesh=mesh,
         task=task,
-        n_cameras=len(poses),
-        n_candidates=len(candidates),
+        n_cameras=len(led_by(observer.camera, poses)),
+        n_candidates=len(led_by(observer.camera, candidates)),
         left=frozen(left),
         reason=frozen(network.reason.copy()),
         nearest_camera=frozen(nearest.copy()),

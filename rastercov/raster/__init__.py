@@ -9,6 +9,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError, ConfigError, DeviceError, MeshError
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.raster import self_test
 from rastercov.raster.contract import (
     MAX_SUPERSAMPLE,
     FaceCounts,
@@ -46,7 +47,8 @@ def open_rasterizer(
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
         "cpu" needs no graphics library. "auto" takes a hardware OpenGL device when one opens, and
-        the CPU otherwise: it is several times as fast as OpenGL in software.
+        the CPU otherwise: it is several times as fast as OpenGL in software. A lens is drawn on the
+        CPU in any case, and the result says so; the device must be there all the same.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float
@@ -77,6 +79,14 @@ def open_rasterizer(
         raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
     backend, options = backend_of(backend, options)
+    if not camera.is_pinhole:
+        from rastercov.raster.lens import LensRasterizer
+
+        if backend == "gl":  # what would be refused for a pinhole is refused
+            from rastercov.raster.gl import GLRasterizer
+
+            GLRasterizer(self_test.MESH, self_test.CAMERA, **options).close()
+        return LensRasterizer(mesh, camera, **common, threads=options.get("threads"))
     if backend == "auto":
         if hardware := _open_hardware(mesh, camera, common):
             return hardware
@@ -85,27 +95,10 @@ def open_rasterizer(
         # It compiles, or loads what was compiled.
         from rastercov.raster.cpu import CPURasterizer
 
-        return _opened(CPURasterizer, mesh, camera, common, options)
+        return CPURasterizer(mesh, camera, **common, **options)
     from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 
-    return _opened(GLRasterizer, mesh, camera, common, options)
-
-
-def _opened(
-    kind: Any, mesh: Mesh, camera: Camera, common: dict[str, Any], options: dict[str, Any]
-) -> Rasterizer:
-    """Rasteriser of a kind; for a lens, one on it that looks samples up in its images."""
-    if camera.is_pinhole:
-        return kind(mesh, camera, **common, **options)
-    from rastercov.raster.lens import LensRasterizer, largest_view
-
-    pinholes = kind(mesh, largest_view(camera, common["supersample"]), **options)
-    threads = options.get("threads") if pinholes.info.backend == "cpu" else 1
-    try:
-        return LensRasterizer(mesh, camera, pinholes, **common, threads=threads)
-    except BaseException:
-        pinholes.close()
-        raise
+    return GLRasterizer(mesh, camera, **common, **options)
 
 
 def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -148,6 +141,6 @@ def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Raster
         candidates("hardware")  # OpenGL is imported where there are some
         from rastercov.raster.gl import GLRasterizer
 
-        return _opened(GLRasterizer, mesh, camera, common, {"device": "hardware"})
+        return GLRasterizer(mesh, camera, **common, device="hardware")
     except DeviceError:
         return None

@@ -14,9 +14,8 @@ thread that opened it, and raises `DeviceError` in any other.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from rastercov.base.arguments import flag
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray, check_memory
-from rastercov.base.threads import Closing, ScratchPool, share_poses
+from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
@@ -229,17 +228,6 @@ class Rasterizer(Closing):
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceError("this rasteriser is closed; open a new one")
-
-    def _share(
-        self,
-        pool: ScratchPool[Any],
-        n_turns: int,
-        work: Callable[[Any, slice], None],
-    ) -> None:
-        """Call `work` with slices that cover all turns, in threads with scratch of their own."""
-        workers = pool.take(max(1, min(self._threads, n_turns)))
-        share_poses(n_turns, [partial(work, worker) for worker in workers])
-        pool.give_back(workers)
 
 
 def check_counts(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:

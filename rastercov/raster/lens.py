@@ -1,52 +1,46 @@
-"""Rasteriser of any lens: samples are looked up in images of pinholes.
+"""Rasteriser of any lens: samples at their own rays in images of pinholes.
 
 A lens moves samples, not edges: edges are straight in its ideal planes (`camera.lenses.planes`).
-So the rasteriser of pinholes draws these planes, and each sample of the lens takes the face at the
-place whose ray it sees, rounded to a sample of the plane. Places are found once for a camera.
+So faces are drawn in these planes as those of a pinhole, and compared at the places where the rays
+of the samples meet the plane: the lanes of a block are up to 16 such places in it, in steps of
+1/1024 sample, not the centres of a grid. Places are found once for a camera.
 
-    camera -> rays of samples -> views: pinholes, and the sample of each that shows a ray (once)
-    pose -> image of each view -> faces at the samples of the lens -> counts
+    camera -> rays of samples -> views: pinholes, and the places of these rays in them (once)
+    pose -> faces at the places of each view -> counts, or a picture
 
-A view is at least as fine as the samples of the lens are in nearly all of it, in each direction.
-Where a lens shrinks one part of a plane and not another, the samples are divided until their views
-are little larger than the image.
+A view is about as fine as the samples of the lens are: no block has more than 16 places, except for
+few that get a view of their own. Where a lens shrinks one part of a plane and not another, the
+samples are divided until their views are little larger than the image.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
-from typing import Any, Protocol
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ResourceError
-from rastercov.base.memory import FloatArray, Int32Array, IntArray, check_memory
-from rastercov.base.threads import ScratchPool, share_poses, thread_count
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
+from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of
-from rastercov.native.raster_targets import count_targets
+from rastercov.native.engine_raster import FINE_STEP_BITS, LANES, SIDE, STRIP_BITS, Canvas
+from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,
     Rasterizer,
-    check_counts,
 )
+from rastercov.raster.cpu import Counts, CPURasterizer, Looks, canvas_of, drawing_of
 from rastercov.raster.sample_grid import SampleGrid
 
-Look = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
-"""Pose (1, 4, 4) of a view, depth of its near plane, and whether back faces are hidden, (1,)."""
-
-RESOLUTION, OF_PICTURES = 1.0, 2.0
-"""Samples of a view to one of the lens, a side, where the lens is as dense as `DENSEST`."""
-DENSEST = 0.95
-"""Share of the samples of a view that are no denser than that."""
-TURN = 0.1
-"""Radians by which views are turned: edges along rows of the image are not along those of a view,
-where whole rows would be on its wrong side."""
+DENSEST = 0.98
+"""Share of the samples of a view that are no denser than those of its grid."""
+FINENESS = (1.0, 1.04, 1.08, 1.15, 1.25, 1.4)
+"""Resolutions of a view, a side, of which the first is taken that leaves no block too full."""
 MOST_WASTE = 3.0
 """Area of a view to that of the samples it shows beyond which these are divided."""
 LEAST_SIDE, MOST_SIDE = 256, 4096
@@ -56,90 +50,56 @@ MOST_ROWS = 1 << 22
 RAY_BYTES = 120
 MOST_KEPT = 1 << 23
 """Samples of the lens whose views are kept; those of all others are made for each call."""
-MOST_WEIGHT = 255
-"""Largest weight of a sample, a byte."""
-MOST_DRAWERS = 1024
-"""Views whose drawers a thread keeps."""
 ROWS_A_TURN = 8
 """Rows of samples a thread unprojects at a time."""
+CELL, STEPS = SIDE * SIDE, 1 << FINE_STEP_BITS
+"""Samples along the side of a cell, and steps along that of a sample."""
 
-
-class ViewDrawer(Protocol):
-    """Rasteriser of pinholes that draws the opaque faces of a mesh through one view."""
-
-    def picture(self, look: Look) -> tuple[Int32Array, NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample, until the next call."""
-
-    def add_counts(self, look: Look, view: "View", visible: Any, drawn: Any) -> None:
-        """Add the samples of the lens that show each face to (F,) counts, and those of it alone.
-
-        `drawn` may be None.
-        """
+REGULAR = np.array(
+    [STEPS // 2 + STEPS * x | (STEPS // 2 + STEPS * y) << 16 for y in range(4) for x in range(4)],
+    np.int32,
+)
+"""Places of the lanes of a block without a sample of the lens: those of a pinhole."""
 
 
 @dataclass(eq=False)
 class View:
-    """Pinhole at the place of a lens, and the samples of it that show the rays of the lens.
+    """Pinhole at the place of a lens, and the places in it of rays of the lens.
 
     Attributes
     ----------
     camera : Camera
-        The pinhole.
+        The pinhole, of whole cells.
     turn : (4, 4) float64
         lens_from_view.
-    index : (N,) int32
-        Sample of the pinhole, counted along its rows, of each sample of the lens.
-    samples : (N,) int64
-        Those samples, counted along the rows of their canvas; empty unless places are kept.
-    places : (N, 2) float32
+    offsets : (N,) int32
+        Place of each lane of the blocks in memory, x + 65536 y in steps from the corner of the
+        block; lanes that have no sample of the lens share the place of another.
+    used : (B,) uint16
+        Lanes of each block that have a sample of the lens.
+    cell_bounds : (C,) float32
+        0 for a cell with such a lane, else inf.
+    lanes, samples : (S,) int32
+        Lanes in rising order, and their samples, counted along the rows of the canvas of the lens;
+        empty unless places are kept.
+    places : (S, 2) float32
         X / Z and Y / Z of their rays; empty unless places are kept.
     """
 
     camera: Camera
     turn: FloatArray
-    index: Int32Array
-    samples: IntArray
+    offsets: Int32Array
+    used: NDArray[np.uint16]
+    cell_bounds: NDArray[np.float32]
+    lanes: Int32Array
+    samples: Int32Array
     places: NDArray[np.float32]
-    of_drawer: Any = None
-    """Kept by a drawer with the view."""
 
     @cached_property
-    def grid(self) -> SampleGrid:
-        """Its samples."""
-        return SampleGrid(self.camera)
-
-    def weights(self) -> Int32Array:
-        """Samples of the lens at each sample of the pinhole, (H, W) int32."""
-        size = self.camera.width * self.camera.height
-        counts = np.bincount(self.index, minlength=size).astype(np.int32)
-        if counts.max() > MOST_WEIGHT:
-            raise ResourceError(
-                f"{counts.max():,} samples of the lens share a ray; lower supersample or resolution"
-            )
-        return counts.reshape(self.camera.height, self.camera.width)
-
-    @cached_property
-    def sums(self) -> Int32Array:
-        """Sums of the weights of each row before each column, (H, W + 1) int32."""
-        sums = np.zeros((self.camera.height, self.camera.width + 1), np.int32)
-        np.cumsum(self.weights(), axis=1, out=sums[:, 1:])
-        return sums
-
-    def count_alone(
-        self, corners: FloatArray, centre: FloatArray, look: Look, depth: Any, visible: Any,
-        drawn: Any,
-    ) -> None:  # fmt: skip
-        """Add the samples that faces (N, 3, 3) cover alone, and those that a depth leaves.
-
-        The corners are from `centre`. `visible` is not written where there is no depth (H, W).
-        """
-        ((pose,), (near,), _), grid = look, self.grid
-        axes, eye = np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre
-        count_targets(
-            (corners, axes, eye, grid.lens, float(near)), np.empty((0, 2), np.int64),
-            (0, 0, grid.width, grid.height), tuple(grid.runs),
-            np.empty((0, 0), np.float32) if depth is None else depth, self.sums, visible, drawn,
-        )  # fmt: skip
+    def canvas(self) -> Canvas:
+        """Samples of the pinhole, in whose steps the places are."""
+        own = self.offsets, self.used, self.cell_bounds, self.lanes, self.samples, self.places
+        return canvas_of(SampleGrid(self.camera), own)
 
 
 class Views:
@@ -152,7 +112,7 @@ class Views:
     supersample, roll
         As for `open_rasterizer`.
     keeps_places : bool
-        Whether the views have `samples` and `places`, and are finer: for pictures.
+        Whether the views have `lanes`, `samples` and `places`: for pictures.
     most_rows : int
         Samples of a band.
     """
@@ -168,8 +128,8 @@ class Views:
     ) -> None:
         self.grid = grid = SampleGrid(camera, supersample, roll)
         self._keeps_places, self._lens, self._near = keeps_places, lens_of(camera), camera.near
-        self._resolution = OF_PICTURES if keeps_places else RESOLUTION
-        c, s = math.cos(TURN), math.sin(TURN)
+        # Along the rows of samples, which then fill blocks evenly.
+        c, s = math.cos(roll), math.sin(roll)
         turned = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
         frames = {plane.frame.tobytes(): plane.frame @ turned for plane, _ in planes_of(camera)}
         self.frames = tuple(frames.values())
@@ -206,27 +166,23 @@ class Views:
                 continue
             own, frame = rays[at], self.frames[number]
             places = (own @ frame[:, :2]) / (own @ frame[:, 2])[:, None]
-            camera = self._pinhole(own, places, frame)
-            side = max(camera.width, camera.height)
-            if side > MOST_SIDE or (
-                side > LEAST_SIDE
-                and camera.width * camera.height > MOST_WASTE * self._resolution**2 * len(at)
+            scale = self._scale(own, frame)
+            # At a pole the lens is infinitely dense: a few samples have no larger view.
+            extent = np.maximum(np.ptp(places, axis=0), 1e-9)
+            scale = np.minimum(scale, (LEAST_SIDE + len(at)) / extent)
+            size = extent * scale
+            if size.max() > MOST_SIDE or (
+                size.max() > LEAST_SIDE and size.prod() > MOST_WASTE * len(at)
             ):
-                axis = int(camera.height > camera.width)
+                axis = int(size.argmax())
                 is_first = places[:, axis] < places[:, axis].mean()
                 parts += [(number, at[is_first]), (number, at[~is_first])]
                 continue
-            column, row = (
-                np.clip(places[:, axis] * focal + centre, 0, side - 1).astype(np.int32)
-                for axis, (focal, centre, side) in enumerate(
-                    ((camera.fx, camera.cx, camera.width), (camera.fy, camera.cy, camera.height))
-                )
-            )
-            kept = slice(None if self._keeps_places else 0)
-            yield View(
-                camera, matrices_of(frame), row * np.int32(camera.width) + column,
-                at[kept] + top * width, places[kept].astype(np.float32),
-            )  # fmt: skip
+            view, is_left = self._view(frame, places, scale)
+            if self._keeps_places:
+                view.samples = (at[view.samples] + top * width).astype(np.int32)
+            yield view
+            parts.append((number, at[is_left]))
 
     def _rays(self, top: int, bottom: int, threads: int) -> FloatArray:
         """Unit rays of some rows of the canvas, NaN without one and outside the image."""
@@ -247,20 +203,56 @@ class Views:
         share_poses(n_turns, workers)
         return rays
 
-    def _pinhole(self, rays: FloatArray, places: FloatArray, frame: FloatArray) -> Camera:
-        """Pinhole that shows all of some places, as finely as the lens does."""
+    def _scale(self, rays: FloatArray, frame: FloatArray) -> FloatArray:
+        """Samples to a unit of each axis of a plane where the lens is as dense as `DENSEST`."""
         some = slice(None, None, max(1, len(rays) // 2000))
         # Derivatives by places are those by rays of length 1 / z.
         slopes = self._lens.jacobian(rays[some]) @ frame[:, :2]
         slopes *= (rays[some] @ frame[:, 2])[:, None, None] * self.grid.supersample
-        density = np.linalg.norm(slopes, axis=1)  # samples of the lens to a unit of each axis
-        scale = self._resolution * np.nanquantile(density, DENSEST, axis=0)
+        return np.nanquantile(np.linalg.norm(slopes, axis=1), DENSEST, axis=0)
+
+    def _view(
+        self, frame: FloatArray, places: FloatArray, scale: FloatArray
+    ) -> tuple[View, IntArray]:
+        """View of some places, with their rows for samples, and the rows for which it has no room.
+
+        It has room for 16 samples a block.
+        """
         low, high = places.min(axis=0), places.max(axis=0)
-        # At a pole the lens is infinitely dense: a few samples have no larger view.
-        scale = np.minimum(scale, (LEAST_SIDE + len(rays)) / np.maximum(high - low, 1e-9))
-        width, height = (np.ceil((high - low) * scale).astype(int) + 2).tolist()
-        (fx, fy), (cx, cy) = scale.tolist(), (1.0 - low * scale).tolist()
-        return Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, near=self._near)
+        for fineness in FINENESS:
+            focal = fineness * scale
+            centre = 1.0 - low * focal
+            blocks_a_cell = np.ceil(((high - low) * focal + 2) / CELL).astype(int)
+            width, height = (CELL * blocks_a_cell).tolist()
+            step = np.floor((places * focal + centre) * STEPS + 0.5).astype(np.int32)
+            strips = -(-width // (SIDE << STRIP_BITS)) << STRIP_BITS
+            at = step >> (FINE_STEP_BITS + 2)
+            block = at[:, 1] * np.int32(strips) + at[:, 0]
+            filled = np.bincount(block, minlength=strips * height // SIDE)
+            if filled.max() <= LANES:
+                break
+        order = np.argsort(block, kind="stable")
+        rank = np.arange(len(block)) - (np.cumsum(filled) - filled)[block[order]]
+        left, order = order[rank >= LANES], order[rank < LANES]
+        lanes = (block[order] * LANES + rank[rank < LANES]).astype(np.int32)
+        filled = np.minimum(filled, LANES)
+        inside = step[order] & (STEPS * SIDE - 1)
+        offsets = np.tile(REGULAR, len(filled))
+        own = inside[:, 0] | inside[:, 1] << 16
+        first = lanes % LANES == 0
+        shared = offsets.reshape(-1, LANES)
+        shared[lanes[first] // LANES] = own[first, None]
+        offsets[lanes] = own
+        cells = filled.reshape(height // CELL, SIDE, strips // SIDE, SIDE).any(axis=(1, 3))
+        bounds = np.where(cells.ravel(), 0, np.inf).astype(np.float32)
+        (fx, fy), (cx, cy) = focal.tolist(), centre.tolist()
+        camera = Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, near=self._near)
+        kept = slice(None if self._keeps_places else 0)
+        view = View(
+            camera, matrices_of(frame), offsets, ((1 << filled) - 1).astype(np.uint16), bounds,
+            lanes[kept], order[kept].astype(np.int32), places[order[kept]].astype(np.float32),
+        )  # fmt: skip
+        return view, left
 
 
 @lru_cache(maxsize=8)
@@ -269,22 +261,15 @@ def views_of(camera: Camera, supersample: int, roll: float, keeps_places: bool) 
     return Views(camera, supersample, roll, keeps_places=keeps_places)
 
 
-def largest_view(camera: Camera, supersample: int) -> Camera:
-    """Pinhole as large as the views of a camera, and of about their greatest focal length."""
-    side = min(MOST_SIDE, LEAST_SIDE + 2 * supersample * max(camera.width, camera.height))
-    focal = RESOLUTION * supersample * max(camera.fx, camera.fy)
-    return Camera(width=side, height=side, fx=focal, fy=focal)
-
-
 class LensRasterizer(Rasterizer):
-    """Rasteriser of cameras with any lens, on one of pinholes.
+    """Rasteriser of cameras with any lens, in compiled loops on the CPU.
+
+    Any number of threads may use one rasteriser at once.
 
     Parameters
     ----------
     mesh, camera, supersample, roll
         As for `open_rasterizer`.
-    pinholes : GLRasterizer or CPURasterizer
-        Of this mesh; it is closed with this one.
     threads : int, optional
         Number of threads, by default one for each core; each takes whole poses.
     """
@@ -293,101 +278,52 @@ class LensRasterizer(Rasterizer):
         self,
         mesh: Mesh,
         camera: Camera,
-        pinholes: Any,
         *,
         supersample: int = 1,
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
         super().__init__(mesh, camera, supersample, roll)
-        self._pinholes, self._threads = pinholes, thread_count(threads)
-        self.info = pinholes.info
+        self._threads = thread_count(threads)
+        self.info = CPURasterizer(mesh, self_test.CAMERA, threads=1).info
+        self._drawing = drawing_of(mesh, self._threads)
         self._views = views_of(camera, supersample, roll, keeps_places=False)
-        self._drawers: ScratchPool[dict[View, ViewDrawer]] = ScratchPool(dict, self._threads)
 
     def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
-        grid, mesh, targets = self._views.grid, self.mesh.opaque, self._targets
-        n_bytes = np.dtype(grid.count_type).itemsize
-        check_counts(len(poses), self.mesh.n_faces, n_bytes * (1 + drawn))
-        limit, cull, clipped = limits(self.mesh, self.camera, poses)
-        visible: Any = np.zeros((len(poses), mesh.n_faces), grid.count_type)
-        covered: Any = np.zeros_like(visible) if drawn else None
-        of_targets = np.zeros((2, len(poses), len(targets.rows) if targets else 0), np.int64)
-
-        def work(views: tuple[View, ...], drawers: dict[View, ViewDrawer], turn: slice) -> None:
-            for view in views:
-                drawer = self._drawer(drawers, view)
-                for row in range(turn.start, turn.stop):
-                    one = slice(row, row + 1)
-                    look = poses[one] @ view.turn, limit[one], cull[one]
-                    own = None if covered is None else covered[row]
-                    drawer.add_counts(look, view, visible[row], own)
-                    if targets:
-                        depth = drawer.picture(look)[1]
-                        found = of_targets[:, row]
-                        view.count_alone(targets.corners, targets.centre, look, depth, *found)
-
-        for views in self._views.bands(self._threads):
-            self._share(self._drawers, len(poses), partial(work, views))
-        background = grid.n_samples - visible.sum(axis=1, dtype=np.int64)
-        counts = self._result(visible, covered, background, clipped)
-        return self._with_targets(counts, *of_targets) if targets else counts
+        grid, targets, threads = self._views.grid, self._targets, self._threads
+        counts = Counts(len(poses), self.mesh.opaque.n_faces, grid, drawn, (1, threads))
+        near, cull, clipped = limits(self.mesh, self.camera, poses)
+        seen = np.zeros((2, len(poses), len(targets.rows) if targets else 0), np.int64)
+        for views in self._views.bands(threads):
+            canvases, looks = _seen(views, poses, near, cull)
+            counts.add(self._drawing, canvases, looks)
+            if targets:
+                of_targets = targets.corners, seen[0], seen[1]
+                self._drawing.count_targets(canvases, looks, *of_targets, threads)
+        background = grid.n_samples - counts.visible.sum(axis=1, dtype=np.int64)
+        result = self._result(counts.visible, counts.drawn, background, clipped)
+        return self._with_targets(result, *seen) if targets else result
 
     def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
-        near, cull = picture_limits(self.mesh, self.camera, poses)
         shape = self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)
+        near, cull = picture_limits(self.mesh, self.camera, poses)
+        of_faces = self._corners[0], len(pictures.frames) > 1
         for views in pictures.bands(self._threads):
-            for view in views:
-                look = poses @ view.turn, near, cull
-                drawer = self._pinholes.drawer(view.camera)
-                drawn_face, drawn_depth = drawer.picture(look)
-                found = drawn_face.ravel()[view.index]
-                is_seen = found >= 0
-                at, places = view.samples[is_seen], view.places[is_seen].astype(np.float64)
-                face.ravel()[at] = found[is_seen]
-                drawn = drawn_depth.ravel()[view.index[is_seen]]
-                z = self._depths(look, found[is_seen], places, drawn)
-                if len(pictures.frames) > 1:
-                    z *= np.sqrt(1 + (places**2).sum(axis=1))
-                depth.ravel()[at] = z
+            seen, image = _seen(views, poses, near, cull), (face.ravel(), depth.ravel())
+            self._drawing.render_lanes(*seen, *of_faces, *image, self._threads)
         return face, depth
 
     def close(self) -> None:
         """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
-        self._pinholes.close()
         super().close()
-        self._drawers.close()
+        self._drawing.close()
 
-    def _drawer(self, drawers: dict[View, ViewDrawer], view: View) -> ViewDrawer:
-        """Drawer of a view, of a few that a thread keeps."""
-        if view not in drawers:
-            if len(drawers) >= MOST_DRAWERS:
-                drawers.clear()
-            drawers[view] = self._pinholes.drawer(view.camera, next(iter(drawers.values()), None))
-        return drawers[view]
 
-    def _depths(
-        self,
-        look: Look,
-        face: Int32Array,
-        places: FloatArray,
-        drawn: NDArray[np.float32],
-    ) -> FloatArray:
-        """Camera z at places of a view, by the planes of faces; what was drawn if edge-on."""
-        (corners, centre), ((pose,), (near,), _) = self._corners, look
-        is_used = np.zeros(len(corners), np.bool_)
-        is_used[face] = True
-        row = np.cumsum(is_used) - 1
-        corners = (corners[is_used] - (pose[:3, 3] - centre)) @ pose[:3, :3]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        height = np.einsum("fi,fi->f", normal, corners[:, 0])
-        own = normal[row[face]]
-        with np.errstate(all="ignore"):
-            z = height[row[face]] / (
-                own[:, 0] * places[:, 0] + own[:, 1] * places[:, 1] + own[:, 2]
-            )
-        z = np.where(np.isfinite(z), z, drawn)
-        least = np.maximum(corners[..., 2].min(axis=1), near)[row[face]]
-        return np.clip(z, least, np.maximum(corners[..., 2].max(axis=1), near)[row[face]])
+def _seen(
+    views: Sequence[View], poses: FloatArray, near: FloatArray, cull: BoolArray
+) -> tuple[list[Canvas], Looks]:
+    """Canvases of views, and the poses of each, for the loops."""
+    turns = np.array([view.turn for view in views]).reshape(-1, 1, 4, 4)
+    return [view.canvas for view in views], (poses @ turns, near, cull)

@@ -2,7 +2,7 @@
 
 A rasteriser draws the opaque faces of a mesh alone, so their counts are those of the mesh without
 targets, bit for bit. Targets are then compared with the depths that were drawn, face by face, by
-one loop for all devices (`native.raster_targets`): a face index a sample has no room for two
+one loop for all devices (`native.engine_raster`): a face index a sample has no room for two
 targets, one behind the other. The depths of each pose are drawn again for that and read back, which
 takes about as long as counting it. Meshes without targets do nothing of this.
 """
@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Mesh
-from rastercov.native import raster_targets as kernels
+from rastercov.native import engine_raster as kernels
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 CountArray = NDArray[np.int32] | IntArray
 Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
 """Tiles of one pose that together hold the rows from a first one up to a last one, each with the
 depth of the nearest surface at its samples: metres, inf for none."""
-ONCE = np.empty((0, 0), np.int32)
-"""For the loops: each sample counts once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +81,7 @@ class TargetFaces:
         if len(in_view):
             runs = tuple(grid.runs)
             for tile, depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
-                kernels.count_targets(view, rows, tile, runs, depth, ONCE, visible, drawn)
+                kernels.count_targets(view, rows, tile, runs, depth, visible, drawn)
         return visible, drawn
 
     def face_of(self, face: NDArray[np.int32]) -> NDArray[np.int32]:

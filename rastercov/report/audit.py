@@ -31,7 +31,7 @@ from rastercov.camera.rig import cameras_of, names_of
 from rastercov.coverage.area.zones import DeadZones, face_zones
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.shards import UNFINISHED, remove
+from rastercov.coverage.shards import kept_in, remove
 from rastercov.mesh import Mesh
 from rastercov.placement.audit import Audit, element_figures
 from rastercov.placement.reconstruction import (
@@ -111,7 +111,7 @@ def write(
     with ReportFolder(out, AUDIT) as folder:
         if pdf:
             browser()  # none fails before the work
-        found = made(folder=folder.path / UNFINISHED if is_kept else None)
+        found = made(folder=kept_in(folder.path) if is_kept else None)
         header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
         summary = found.summary() | {"notes": list(notes), "run": header}
         shown = replace(page_of(found, summary), level=level)
@@ -140,7 +140,7 @@ def write(
             write_rig(folder.file("rig.json"), found.camera, found.poses, found.names, found.unit)
             write_json(folder.file("audit.json"), summary)
             folder.publish()
-            remove(folder.path / UNFINISHED)
+            remove(kept_in(folder.path))
     return found, summary
 
 

@@ -3,6 +3,7 @@
 coverage.parquet   every figure of the pairs of pose and face that were asked for
 rig.json           cameras and poses, where there are up to 5,000
 areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
+groups.parquet     with --table groups: visible and truncated share of each group in each image
 frames.parquet     covered area of each frame, where bodies move; time.png, frames.png
 summary.json       figures of the network, and their provenance
 network.glb        the mesh coloured by the best coverage of any camera
@@ -56,7 +57,8 @@ from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.job import evaluate, measure
 from rastercov.coverage.network import CHOICES
 from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import UNFINISHED, Wanted, is_long, open_for, remove
+from rastercov.coverage.shards import Wanted, is_long, kept_in, open_for, remove
+from rastercov.coverage.silhouettes import check_groups
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
@@ -93,13 +95,15 @@ PICTURE_SIDE = 1280
 """Full pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
+OF_GROUPS = "groups"
+"""Table of groups and images, in place of that of pairs of pose and face."""
 MOST_PAIRS = 30_000_000
 """Pairs of pose and face up to which there is a table that was not asked for. About a third of them
 are seen: 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"(coverage|areas|frames)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
+        r"(coverage|areas|frames|groups)\.parquet|(summary|rig)\.json|network\.glb|view\.html|report\.(html|pdf)"
         r"|(contact_sheet|overview|zones|time|frames|uncertainty|lux)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
@@ -118,7 +122,7 @@ class Options:
     supersample: int = 1
     device: str = "auto"
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
-    table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_PAIRS`
+    table: str | None = None  # of `CHOICES`, or `OF_GROUPS`; None: "seen", none above `MOST_PAIRS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
@@ -127,7 +131,7 @@ class Options:
 
     def __post_init__(self) -> None:
         if self.table is not None:
-            check_choice("table", self.table, CHOICES)
+            check_choice("table", self.table, (*CHOICES, OF_GROUPS))
         check_choice("full", self.full, FULL)
         if self.pdf and not self.pictures:
             raise ConfigError("--pdf wants a page, got --pictures 0, which has none; leave out one")
@@ -161,10 +165,10 @@ def run(
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
-    An interrupt (Ctrl-C) ends the run after the current batch; the finished batches are written,
-    and the summary says `"interrupted": true`. A batch counts in every file or none; before the
-    first is done, the interrupt is raised and nothing is written. An interrupt while pictures are
-    drawn leaves out the rest of them, and the summary says the same.
+    An interrupt (Ctrl-C) ends the run in the current batch; the finished batches are written,
+    without pictures and page, and the summary says `"interrupted": true`. A batch counts in every
+    file or none; before the first is done, the interrupt is raised and nothing is written. An
+    interrupt while pictures are drawn leaves out the rest of them, and the summary says the same.
 
     A long run, and one by workers, is kept in shards until its report is whole
     (`rastercov.coverage.shards`): ended in any way, it continues from there when it is run again.
@@ -214,6 +218,10 @@ def run(
             # A broken device fails before the work.
             open_rasterizer(mesh, first, **options.engine.rasterizer_options).close()
         pairs = table_of(mesh, accepted, options.table)
+        has_groups = pairs == OF_GROUPS
+        if has_groups:
+            check_groups(options.engine)
+            pairs = "none"
 
         def open_table(header: Mapping[str, Any]) -> "CoverageTable":
             from rastercov.report.parquet import CoverageTable
@@ -235,13 +243,14 @@ def run(
         if moving is not None:
             n_pictures = len(moving.motion) * len(found.poses)
             is_kept = n_pictures > MOST_PICTURES or is_long(n_pictures, mesh.n_faces)
-            kept = folder.path / UNFINISHED if staff.workers or is_kept else None
+            kept = kept_in(folder.path) if staff.workers or is_kept else None
             timed = moving.evaluate(camera, found.poses, task, kept, staff).areas
             found = found._with_areas(timed, is_kept=found.is_kept or kept is not None)
         named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
-        return _write(folder, found, names, drawn, options, level)
+        groups = found.group_views().columns() if has_groups and not found.interrupted else None
+        return _write(folder, found, names, drawn, options, level, groups)
 
 
 def _write(
@@ -251,14 +260,21 @@ def _write(
     drawn: Poses,
     options: Options,
     level: int | None,
+    groups: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """Write what was found with poses of some names, some drawn; content of `summary.json`."""
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
     timed = areas.over_time if isinstance(areas, TimeAreas) else None
     with interrupts_held():
         summary = found.summary()
+        if groups is not None:
+            from rastercov.report.parquet import write_columns
+
+            write_columns(folder.file("groups.parquet"), groups)
+            rows = zip(*(np.asarray(column).tolist() for column in groups.values()), strict=True)
+            summary["group_views"] = [dict(zip(groups, row, strict=True)) for row in rows]
     try:
-        if len(drawn):
+        if len(drawn) and not found.interrupted:
             own = regions_of(found) if timed is None else timed.alone()
             # Otherwise the page does without the area of each.
             has_all = timed is None and (areas is None or own is not None) and not gates_of(camera)
@@ -290,7 +306,7 @@ def _write(
         write_json(folder.file("summary.json"), summary)
         folder.publish()
         if found.is_kept and not summary["interrupted"]:
-            remove(folder.path / UNFINISHED)
+            remove(kept_in(folder.path))
     return summary
 
 

@@ -18,28 +18,39 @@ fails,
   folder ends it, and the new report is whole;
 - after it leaves the new report whole.
 
-What killed runs left in the hidden folder is deleted by the next command; nothing else in the
-folder is looked into, moved or deleted.
+What killed runs left in the hidden folder under the names of a kind is deleted by the next command
+of that kind; nothing else in the folder is looked into, moved or deleted. A hidden folder that is a
+link is refused (`rastercov.base.output`).
 """
 
 import hashlib
-import json
 import os
 import re
 import stat
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.files import printable
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.files import parsed_json, printable
+from rastercov.base.interrupts import end_held, interrupts_held
 from rastercov.base.locks import locked
-from rastercov.base.output import json_bytes, named, sync
+from rastercov.base.output import (
+    PART,
+    is_own_folder,
+    json_bytes,
+    move,
+    named,
+    own_folder,
+    remove_file,
+    remove_folder,
+    replacing,
+    sync,
+)
+from rastercov.base.versions import version_of
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a running command: its files, and those it replaces."""
@@ -48,6 +59,8 @@ NEW = "new"
 FORMAT = 1
 PLAIN = re.compile(r"[\w-][\w.-]*")
 """Names of files in a manifest of any kind."""
+JOURNAL = re.compile(r"\.rastercov-[\w-]+\.json")
+"""Names of records of a swap, in the hidden folder."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +125,7 @@ class ReportFolder:
             stack.enter_context(locked(self.path))
             if not os.access(self.path, os.W_OK | os.X_OK):
                 raise ConfigError(f"{_named(self.path)}: nothing can be written to this folder")
-            for journal in self._staging.glob(".rastercov-*.json"):  # of killed runs
+            for journal in self._journals():  # of killed runs
                 self._files = _read(self.path / journal.name)[1]
                 if others := self._not_ours(chain(*self._moves(journal))):
                     raise ConfigError(
@@ -141,8 +154,10 @@ class ReportFolder:
         if not self.kind.files.fullmatch(name):
             raise ValueError(f"{name!r} is no file of a report of the kind {self.kind.name!r}")
         with named(self.path / name):
-            self._new.mkdir(parents=True, exist_ok=True)
-        return self._new / name
+            path = own_folder(own_folder(self._staging) / NEW) / name
+            if path.is_symlink():
+                remove_file(path)
+        return path
 
     def publish(self) -> None:
         """Put the files that were written in the place of the earlier report; all of them or none.
@@ -158,14 +173,15 @@ class ReportFolder:
         """
         with interrupts_held():
             files: Files = {}
-            for path in sorted(self._new.iterdir()):
+            for path in sorted(self._left(self._new, self.kind.files)):
                 with named(self.path / path.name), path.open("rb") as file:
                     sync(path)
                     files[path.name] = _digest(file)
             self._keep_what_has_come(files)
-            with named(self.path / self.kind.manifest):
-                journal = self._begin_swap(files)
-            self._swap(journal)
+            with end_held():
+                with named(self.path / self.kind.manifest):
+                    journal = self._begin_swap(files)
+                self._swap(journal)
             self._files = files
             self._clean()
 
@@ -174,18 +190,32 @@ class ReportFolder:
         journal = self._staging / self.kind.manifest
         content = {
             "format": FORMAT,
-            "rastercov": version("rastercov"),
+            "rastercov": version_of("rastercov"),
             "report": self.kind.name,
             "last": self.kind.last,
             "files": files,
         }
-        part = journal.with_suffix(".part")
-        part.write_bytes(json_bytes(content, indent=2) + b"\n")
-        sync(part)
-        sync(self._new)
-        part.replace(journal)
+        with replacing(journal) as part:
+            part.write_bytes(json_bytes(content, indent=2) + b"\n")
+            sync(part)
+            sync(self._new)
         sync(self._staging)
         return journal
+
+    def _journals(self) -> list[Path]:
+        """Records of swaps that a killed run left; ConfigError for links in their places."""
+        if not is_own_folder(self._staging):
+            return []
+        is_own_folder(self._new)
+        return self._left(self._staging, JOURNAL)
+
+    def _left(self, folder: Path, names: re.Pattern[str]) -> list[Path]:
+        """Files with matching names in a hidden folder; ConfigError for a link among them."""
+        found = [path for path in folder.iterdir() if names.fullmatch(path.name)]
+        for path in found:
+            if not stat.S_ISREG(path.lstat().st_mode):
+                raise ConfigError(f"{_named(path)}: expected a file of a report; delete it")
+        return found
 
     def _moves(self, journal: Path) -> tuple[list[str], list[str]]:
         """Files to remove and files to rename that are left of a recorded swap, each in order.
@@ -204,24 +234,25 @@ class ReportFolder:
         going, coming = self._moves(journal)
         for name in going:
             with named(self.path / name):
-                (self.path / name).unlink(missing_ok=True)
+                remove_file(self.path / name)
         for name in coming:
             with named(self.path / name):
-                (self._new / name).rename(self.path / name)
+                move(self._new / name, self.path / name)
         with named(self.path / journal.name):
-            journal.replace(self.path / journal.name)
+            move(journal, self.path / journal.name)
             sync(self.path)
 
     def _clean(self) -> None:
         """Delete files of killed runs in the hidden folder, except those of an unfinished swap."""
-        if any(self._staging.glob(".rastercov-*.json")):
+        if self._journals():
             return
-        for folder, names in ((self._new, "*"), (self._staging, "*.part")):
+        for folder in (self._new, self._staging):
             with suppress(OSError):
-                for path in folder.glob(names):
-                    path.unlink()
-            with suppress(OSError):
-                folder.rmdir()
+                for path in folder.iterdir():
+                    is_new = folder == self._new and self.kind.files.fullmatch(path.name)
+                    if is_new or PART.fullmatch(path.name):
+                        remove_file(path)
+            remove_folder(folder)
 
     def _not_ours(self, names: Iterable[str]) -> list[Path]:
         """Files of some names that are there and are no unchanged ones of an earlier report."""
@@ -251,7 +282,7 @@ class ReportFolder:
             name = f"new-{self.kind.name}"
             tries = (self.path / (name if n == 1 else f"{name}-{n}") for n in count(1))
             aside = next(path for path in tries if not os.path.lexists(path))
-            self._new.rename(aside)
+            move(self._new, aside)
             raise ConfigError(
                 f"{_named(others[0])}: came or was changed during the run, and is kept; the "
                 f"new report is in {_named(aside)}"
@@ -266,7 +297,7 @@ def _named(path: Path) -> str:
 def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
     """Last file and all files of a manifest, whose names match a pattern; none without one."""
     try:
-        content = json.loads(path.read_bytes())
+        content = parsed_json(path.read_bytes())
         files = {
             name: {"bytes": int(entry["bytes"]), "sha256": str(entry["sha256"])}
             for name, entry in content["files"].items()
@@ -275,8 +306,8 @@ def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
             return str(content["last"]), files
     except FileNotFoundError:
         return "", {}
-    except (ValueError, KeyError, TypeError, AttributeError):  # something else than a manifest
-        pass
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        pass  # something else than a manifest
     raise ConfigError(
         f"{_named(path)}: damaged, so it does not say which files are of a report; name "
         "another folder, or delete it with the report"

@@ -295,7 +295,7 @@ def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
     is_around = np.all((low <= middle) & (middle <= high), axis=1)
-    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    size = mesh.diagonal
     offset = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]]) / size
     plane = np.column_stack((mesh.normals.round(2), offset.round(3))) * is_around[body, None]
     number: IntArray = np.unique(np.column_stack((body, plane)), axis=0, return_inverse=True)[1]
@@ -548,7 +548,7 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
     """Draw lines over the picture of a scene, fainter where the part hides them."""
     draw = ImageDraw.Draw(image)
     depth = scene.depth
-    slack = 1e-3 * float(np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0)))
+    slack = 1e-3 * scene.mesh.diagonal
     for line in lines:
         steps = np.linspace(0, 1, line.pieces + 1)[:, None]
         points = np.asarray(line.start) + steps * (np.asarray(line.end) - np.asarray(line.start))
@@ -624,7 +624,7 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
     if not is_inside(mesh, points):
         return False
     some = points[np.unique(np.linspace(0, len(points) - 1, MOST_EYES).astype(int))]
-    middle, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
     tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[~mesh.target_mask])
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     starts, directions = np.repeat((some - middle) / size, 6, axis=0), np.tile(axes, (len(some), 1))

@@ -27,7 +27,7 @@ from rich.text import Text
 from rastercov.base.files import seen_from
 from rastercov.base.format import distance, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json
+from rastercov.base.output import write_json, write_text
 from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import named_cameras, provenance_of
@@ -101,6 +101,8 @@ def run_into(
 
         placed = place(plan, out, step, save_unfinished, workers)
         pages: Mapping[str, str] = {}
+        if placed.interrupted:
+            save(placed, files)  # at once: the process of a command ends within a second
         if plan.outputs.page or pdf:
             without_page = replace(placed, interrupted=placed.interrupted or "page")
             save_unfinished(without_page)
@@ -126,7 +128,7 @@ def save(
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
         if placement.arm is not None:
-            folder.file("joints.csv").write_text(joints_csv(placement), encoding="utf-8")
+            write_text(folder.file("joints.csv"), joints_csv(placement))
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         at = {"folder": seen_from(folder.path, placement.prepared.plan.folder)}

@@ -13,7 +13,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -27,6 +26,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, shortened, signed
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
+from rastercov.base.versions import version_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import angles_of_view
@@ -216,7 +216,7 @@ def plan_sheet(
             ("" if row else "Task", line)
             for row, line in enumerate(wrap(task_in_words(asdict(found.task), views), LETTERS))
         ],
-        date=date or datetime.date.today().isoformat(), version=version("rastercov"),
+        date=date or datetime.date.today().isoformat(), version=version_of("rastercov"),
         project=shortened(project, 44),
     )  # fmt: skip
 
@@ -383,12 +383,14 @@ def _dxf(svg: str, frame: Frame) -> bytes:
         drawing.layers.add(style["layer"], **own, lineweight=weight)
         for path in group.iterfind("{*}path"):
             fill, rings = path.get("fill", group.get("fill", "none")), []
+            stroke = path.get("stroke", group.get("stroke"))
+            outline = style | colour(fill if stroke in (None, "none") else stroke)
             for line in path.get("d", "").split("M")[1:]:
                 is_ring, numbers = line.endswith("Z"), line.rstrip("Z").replace("L", ",")
                 xy = np.array(numbers.split(","), np.float64).reshape(-1, 2)
                 points = (xy * (1, -1) * frame.scale / 1e3 + frame.corner).tolist()
                 rings += [points] if is_ring else []
-                space.add_lwpolyline(points, close=is_ring, dxfattribs=style)
+                space.add_lwpolyline(points, close=is_ring, dxfattribs=outline)
             if rings and fill != "none":
                 hatch = space.add_hatch(dxfattribs=style | colour(fill) | {"hatch_style": 0})
                 for ring in rings:

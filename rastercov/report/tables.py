@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural, size_in_words
+from rastercov.base.format import area, percent, plural, size_in_words, with_bound
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.area.over_time import time_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
@@ -72,6 +72,8 @@ def _cells(row: PartRow, unit: str) -> tuple[str, ...]:
     """Cells of a part after its name."""
     shares = row.percent, row.of_seeable_percent
     texts = ["" if each is None else percent(each / 100).removesuffix(" %") for each in shares]
+    if row.bound_percent > 0:
+        texts[0] = with_bound(row.percent, row.bound_percent).removesuffix(" %")
     return area(row.area_m2, unit), *texts, row.reason
 
 

@@ -12,7 +12,13 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.files import UnreadableError, one_line, read_json
 from rastercov.base.format import plural
-from rastercov.base.output import write_bytes, write_json, write_text
+from rastercov.base.output import (
+    named_folder,
+    own_folder,
+    write_bytes,
+    write_json,
+    write_text,
+)
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
 from rastercov.report.pages import MOST_LEVELS, embedded, levels_of
@@ -66,11 +72,11 @@ class Saving:
             raise ConfigError(f"what must be rig or report, got {shown(asked.get('what'))}")
         if self.out is None:
             raise ConfigError("no folder was given to save into; start with --out, or download it")
-        self.out.mkdir(parents=True, exist_ok=True)
+        named_folder(self.out)
         with self.session.lock:
             state = self.session.state
             if asked["what"] == "report":
-                path = self.out / "report"
+                path = own_folder(self.out / "report")
                 return {"path": str(path), "words": self._report(state, path)}
             drawing, path = self.session.drawing, self.out / NAMES["rig"]
             if state.stations or drawing is None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -202,7 +203,7 @@ class Scene:
     @property
     def modes(self) -> tuple[str, ...]:
         """Ways to colour the faces; DORI levels are of scenes in which people may be."""
-        is_site = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))) >= LEAST_SITE
+        is_site = self.mesh.diagonal >= LEAST_SITE
         has_levels = is_site and self.start.unit == "m"
         gates = self.start.whole.gates.values()
         is_certain = any(gate.has_deviation for gate in gates)
@@ -320,7 +321,7 @@ class Scene:
 
 def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     """Least and greatest distance from which a camera is tried, metres."""
-    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    size = mesh.diagonal
     whole = size * max(camera.fx, camera.fy) / min(camera.width, camera.height)
     z_n, z_f = camera.depth_of_field()
     near = max(0.02 * size, 1.01 * camera.near, 1.01 * float(z_n))
@@ -520,7 +521,9 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     moving = found if isinstance(found, PlanMotion) else None
     mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.motion.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
-        other = f"; or give the plan, with --poses {rig_file}" if kind == "place" else ""
+        other = (
+            f"; or give the plan, with --poses {quote(str(rig_file))}" if kind == "place" else ""
+        )
         raise ConfigError(
             f"the mesh is not that of {folder}: {', '.join(files)}, unchanged since and with its "
             f"--unit and --transform, is wanted{other}"

@@ -111,7 +111,7 @@ class LineOfSight:
         check_tracer(tracer)
         mesh = mesh.opaque
         self._centre = mesh.bounds.mean(axis=0)
-        self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._diagonal = mesh.diagonal
         faces = mesh.faces[~mesh.degenerate_mask]
         self._tracer: Tracer | None = None
         if len(faces):

@@ -292,6 +292,8 @@ def write_views(
     """
     place = _path(path)
     overwrite = flag("overwrite", overwrite)
+    if place.suffix and place.is_symlink() and place.is_dir():
+        raise ConfigError(f"{path}: expected a file, got a symbolic link to a folder; delete it")
     target = format_of(place) if format is None else format
     check_choice("format", target, tuple(WRITERS))
     with _naming(path, ConfigError, "cannot be written ({})"):

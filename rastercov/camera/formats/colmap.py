@@ -27,7 +27,7 @@ from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
 from rastercov.base.files import UnreadableError, open_file, printable
 from rastercov.base.memory import FloatArray
-from rastercov.base.output import writing
+from rastercov.base.output import named_folder, remove_file, remove_folder, writing
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,
@@ -546,15 +546,16 @@ def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> No
     if there and not overwrite:
         raise ConfigError(f"{there[0].name} is there already; give another folder, or --overwrite")
     is_new = not folder.exists()
-    folder.mkdir(exist_ok=True)
+    named_folder(folder, parents=False)
     try:
         with ExitStack() as stack:  # all are written before any takes its place
             for name, data in contents.items():
-                stack.enter_context(writing(folder / name)).write_bytes(data)
+                part = stack.enter_context(writing(folder / name))
+                part.write_bytes(data)
     except BaseException:
         if is_new and not any(folder.iterdir()):
-            folder.rmdir()
+            remove_folder(folder)
         raise
     for path in there:
         if path.name not in contents:
-            path.unlink()  # of the model that was replaced: the new one has no such part
+            remove_file(path)  # of the model that was replaced: the new one has no such part

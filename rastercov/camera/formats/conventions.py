@@ -211,7 +211,8 @@ class Border:
         scale : float
             Factor that the file itself has for lengths.
         drift : float
-            Largest element of R^T R - I of a rotation that is made orthonormal.
+            Largest |s^2 - 1|, of singular values s, of a rotation that is made orthonormal: no
+            element of R^T R - I, in any axes, is larger.
         """
         matrices = np.asarray(world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
         has_lengths = len(matrices) > 0 or rig_from_camera is not None
@@ -231,7 +232,12 @@ class Border:
             given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
             places = self._rigid(given, factor, drift)
         if cameras is not None:
-            rig = Rig(cameras, unique_names(names or [""] * len(cameras)), places)
+            known = unique_names(names or [""] * len(cameras))
+            try:
+                rig = Rig(cameras, known, places)
+            except PoseError as error:
+                camera_at = shown(known[error.pose_ids[0]]) if error.pose_ids else "a camera"
+                raise PoseError(f"place of {camera_at} on the rig: {error}") from None
         if images is None:
             images = [f"camera {row}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
@@ -266,10 +272,12 @@ class Border:
                 axis=(1, 2), initial=0
             )
         rows = np.flatnonzero((drift > DRIFT_TOLERANCE) & (drift <= most))
-        if rows.size:
-            u, _, vt = np.linalg.svd(rotation[rows])
-            out[rows, :3, :3] = u @ vt
-            self.note(f"rotations made orthonormal, off by up to {drift[rows].max():.1g}")
+        u, stretch, vt = np.linalg.svd(rotation[rows])
+        off = np.abs(stretch**2 - 1).max(axis=1, initial=0)  # the same of its inverse and products
+        near = off <= most
+        if near.any():
+            out[rows[near], :3, :3] = (u @ vt)[near]
+            self.note(f"rotations made orthonormal, off by up to {off[near].max():.1g}")
         return out
 
     def unused(self) -> list[str]:
@@ -330,15 +338,19 @@ def unique_names(names: Sequence[str], what: str = "camera") -> list[str]:
 
 
 def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
-    """(N, 4, 4) motions of quaternions (N, 4), scalar first, of any length but 0, and (N, 3).
+    """(N, 4, 4) motions of unit quaternions (N, 4), scalar first, and of translations (N, 3).
 
-    NaN for a quaternion of length 0.
+    A rotation R of a quaternion of length l further than `DRIFT_TOLERANCE` from 1 has
+    R^T R = l I, so that it is made orthonormal or refused as other rotations are; NaN for 0.
     """
     q = np.asarray(wxyz, dtype=np.float64).reshape(-1, 4)
     with np.errstate(all="ignore"):
-        q = q / np.abs(q).max(axis=1, keepdims=True)  # no square overflows
-        q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return motions(rotations_of_quaternions(np.roll(q, -1, axis=1)), translation)
+        largest = np.abs(q).max(axis=1, keepdims=True)  # no square overflows
+        length = np.linalg.norm(q / largest, axis=1, keepdims=True)
+        turns = rotations_of_quaternions(np.roll(q / largest / length, -1, axis=1))
+        length = (length * largest)[:, :, None]
+        turns *= np.where(np.abs(length - 1) > DRIFT_TOLERANCE, np.sqrt(length), 1.0)
+    return motions(turns, translation)
 
 
 def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:

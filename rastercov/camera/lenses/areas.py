@@ -1,11 +1,16 @@
 """Areas of polygons of an ideal plane in the image of a lens, and planes as loops take them.
 
 A plane has a window, few sides around all that the image shows of its region. The border of a
-region is a circle of 128 sides, nearly all of whose images are outside the image. A chord from
+region has 128 sides around a conic, nearly all of whose images are outside the image. A chord from
 corner i to corner j of the region cuts off a piece of it. The lens is a homeomorphism, so a piece
 whose border misses the image has either all of the image or nothing of it, and nothing if a point
 of the rest of the region has its pixel in the image. What is beyond a line along x or y is cut off
 for the same reason.
+
+Where the image may show the conic itself, areas end at it: its arcs are integrated as edges are, by
+the turn around the axis of the cone (`native/lens/polygons.hpp`). For a complex step d of the turn,
+|cos(t + d) - cos t| and |sin(t + d) - sin t| are at most sinh |d|, so that a point of the plane is
+known to stay within the radii at which the lens is bounded.
 """
 
 import math
@@ -15,12 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray, read_only
-from rastercov.camera.lenses import formulas
-from rastercov.camera.lenses.planes import IdealPlane, keep
-from rastercov.camera.lenses.quadrature import EdgeTable
+from rastercov.camera.lenses import balls, formulas
+from rastercov.camera.lenses.planes import IdealPlane, around, keep
+from rastercov.camera.lenses.quadrature import EdgeBounds, EdgeTable
 from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.camera.lenses.slopes import slopes_in
+from rastercov.native.lens_edges import MOST
 from rastercov.native.lens_rays import unproject_many
 
 Misses = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
@@ -33,6 +40,8 @@ TRIMMINGS = 10
 """Halvings in the search for a line that cuts off what the image does not show."""
 FEW_SIDES = 8
 """A region of so few sides is its own window."""
+TURNS = 1024
+"""Places of the border of the valid region whose surroundings are compared with the image."""
 
 
 def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> FloatArray:
@@ -159,6 +168,7 @@ def _pixels(plane: IdealPlane, points: FloatArray) -> tuple[FloatArray, FloatArr
 def record_of(plane: IdealPlane, width: int, height: int, table: EdgeTable) -> PlaneRecord:
     """Record of a plane of a lens with an image of that size, px."""
     pinhole, (speed, bend) = plane.camera, _derivatives(plane)
+    arc_half, arc_bend = arc_rule(plane, width, height, table.tolerance)
     return PlaneRecord(
         code=plane.code,
         params=read_only(plane.params),
@@ -179,7 +189,68 @@ def record_of(plane: IdealPlane, width: int, height: int, table: EdgeTable) -> P
         stretch=speed**2 / 2 / (pinhole.fx * pinhole.fy),
         speed=speed / min(pinhole.fx, pinhole.fy),
         tolerance=table.tolerance,
+        arc_half=arc_half,
+        arc_bend=arc_bend,
     )
+
+
+def arc_rule(
+    plane: IdealPlane, width: float, height: float, tolerance: float
+) -> tuple[float, float]:
+    """Rule for arcs of the border of the valid region in a plane; zeros where none is shown.
+
+    Parameters
+    ----------
+    plane : IdealPlane
+    width, height : float
+        Size of the image, px.
+    tolerance : float
+        Largest error of a part of an arc, px^2.
+
+    Returns
+    -------
+    half, bend : float
+        Half the longest part, radians around the axis, by the rule of most nodes, and a bound of
+        the second derivative of pixels by the turn, px.
+    """
+    if plane.code == formulas.EQUIRECT:
+        return 0.0, 0.0
+    slope = plane.params[formulas.SLOPE]
+    angle = math.atan2(abs(slope), math.copysign(1.0, slope))
+    across, beside = math.sin(angle), around(angle) - angle
+    turn = 2 * np.pi * np.arange(TURNS) / TURNS
+    circle = across * np.cos(turn), across * np.sin(turn), np.full(TURNS, math.cos(angle))
+    rays = np.column_stack(circle) @ plane.frame
+    # A turn d changes coordinates of the ray, and its depth, by at most sinh d times these.
+    along_x, along_y, ahead = across * np.hypot(*plane.frame[:2])
+    aside = max(along_x, along_y)
+    # Places around which all points between the cone and the flat sides next to it are; those that
+    # the region of the plane meets.
+    step, step_z = (math.sinh(math.pi / TURNS) * each + beside for each in (aside, ahead))
+    low, high = plane.region.min(axis=0), plane.region.max(axis=0)
+    is_met = rays[:, 2] > step_z
+    for limit, sign in ((low, 1), (high, -1)):
+        depth = sign * (rays[:, :2] - limit * rays[:, 2:])
+        is_met &= (depth >= -(step + np.abs(limit) * step_z)).all(axis=1)
+    (x, y), z = rays[is_met, :2].T / rays[is_met, 2], rays[is_met, 2]
+    far = np.maximum(np.abs(x), np.abs(y))
+    near = (step + far * step_z) / (z - step_z)
+    u, v = _pixels(plane, np.column_stack((x, y)))
+    by_u, by_v = balls.reach(plane.code, plane.params, plane.frame, x, y, near)
+    misses = (u + by_u < 0) | (u - by_u > width) | (v + by_v < 0) | (v - by_v > height)
+    if misses.all():
+        return 0.0, 0.0
+    # What is between the cone and the region changes places besides.
+    off = float((beside * (1 + far) / (z - beside)).max())
+    found = []
+    for radius, most_u, most_v in plane.reaches:
+        if (left := radius - off) > 0:
+            rise = float((left * z / (aside + (far + left) * ahead)).min())
+            found.append((math.asinh(rise), most_u, most_v))
+    half = EdgeBounds(found, np.full((2, 2), np.inf)).longest(tolerance, MOST)
+    if not half > 0:
+        raise CameraError("the lens must be bounded around max_angle_deg: give a smaller angle")
+    return half, min(2 * max(u, v) / step**2 for step, u, v in found)
 
 
 def _derivatives(plane: IdealPlane) -> tuple[float, float]:

@@ -74,10 +74,7 @@ class Lens:
 
     @property
     def valid_angle(self) -> float:
-        """Angle of the valid region from the z axis, radians.
-
-        Its border has 128 flat sides, which are nearer to the axis by up to 3e-4 of its tangent.
-        """
+        """Angle of the border of the valid region, a cone, from the z axis, radians."""
         return self._region[1]
 
     @property
@@ -270,6 +267,8 @@ def curved_lens(camera: Camera) -> CurvedLens:
         parts_of=read_only(np.array([record.parts_of for record in records], np.int64)),
         is_graded=read_only(np.array([record.is_graded for record in records])),
         bends=read_only(np.array([record.bend for record in records])),
+        arc_halves=read_only(np.array([record.arc_half for record in records])),
+        arc_bends=read_only(np.array([record.arc_bend for record in records])),
         tolerance=records[0].tolerance,
     )
 
@@ -290,6 +289,12 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> Tree:
     tolerance : float
         Mean width of undecided cells, in units of the plane.
     """
+    if record.arc_half > 0:  # pieces are cut to the border of the valid region before
+        record = record._replace(arc_half=0.0)
+        if _is_shown(plane, record):
+            none = np.empty((0, 3)), np.empty((0, 2), np.int32), np.empty(0, np.uint8)
+            lines, children, kinds = (read_only(array) for array in none)
+            return Tree(lines, children, kinds, lens_field.INSIDE)
     pinhole = plane.camera
     left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
     right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
@@ -307,6 +312,15 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> Tree:
         n = n_nodes
     lines, children, kinds = (read_only(array[:n_nodes].copy()) for array in parts)
     return Tree(lines, children, kinds, root)
+
+
+def _is_shown(plane: IdealPlane, record: PlaneRecord) -> bool:
+    """True where the image shows all of the region of a plane."""
+    parts = plane.parts()
+    starts = np.cumsum([0, *map(len, parts)])
+    out = np.empty((len(parts), 3))
+    measure_polygons(record, np.concatenate(parts), starts, out)
+    return bool((out[:, 0] == out[:, 1]).all())
 
 
 def _lines(polygon: FloatArray) -> FloatArray:

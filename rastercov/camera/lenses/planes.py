@@ -1,6 +1,7 @@
 """Valid region of a lens, and ideal planes: pinhole cameras that together see it.
 
-The region is a cone around the z axis on which the lens is proved to be injective.
+The region is a cone around the z axis; the lens is proved to be injective on it, and on one with
+SECTORS flat sides around it, to which surfaces are cut before the cone itself is looked at.
 A polynomial that was fitted inside the image may fold outside it, and then two rays have one pixel.
 So nothing outside the valid region is ever projected. The proof has three parts:
 
@@ -34,15 +35,12 @@ from numpy.typing import NDArray
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera, border_of
+from rastercov.camera.camera import WIDEST_DEG, Camera, border_of
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses import formulas as lens
 from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.native.lens_rays import SECTORS, base_points, jacobian_many, rays_of, unproject_many
 
-WIDEST_DEG = 175.0
-"""Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
-without limit. No lens sees that far."""
 PLANE_DEG = 89.9
 """Largest angle from the axis of a base on a plane in front of the camera."""
 NARROWEST = 1e-12
@@ -68,7 +66,7 @@ _BOUND = lens.bound_to({}, given=(lens.radial_factor,))
 
 def base_limit(code: int, params: FloatArray) -> float:
     """Angle from the z axis, radians, below which the base is injective."""
-    most = math.radians(PLANE_DEG if code in lens.PLANAR else WIDEST_DEG)
+    most = around(math.radians(PLANE_DEG if code in lens.PLANAR else WIDEST_DEG))
     return min(float(lens.limit_of(code, params)) * BELOW_LIMIT, most)
 
 
@@ -178,7 +176,8 @@ def with_region(
     if code == lens.EQUIRECT:
         params[lens.LIMIT], params[lens.SLOPE] = math.inf, 0.0
         return params, math.pi, bool(np.isfinite(_border_rays(code, params, width, height)).all())
-    top = min(base_limit(code, params), math.pi if max_angle is None else max_angle)
+    most = math.pi if max_angle is None else max_angle
+    top = min(base_limit(code, params), around(most))
     edge = base_radius(code, params, top)
     reached = _sensor_radius(params, width, height)
     limit = params[lens.LIMIT] = certified_radius(params, edge, reached)
@@ -189,15 +188,31 @@ def with_region(
         )
     need = _farthest(params, width, height)  # NaN where one has no point
     radius = min(limit, MARGIN * need) if need < math.inf else limit
-    angle = base_angle(code, params, radius)
+    angle = min(within(base_angle(code, params, radius)), most)
     if not angle >= NARROWEST:
         raise CameraError(
             f"the valid region of the lens must reach {NARROWEST:g} rad from the axis, got "
             f"{angle:g}: check the order and the size of its coefficients"
         )
-    slope = math.tan(angle)
-    params[lens.SLOPE] = slope * math.cos(math.pi / SECTORS) if angle < math.pi / 2 else slope
+    params[lens.SLOPE] = math.tan(angle)
     return params, angle, bool(np.isfinite(_border_rays(code, params, width, height)).all())
+
+
+def around(angle: float) -> float:
+    """Largest angle from the z axis of a cone of SECTORS flat sides around one, radians.
+
+    Around -z, beyond 90 degrees, the flat sides are within the cone that is left out.
+    """
+    across, along = math.sin(angle), math.cos(angle)
+    flat = math.cos(math.pi / SECTORS)
+    return math.atan2(across, along * flat) if along > 0 else math.atan2(across * flat, along)
+
+
+def within(angle: float) -> float:
+    """Angle of the largest cone whose `around` is at most an angle, radians."""
+    across, along = math.sin(angle), math.cos(angle)
+    flat = math.cos(math.pi / SECTORS)
+    return math.atan2(across * flat, along) if along > 0 else math.atan2(across, along * flat)
 
 
 def _sensor_radius(params: FloatArray, width: int, height: int) -> float:
@@ -408,14 +423,19 @@ def keep(polygon: FloatArray, a: float, b: float, c: float) -> FloatArray:
 
 
 def _sides() -> FloatArray:
-    """Normals (SECTORS, 2) of the sides of the valid cone, around the z axis."""
+    """Normals (SECTORS, 2) of the flat sides next to the valid cone, around the z axis."""
     turn = 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
     return np.column_stack((np.cos(turn), np.sin(turn)))
 
 
 def _on_plane(slope: float, frame: FloatArray, box: FloatArray) -> tuple[FloatArray, bool]:
-    """Polygon of a box inside the cone m <= slope Z (True), or inside m <= slope Z around -z."""
+    """Polygon of a box in flat sides around the cone of a slope, or within that around -z.
+
+    True where it is around z.
+    """
     polygon = box
+    if not slope > 0:
+        slope *= math.cos(math.pi / SECTORS)
     for n in _sides():
         # slope Z - n . (X, Y) >= 0, with the ray frame @ (x, y, 1)
         a, b, c = slope * frame[2] - n @ frame[:2]

@@ -121,6 +121,8 @@ def _sqrt(value: Any) -> Any:
 
 def _angle_over_r(r2: Any, z: Any) -> Any:
     """Angle from the z axis over r, see `lens/formulas.hpp`."""
+    if isinstance(z, Expansion) and (z.centre[0] + z.radius[0] < 0).all():
+        return math.pi / _sqrt(r2) - _angle_over_r(r2, -z)  # z + sqrt(r2 + z * z) would cancel
     c = 1.0 / (z + _sqrt(r2 + z * z))
     for _ in range(3):
         c = c / (1.0 + _sqrt(1.0 + r2 * (c * c)))
@@ -222,7 +224,11 @@ def _in_cells(
 
 
 def pixels_along_lines(
-    plane: IdealPlane, x: FloatArray, y: FloatArray, half: tuple[float, float], order: int
+    plane: IdealPlane,
+    x: FloatArray,
+    y: FloatArray,
+    half: tuple[float | FloatArray, float],
+    order: int,
 ) -> tuple[Expansion, Expansion]:
     """Expansions of u and v at all points of N cells, in DIRECTIONS: DIRECTIONS times N intervals.
 
@@ -231,7 +237,7 @@ def pixels_along_lines(
     turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     one = np.ones((DIRECTIONS, len(x)))
 
-    def line(at: FloatArray, width: float, slope: FloatArray) -> Expansion:
+    def line(at: FloatArray, width: float | FloatArray, slope: FloatArray) -> Expansion:
         centre = np.stack((at * one, slope[:, None] * one)).reshape(2, -1)
         return Expansion(centre, np.stack((width * one, 0 * one)).reshape(2, -1), order)
 

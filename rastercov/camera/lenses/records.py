@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rastercov.base.memory import FloatArray
 
 MOST_SIDES = 132
-"""Room for the sides of a region: a cone of 128 sides cut by a square."""
+"""Room for the sides of a region: a polygon of 128 sides around a cone, cut by a square."""
 
 
 class PlaneRecord(NamedTuple):
@@ -41,6 +41,11 @@ class PlaneRecord(NamedTuple):
         Greatest length in the image of the lens, px, for each px of the pinhole's.
     tolerance : float
         Bound of the error of each edge or part of one, px^2.
+    arc_half : float
+        Half the longest arc that is integrated in one part along the border of the valid region, in
+        radians around its axis; 0 where the image does not show the border.
+    arc_bend : float
+        Bound of the second derivative of pixels along it, px.
     """
 
     code: int
@@ -62,6 +67,8 @@ class PlaneRecord(NamedTuple):
     stretch: float
     speed: float
     tolerance: float
+    arc_half: float
+    arc_bend: float
 
 
 class CurvedLens(NamedTuple):
@@ -78,7 +85,7 @@ class CurvedLens(NamedTuple):
     longest : (N, M) float64
     parts_of : (N,) int64
     is_graded : (N,) bool
-    bends : (N,) float64
+    bends, arc_halves, arc_bends : (N,) float64
     """
 
     code: int
@@ -96,6 +103,8 @@ class CurvedLens(NamedTuple):
     parts_of: NDArray[np.int64]
     is_graded: NDArray[np.bool_]
     bends: FloatArray
+    arc_halves: FloatArray
+    arc_bends: FloatArray
     tolerance: float
 
 
@@ -107,13 +116,13 @@ class Slopes(NamedTuple):
     low_x, low_y, per_x, per_y : float
         Corner of the grid, and parts a unit.
     second, third : (CELLS PARTS, CELLS PARTS) float64
-        By row (y) and column (x); 0 beyond the region.
+        By row (y) and column (x); 0 beyond the region, infinite where nothing is known.
     sizes : (2, CELLS, CELLS) float64
         Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
         PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
-    is_graded : bool
-        The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
-        over d^2 and d^3.
+    near_axis : (4,) float64
+        Bounds of |(A^-1)'| d, |(A^-1)''| d^2, |L'| d and |L''| d^2, L = log |det A|, at a distance
+        d from (0, 0), where the plane has a pole or the ray opposite to the axis; else infinite.
     """
 
     low_x: float
@@ -123,9 +132,7 @@ class Slopes(NamedTuple):
     second: FloatArray
     third: FloatArray
     sizes: FloatArray
-    is_graded: bool
-    near_pole_2: float
-    near_pole_3: float
+    near_axis: FloatArray
 
 
 class Tree(NamedTuple):

@@ -7,9 +7,13 @@ between directions follow as there. Where nothing is known by them, Cauchy's est
 derivatives: a bound M of |u - u0| within R (`balls.reach`) gives m! M / R^m. Then each cell is
 divided, differences give the derivatives in the middle of a part, and the bounds of the next orders
 what they are off by, and how much they change in the part.
+
+Next to a pole, and to the ray opposite to the axis of a fisheye, these bounds grow faster than what
+they are used for, the derivatives of the inverse of the first derivative; so that has its own.
 """
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +22,12 @@ from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.lenses import balls, formulas
 from rastercov.camera.lenses.balls import ROUNDING, Ball
 from rastercov.camera.lenses.planes import IdealPlane, cells_of
-from rastercov.camera.lenses.quadrature import DIRECTIONS, ROUNDING_REL, pixels_along_lines
+from rastercov.camera.lenses.quadrature import (
+    DIRECTIONS,
+    ROUNDING_REL,
+    Expansion,
+    pixels_along_lines,
+)
 from rastercov.camera.lenses.records import Slopes
 from rastercov.native.lens_field import CELLS, PARTS
 from rastercov.native.lens_rays import jacobian_many
@@ -30,6 +39,8 @@ ALMOST_NOTHING = 1e-300
 ORDERS = (2, 3, 4, 5)
 RADII = tuple(np.geomspace(0.01, 0.5, 12).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
+RINGS = 2048
+"""Rings around an axis in which a fisheye is bounded."""
 MOST_PLANES = 64
 """Planes whose slopes are kept from the record of a plane to its first use, 280 kB each."""
 
@@ -97,9 +108,8 @@ def slopes_in(plane: IdealPlane) -> Slopes:
     x, y, half = cells_of(plane.region, CELLS)
     bounds, sizes = np.zeros((len(ORDERS), CELLS * CELLS)), np.zeros((2, CELLS * CELLS))
     sizes[1] = np.inf
-    pole = 0.0, 0.0
     if plane.has_pole:
-        pole = _near_pole(plane)
+        bounds[:] = np.inf
     elif not is_affine(plane):
         rows = np.flatnonzero(plane.meets(x, y, half))
         sizes[0], sizes[1] = np.inf, 0.0  # which is no limit beyond the region
@@ -108,7 +118,7 @@ def slopes_in(plane: IdealPlane) -> Slopes:
     coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
     second, third = coarse[:2]
     low = plane.region.min(axis=0)
-    if bounds.any():
+    if bounds.any() and not plane.has_pole:
         second, third = _sharpened(plane, coarse, low, np.array(half) / PARTS)
     return Slopes(
         low_x=float(low[0]),
@@ -118,9 +128,7 @@ def slopes_in(plane: IdealPlane) -> Slopes:
         second=read_only(second),
         third=read_only(third),
         sizes=read_only(sizes.reshape(2, CELLS, CELLS)),
-        is_graded=plane.has_pole,
-        near_pole_2=pole[0],
-        near_pole_3=pole[1],
+        near_axis=read_only(_near_axis(plane)),
     )
 
 
@@ -167,17 +175,57 @@ def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     return (out @ plane.frame[:, :2]).reshape(-1, 4)
 
 
-def _near_pole(plane: IdealPlane) -> tuple[float, float]:
-    """Bounds of second and third derivatives times d^2 and d^3, d <= 2^(1/2) that from the pole.
+def _near_axis(plane: IdealPlane) -> FloatArray:
+    """`Slopes.near_axis`.
 
-    Longitude is the imaginary part of log(x + i y), whose derivatives are at most 1 / d^2 and
-    2 / d^3. Latitude is 90 degrees less F(d^2), F(s) = atan(s^(1/2)). Its second derivative along a
-    line is at most 1 / d; its third, F_3 s_1^3 + 3 F_2 s_1 s_2 with s_1 <= 2 d and s_2 = 2 the
-    derivatives of s, at most 11 / d^2, for |F_2| <= 9/32 s^(-3/2) and |F_3| <= 0.95 s^(-5/2).
+    Let d be the distance from (0, 0), e_d and e_phi the directions along and across it. Of a
+    panorama, pixels are M (longitude, latitude), and A^-1 = (d e_phi, (1 + d^2) e_d) M^-1,
+    det A = det M / (d (1 + d^2)): for d <= 2^(1/2), (A^-1)' is at most (1, 4 / d) by columns and
+    (A^-1)'' (0, 4 / d^2). Of a fisheye without tangential terms pixels are M F(d) e_d, and
+
+        A^-1 = (a (I - P) + b P) M^-1,   a = d / F,   b = 1 / F',   P = e_d e_d^T,
+
+    |P'| <= 1 / d, |P''| <= 2 / d^2. `Expansion` bounds F, and so a and b, in rings.
     """
     p = plane.params
-    across, down, skew = (abs(float(p[k])) for k in (formulas.FX, formulas.FY, formulas.SKEW))
-    farthest = math.sqrt(2)
-    second = math.hypot(across + skew * farthest, down * farthest)
-    third = math.hypot(2 * across + 11 * skew * farthest, 11 * down * farthest)
-    return second, third
+    M = np.array([[p[formulas.FX], p[formulas.SKEW]], [0.0, p[formulas.FY]]])
+    if plane.has_pole:
+        inverse = np.array((math.sqrt(18.0), 4.0)) * np.linalg.norm(np.linalg.inv(M), 2)
+        return np.append(inverse, (7.0 / 3, 7.0 / 3))
+    is_radial = not p[formulas.P1 : formulas.T00].any() and not p[formulas.T20 : formulas.T22].any()
+    if plane.hole is None or abs(plane.frame[2, 2]) < 1 or not is_radial:
+        return np.full(4, np.inf)
+    ends = np.geomspace(0.99 * abs(p[formulas.SLOPE]), 1.001 * math.sqrt(2), RINGS + 1)
+    d, half = (ends[1:] + ends[:-1]) / 2, (ends[1:] - ends[:-1]) / 2
+    own = p.copy()
+    own[: formulas.K1] = 1.0, 1.0, 0.0, 0.0, 0.0
+    u, v = pixels_along_lines(replace(plane, params=own), d, np.zeros(RINGS), (half, 0.0), 3)
+    F = float(plane.frame[0, 0]) * u + float(plane.frame[1, 0]) * v
+    centre, radius = (np.ascontiguousarray(each[:, :RINGS]) for each in (F.centre, F.radius))
+    found = _around_axis(centre, radius, d, half)
+    return found * np.append(np.full(2, np.linalg.norm(np.linalg.inv(M), 2)), (1.0, 1.0)) * ROUNDING
+
+
+def _around_axis(
+    centre: FloatArray, radius: FloatArray, d: FloatArray, half: FloatArray
+) -> FloatArray:
+    """`Slopes.near_axis` in rings d +- half for pixels F(d) e_d, of intervals of F, (4, N)."""
+    far, k, one = d + half, np.arange(1, 4)[:, None], np.ones_like(d)
+    line = Expansion(np.array((d, one)), np.array((half, 0 * one)), 2)
+    with np.errstate(all="ignore"):
+        a = line / Expansion(centre[:3], radius[:3], 2)
+        b = 1.0 / Expansion(centre[1:] * k, radius[1:] * k, 2)
+        (_, a_1, a_2), (_, b_1, b_2), (h_0, h_1, _) = (
+            (np.abs(each.centre) + each.radius) * ((1.0,), (1.0,), (2.0,)) for each in (a, b, b - a)
+        )
+        least_a, least_b = (np.abs(each.centre[0]) - each.radius[0] for each in (a, b))
+        slope, change = np.maximum(a_1, b_1), a_1 / least_a + b_1 / least_b
+        bend = (a_2 + a_1**2 / least_a) / least_a + (b_2 + b_1**2 / least_b) / least_b
+        found = np.array((
+            np.hypot(slope * far, h_0),
+            np.maximum(a_2, b_2) * far**2 + (slope + h_1) * far + 2 * h_0,
+            change * far,
+            np.maximum(bend * far**2, change * far),
+        ))  # fmt: skip
+    is_good = np.isfinite(found) & (np.minimum(least_a, least_b) > 0)
+    return np.where(is_good, found, np.inf).max(axis=1)

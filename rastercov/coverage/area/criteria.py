@@ -8,6 +8,7 @@ none. Devices of which a point is behind, or hidden, are not looked for: cut reg
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -125,8 +126,9 @@ class Illuminance(InOneLine):
             raise ConfigError(f"intensities must be 0 or more, got {shown(self.intensities)}")
         if not ((exponents == 0) | ((exponents >= 1) & (exponents <= 1000))).all():
             raise ConfigError(f"exponents must be 0, or 1 to 1000, got {shown(self.exponents)}")
-        if hasattr(self.tables, "__len__") and len(self.tables) > MOST_DEVICES:
-            raise ConfigError(f"tables must be at most {MOST_DEVICES}, got {len(self.tables):,}")
+        with suppress(TypeError):  # of no length
+            if (n := len(self.tables)) > MOST_DEVICES:
+                raise ConfigError(f"tables must be at most {MOST_DEVICES}, got {n:,}")
         tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
         table = _like("table", self.table, shape[:-1])
         if not np.isin(table, np.arange(-1, len(tables))).all():

@@ -13,7 +13,7 @@ from rastercov.coverage.area.criteria import Cut
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.mesh import Mesh
-from rastercov.native import area_cut, area_union
+from rastercov.native import area_cut
 
 STRIP_REL = 2e-5
 """Mean width of what is not decided, relative to the diagonal of the mesh."""
@@ -43,13 +43,17 @@ class Parts(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Parts of N pieces: corners, starts, piece and area of each; undecided area, (N,)."""
+    """Parts of N pieces: corners, starts, piece and area of each; undecided area, (N,), m^2.
+
+    `cut_short` is the part of it of all pieces that is undecided because their cuts ended.
+    """
 
     xy: FloatArray
     starts: IntArray
     piece: IntArray
     area: FloatArray
     undecided: FloatArray
+    cut_short: float = 0.0
 
 
 def parts_where(
@@ -60,25 +64,26 @@ def parts_where(
     `devices` are those that count on each piece, as bits; all of them unless given.
     """
     mesh, n = polygons.mesh, len(polygons)
-    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    size = mesh.diagonal
     loop = getattr(area_cut, f"cut_by_{cut.name}")
     of_pieces: Any = (
         read_only(polygons.xy, np.float64), read_only(polygons.starts, np.int64),
         read_only(polygons.face, np.int32), read_only(row, np.int32),
         read_only(np.full(n, -1) if devices is None else devices, np.int64),
     )  # fmt: skip
-    out, undecided, done = Parts.of_room(4 * n + 64, 16 * n + 512), np.zeros(n), 0
+    out, undecided, done = Parts.of_room(4 * n + 64, 16 * n + 512), np.zeros((n, 2)), 0
     while True:
         done = loop(
             of_pieces, _planes(mesh), cut.record, STRIP_REL * size,
-            area_union.COINCIDENT_REL * size, done, undecided, out,
+            area_cut.COINCIDENT_REL * size, done, undecided, out,
         )  # fmt: skip
         if done == n:
             break
         out = out.with_more_room()
     count, corners = out.used.tolist()
     xy, starts = out.xy[:corners].copy(), out.starts[: count + 1].copy()
-    return Kept(xy, starts, out.piece[:count], polygon_areas(xy, starts), undecided)
+    areas, cut_short = polygon_areas(xy, starts), float(undecided[:, 1].sum())
+    return Kept(xy, starts, out.piece[:count], areas, undecided[:, 0], cut_short)
 
 
 def values_of(

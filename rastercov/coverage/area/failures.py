@@ -176,7 +176,7 @@ class PointPass:
 
         self.cameras = cameras_of(camera)
         self._centre = mesh.bounds.mean(axis=0)
-        self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))) or 1.0
+        self._diagonal = mesh.diagonal or 1.0
         solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
         self.faces, row = np.full(1, -1), np.full(mesh.n_faces, -1)
         corners, nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)

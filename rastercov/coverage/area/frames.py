@@ -6,9 +6,7 @@ x runs along that edge, and y to the third corner, so that the face is the trian
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray, read_only
-from rastercov.base.threads import Once
+from rastercov.base.threads import once_each
 from rastercov.coverage.area.polygons import boxes
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.bodies import Moved
-from rastercov.native import area_point, mesh_bodies
+from rastercov.native import area_frames, area_point, mesh_bodies
 
 SLACK_REL = 1e-9
 """Distance outside a piece up to which a point counts as inside, relative to the diagonal: rounding
@@ -49,17 +47,14 @@ class Frames(NamedTuple):
     areas: FloatArray
 
 
-_FRAMES: WeakKeyDictionary[Mesh, Once[Frames]] = WeakKeyDictionary()
-
-
+@once_each
 def frames_of(mesh: Mesh) -> Frames:
     """Frames of a mesh, made at the first call.
 
     Those of a mesh that a `Motion` made are chosen at rest, and moved with its bodies.
     """
     moved = mesh.moved_from
-    make = partial(_build, mesh) if moved is None else partial(_moved, moved)
-    return _FRAMES.setdefault(mesh, Once()).get(make)
+    return _build(mesh) if moved is None else _moved(moved)
 
 
 def _moved(moved: Moved) -> Frames:
@@ -155,7 +150,7 @@ def rows_at(
         read_only(order, np.int64), read_only(of_face, np.int64),
         read_only(polygons.xy, np.float64), read_only(polygons.starts, np.int64),
         read_only(boxes(polygons.xy, polygons.starts), np.float64), read_only(row, np.int32),
-        SLACK_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), found,
+        SLACK_REL * mesh.diagonal, found,
     )  # fmt: skip
     return found
 
@@ -171,29 +166,7 @@ def check_same_mesh(first: Mesh, second: Mesh) -> None:
 
 
 def _build(mesh: Mesh) -> Frames:
-    points = mesh.vertices[mesh.faces]
-    sides = np.roll(points, -1, axis=1) - points
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        lengths = np.sqrt(np.einsum("fsi,fsi->fs", sides, sides))
-        first = lengths.argmax(axis=1)
-        rows = np.arange(mesh.n_faces)
-        origin = points[rows, first]
-        longest = lengths[rows, first]
-        x_axis = sides[rows, first] / longest[:, None]
-        # From the other end of the longest edge where that is nearer: fewer digits are lost.
-        away = points[rows, (first + 2) % 3] - origin
-        x = np.einsum("fi,fi->f", away, x_axis)
-        across = away - x[:, None] * x_axis
-        across -= np.einsum("fi,fi->f", across, x_axis)[:, None] * x_axis
-        y = np.sqrt(np.einsum("fi,fi->f", across, across))
-        y_axis = across / y[:, None]
-    corners = np.zeros((mesh.n_faces, 3, 2))
-    corners[:, 1, 0], corners[:, 2, 0], corners[:, 2, 1] = longest, x, y
-    normal = np.cross(x_axis, y_axis)
-    areas = longest * y / 2
-    arrays = [origin.copy(), x_axis, y_axis, normal, corners, areas]
-    flat = mesh.degenerate_mask | ~(areas > 0)
-    for array in arrays:
-        array[flat] = 0.0
-        array.flags.writeable = False
-    return Frames(*arrays)
+    n = mesh.n_faces
+    frames = Frames(*(np.zeros((n, *rest)) for rest in ((3,), (3,), (3,), (3,), (3, 2), ())))
+    area_frames.build_frames(mesh.vertices, mesh.faces, mesh.degenerate_mask, frames)
+    return Frames(*map(frozen, frames))

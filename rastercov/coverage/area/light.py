@@ -78,7 +78,12 @@ class Lit(NamedTuple):
             _gathered(source, at, group, ids, eyes)
             for source, at in ((regions, seen), (lit, pairs))
         ]
-        parts = [replace(part, bound=np.where(first, part.bound, 0.0)) for part in parts]
+        parts = [
+            replace(
+                each, bound=np.where(first, each.bound, 0), excess=np.where(first, each.excess, 0)
+            )
+            for each in parts
+        ]
         groups = np.tile(np.arange(len(rows)), 2)
         both = joined([replace(each, devices=None) for each in parts])
         both = both.at_least(2, groups, one_side=False)
@@ -311,6 +316,7 @@ def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
         pair_face=(keys % n_faces).astype(np.int32),
         area=np.bincount(of[: len(areas)], areas, len(keys)).astype(np.float64),
         bound=lit.bound[at] if len(keys) else np.zeros(0),
+        excess=lit.excess[at] if len(keys) else np.zeros(0),
         pose_ids=np.tile(lit.pose_ids, len(sets)),
         eyes=np.tile(lit.eyes, (len(sets), 1)),
         columns=None,

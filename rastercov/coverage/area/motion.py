@@ -6,6 +6,7 @@ Frames of faces are chosen at rest and turned: chosen anew, rounding would decid
 equal length, and regions of two frames would have other coordinates.
 """
 
+import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -23,11 +24,12 @@ from rastercov.camera.lamps import Lamps
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, lamps_of, names_of, with_lamps
-from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
+from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import corners_of, moved_boxes
 from rastercov.mesh.motion import Motion
@@ -288,7 +290,7 @@ class Sights:
 class OfLamps:
     """Regions of points of lamps in the frames of a motion, at rest; equal sights are found once.
 
-    To the bit: nothing that lamps see is cut by the size of the scene, as arcs of incidence are.
+    To the bit: the size of the scene cuts only the border of their light, and by its power of two.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -301,7 +303,9 @@ class OfLamps:
         `kept` are the faces at rest of its faces.
         """
         near = near_limits(finder.cameras, finder.mesh.opaque.bounds, poses)
-        keys, known = self._sights.of(row, poses, near), self._known
+        gap = GAP_REL * surface_of(finder.mesh.opaque).diagonal
+        size = math.frexp(gap)[1].to_bytes(2, signed=True)
+        keys, known = [size + key for key in self._sights.of(row, poses, near)], self._known
         if new := {key: at for at, key in enumerate(keys) if key not in known}:
             found = at_rest(finder.find(poses[np.array(list(new.values()))]), self._motion, kept)
             known |= {key: taken(found, np.array([at])) for at, key in enumerate(new)}

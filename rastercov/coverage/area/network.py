@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import area as area_text
 from rastercov.base.format import percent, plural, with_bound
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, is_joint, lamps_of, names_of
@@ -113,6 +114,8 @@ class AreaNetwork:
     ----------
     least, views : int
         Least and largest number of cameras that may be wanted: 2 and more with `min_angle_deg`.
+    cut_short : float
+        Sum of `Regions.cut_short`, m^2.
     """
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
@@ -120,6 +123,7 @@ class AreaNetwork:
         self.mesh, self.task = mesh, task
         self.least = 2 if task.min_angle_deg > 0 else 1
         self.views = max(task.views, self.least)
+        self.cut_short = 0.0
         self._union: RegionUnion | SpreadUnion = RegionUnion(mesh, self.views)
         if task.min_angle_deg > 0:
             self._union = SpreadUnion(mesh, self.views, task.min_angle_deg)
@@ -139,7 +143,19 @@ class AreaNetwork:
     def add(self, regions: Regions) -> None:
         """Take in the regions of further poses."""
         self._union.add(regions)
+        # Rows of light that cameras share may count twice there, in the bound they do not.
+        self.cut_short += min(regions.cut_short, float(regions.bound.sum()))
         self._kept.clear()
+
+    def doubts(self) -> list[str]:
+        """A line on criteria that were not decided as finely as others; often none."""
+        if not self.cut_short > 0:
+            return []
+        line = (
+            f"criteria: {area_text(self.cut_short)} of the views of all cameras undecided, as "
+            "divisions of a face end"
+        )
+        return [f"{line}: it is in the bound; divide large faces, or relax a threshold"]
 
     def _once(self, key: Any, make: Callable[[], Any]) -> Any:
         if key not in self._kept:
@@ -164,7 +180,11 @@ class AreaNetwork:
         area = sum(part["m2"] for part in parts)
         percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
         own = {every[i].name: views[every[i].name] for i in scored if every[i].name in views}
-        return whole | {"percent": percent * area, "m2": area, "views": own}
+        found = whole | {"percent": percent * area, "m2": area, "views": own}
+        doubtful = sum(part.get("doubtful_m2", 0.0) for part in parts)
+        return {name: found[name] for name in found if name not in DOUBTFUL} | _doubtful(
+            doubtful, percent
+        )
 
     def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
         """Add `covered_area` to the summary of a `Network`, and to its scored groups and parts."""
@@ -203,15 +223,21 @@ class AreaNetwork:
     def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
 
-        Percentages are of the area of the faces. The true area is within `bound_m2` of each.
+        Percentages are of the area of the faces. The true area is within `bound_m2` of each, except
+        for faces that a camera sees edge-on to rounding: of these up to `doubtful_m2` may be
+        covered besides, where it is given.
         `views` is that of the task unless given.
         """
         views = self.views if views is None else max(views, self.least)
-        total = float(frames_of(self.mesh).areas[members].sum())
-        found, bound = self.covered.area[:views], float(self.covered.bound[members].sum())
+        covered, every = self.covered, frames_of(self.mesh).areas[members]
+        total = float(every.sum())
+        found, bound = covered.area[:views], float(covered.excess[members].sum())
         square_metres = [min(float(row[members].sum()), total) for row in found]
         bound = min(bound, total)
         percent = 100 / total if total > 0 else 0.0
+        top, ends = found[-1][members], (covered.bound[members], covered.excess[members])
+        most, surely = (np.minimum(top + each, every) for each in ends)
+        doubtful = float((most - surely).sum())
         return {
             "percent": percent * square_metres[-1],
             "bound_percent": percent * bound,
@@ -223,12 +249,28 @@ class AreaNetwork:
                 {"views": number, "percent": percent * area, "m2": area}
                 for number, area in enumerate(square_metres, start=1)
             ],
+            **_doubtful(doubtful, percent),
         }
+
+
+DOUBTFUL = ("doubtful_percent", "doubtful_m2")
+
+
+def _doubtful(m2: float, percent: float) -> dict[str, float]:
+    """Entries of what may be covered besides, where there is any; `percent` of a m^2."""
+    return dict(zip(DOUBTFUL, (percent * m2, m2), strict=True)) if m2 > 0 else {}
+
+
+def _most_off(figures: Mapping[str, Any], unit: str) -> float:
+    """Largest error of a covered area, either way, "m2" or "percent"."""
+    return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
 
 
 def in_words(figures: Mapping[str, Any]) -> str:
     """Covered area with its bound, in words."""
     text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
+    if "doubtful_percent" in figures:
+        text += f", up to {percent(figures['doubtful_percent'] / 100)} more is seen edge-on"
     if isinstance(figures["views"], int) and figures["views"] > 1:
         fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
         text += f", by {plural(figures['views'], 'camera')} or more; "
@@ -283,7 +325,8 @@ def cameras_apart(camera: Cameras, poses: Poses) -> list[int]:
     return used if len(used) <= MOST_CAMERAS else []
 
 
-OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2")
+UNITS_OF = ("percent", "m2")
+OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2", *DOUBTFUL)
 """Figures of what a device covers by itself."""
 ANGLE, UNCERTAINTY = -1, -2
 """Conditions of a rig with a rule, among its cameras, in the order of `CONDITIONS`."""
@@ -331,9 +374,10 @@ class ByCamera:
     ) -> None:  # fmt: skip
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
         self._camera = camera
-        one = replace(task, views=1, min_angle_deg=0.0)
-        self._areas = {index: AreaNetwork(mesh, one) for index in indices if by_area}
-        self._networks = {index: Network(mesh, one) for index in indices if by_face}
+        if indices or is_joint(camera):
+            task = replace(task, views=1, min_angle_deg=0.0)
+        self._areas = {index: AreaNetwork(mesh, task) for index in indices if by_area}
+        self._networks = {index: Network(mesh, task) for index in indices if by_face}
         self._rigs: dict[int, tuple[Gate, dict[int | None, AreaNetwork]]] = {}
         self.worst: dict[int, NDArray[np.float64]] = {}
         is_used = set(indices)
@@ -345,11 +389,11 @@ class ByCamera:
                     *range(gate.n),
                     *(each for each, is_asked in asked.items() if is_asked),
                 )
-                self._rigs[first] = gate, {each: AreaNetwork(mesh, one) for each in names}
+                self._rigs[first] = gate, {each: AreaNetwork(mesh, task) for each in names}
         self._lights: list[Light | None] = []
         # What the cameras see, what of it is lit, and what has as much light as the task asks.
         n = 2 + task.asks_for_light if by_area and lamps_of(camera) is not None else 0
-        self._seen = [AreaNetwork(mesh, one) for _ in range(n)]
+        self._seen = [AreaNetwork(mesh, task) for _ in range(n)]
 
     @property
     def is_asked(self) -> bool:
@@ -443,7 +487,7 @@ class ByCamera:
                 if not _rule_without(gate, device).k:
                     others |= {"m2": whole["of_m2"], "bound_m2": 0.0}
                 lost = max(others["m2"] - whole["m2"], 0.0)
-                bound = whole["bound_m2"] + others["bound_m2"]
+                bound = _most_off(whole, "m2") + _most_off(others, "m2")
                 percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
                 own = None if device < 0 else self._areas[first + device].summary()
                 found.append({
@@ -451,7 +495,7 @@ class ByCamera:
                     "condition": CONDITIONS[-1 - device] if device < 0 else None,
                     **(_worst_um(self.worst[first])
                        if device == UNCERTAINTY and first in self.worst else {}),
-                    "sees": own and {name: own[name] for name in OF_DEVICE},
+                    "sees": own and {name: own[name] for name in OF_DEVICE if name in own},
                     "missed": {
                         "percent": percent * lost, "bound_percent": percent * bound,
                         "m2": lost, "bound_m2": bound,
@@ -471,7 +515,7 @@ class ByCamera:
         seen = [areas.summary() for areas in self._seen]
         lost = [
             {name: max(more[name] - less[name], 0.0) for name in ("percent", "m2")}
-            | {name: more[name] + less[name] for name in ("bound_percent", "bound_m2")}
+            | {f"bound_{unit}": _most_off(more, unit) + _most_off(less, unit) for unit in UNITS_OF}
             for more, less in pairwise(seen)
         ]
         shares = [

@@ -268,7 +268,10 @@ class OverTime(InOneLine):
         return {
             "over": self.over, "views": self.task.views, "views_at": self.views_at,
             "frames": len(self.motion), "bodies": list(self.motion.names),
-            "covered": {name: found[name] for name in ("percent", "m2", "bound_m2", "of_m2")},
+            "covered": {
+                name: found[name] for name in ("percent", "m2", "bound_m2", "of_m2", "doubtful_m2")
+                if name in found
+            },
             "ever_percent": curve[0]["percent"],
             "always_percent": factor * float(always.long_enough.area.sum()),
             "half_the_frames_percent": half,

@@ -7,16 +7,16 @@ that the covered area does not depend on the triangles that the surface is cut i
 docs/area.md.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray, check_memory, read_only
+from rastercov.base.memory import BoolArray, check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.models import MODELS
@@ -34,21 +34,18 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.criteria import PixelDensity
 from rastercov.coverage.area.frames import frames_of, rows_at
 from rastercov.coverage.area.light import Light
-from rastercov.coverage.area.records import Criteria, Found, LensCriteria, Planes, Seen
+from rastercov.coverage.area.records import Criteria, LensCriteria, Planes
 from rastercov.coverage.area.sensors import gated, tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
+from rastercov.coverage.exact_pass import ExactPass, mask_of, room_for
 from rastercov.coverage.observer import ExactObserver
 from rastercov.coverage.task import Task
+from rastercov.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.mesh import Mesh
-from rastercov.native import area_region
+from rastercov.native import engine_visibility
 from rastercov.raster.observation import Observation
-
-if TYPE_CHECKING:
-    from rastercov.exact.half_planes import HalfPlaneSolver
-
 
 GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
@@ -68,17 +65,17 @@ OF_A_FACE = {
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""
 
 
-_NOTHING_FOUND = (
-    np.empty((0, 2)), np.empty(0, np.int64), np.empty(0, np.int32),
-    np.empty(0, np.int32), np.empty(0), np.empty(0),
-)  # fmt: skip
-"""Pieces, and faces with an area or a bound, of a pose that sees none; see `_Finder.find`."""
+def _nothing_in(n_poses: int) -> tuple[Any, ...]:
+    """Regions of poses that see none, as `engine_visibility.Pass.find` has them."""
+    none, areas = np.zeros(n_poses, np.int64), (np.empty(0),) * 4
+    faces = np.empty(0, np.int32)
+    return np.empty((0, 2)), np.empty(0, np.int64), faces, none, faces, none, *areas
 
 
 def check_pointwise(task: Task) -> None:
     """Raise `ConfigError` for a task with a threshold that no point can meet or fail."""
     for name, text in OF_A_FACE.items():
-        if getattr(task, name) != getattr(Task(), name):
+        if getattr(task, name) != getattr(Task, name):  # its default
             raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
 
 
@@ -185,8 +182,13 @@ class RegionPass(ExactPass):
             for own, each in zip(cameras, tasks, strict=True)
         ])  # fmt: skip
         self._scales = np.array([each.fx * each.fy for each in cameras])
-        make = partial(_Finder, tasks=tasks, only_task=only_task)
-        super().__init__(mesh, camera, engine, make)
+        self._tasks = tasks
+        super().__init__(mesh, camera, engine, keeps_pieces=True)
+        self._is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
+        # Figures through a lens are sums over planes, of all faces.
+        has_lens = not all(each.is_pinhole for each in cameras)
+        has_figures = mesh.task_mask | (not only_task or has_lens)
+        self._has_no_figures = None if has_figures.all() else ~has_figures
         self.light: Light | None = None
         """Light of the lamps of the cameras; regions of `find` know it, and are not cut by it."""
         self._of_lamps: RegionPass | None = None
@@ -230,11 +232,28 @@ class RegionPass(ExactPass):
             Out: figures of all faces; of `room_for`. With `only_task` nothing is known of
             occluders, by their bounds.
         """
+        is_asked = self._is_asked if closed is None else self._is_asked & ~closed
+        if not is_asked.any():
+            poses.check_cameras(len(self.cameras))
+            if seen is not None:
+                self.observe(poses, seen, self._has_no_figures)
+            return self._joined(poses, _nothing_in(len(poses)))
+        left_out = self._has_no_figures if seen is not None else ~is_asked
+        planes = self._planes(is_asked)
 
-        def prepare(finder: "_Finder") -> None:
-            finder.leave_out(closed, is_measured=seen is not None)
+        def run(placed: Any, figures: Any) -> Any:
+            mask = mask_of(left_out)
+            return self._solvers.find(self._surface, planes, mask, placed, figures, self.threads)
 
-        return self._joined(poses, self.run(poses, seen, prepare))
+        return self._joined(poses, self._run(poses, seen, run))
+
+    def _planes(self, is_asked: BoolArray) -> Planes:
+        return Planes(*frames_of(self.mesh), self.mesh.two_sided_mask, is_asked)
+
+    def _set_camera(self, index: int) -> None:
+        camera = self.cameras[index]
+        own = _criteria(camera, self._tasks[index])
+        self._solvers.set_camera(index, engine_camera(camera), own)
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions of rows of the result a few at a time; at least one batch."""
@@ -242,18 +261,16 @@ class RegionPass(ExactPass):
         for part in in_batches(poses, self.mesh.n_faces, self.threads, rows):
             yield gated(self.find(part), self.camera, part)
 
-    def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
-        """Regions of all poses in one table."""
-        columns = zip(_NOTHING_FOUND, *found, strict=True)  # of the right types, whatever follows
-        xy, counts, face, pair_face, area, bound = map(np.concatenate, columns)
+    def _joined(self, poses: Poses, found: tuple[Any, ...]) -> Regions:
+        """Regions of all poses, of what the engine finds."""
+        xy, counts, face, n_pieces, pair_face, n_pairs, area, bound, excess, cut_short = found
         rows = np.arange(len(poses), dtype=np.int32)
         regions = Regions(
             self.mesh, xy, polygons.starts_of(counts), face, self.camera, self.task, poses.ids,
-            pose=np.repeat(rows, [len(each[2]) for each in found]),
-            pair_pose=np.repeat(rows, [len(each[3]) for each in found]),
+            pose=np.repeat(rows, n_pieces), pair_pose=np.repeat(rows, n_pairs),
             pair_face=pair_face, area=area, bound=bound, eyes=poses.world_from_camera[:, :3, 3],
-            light=self.light,
-            columns=poses.world_from_camera[:, :3, 1],
+            light=self.light, excess=excess,
+            columns=poses.world_from_camera[:, :3, 1], cut_short=float(cut_short.sum()),
         )  # fmt: skip
         if not (limits := self._least[poses.camera]).any():
             return regions
@@ -263,157 +280,42 @@ class RegionPass(ExactPass):
         return regions.where(PixelDensity(regions.eyes, axes, scales, limits))
 
 
-class _Finder(PoseSolver):
-    """Regions one pose at a time, with the scratch memory of one thread."""
-
-    def __init__(
-        self,
-        mesh: Mesh,
-        cameras: Sequence[Camera],
-        is_certified: bool,
-        tasks: Sequence[Task],
-        only_task: bool,
-    ) -> None:
-        super().__init__(mesh, cameras, is_certified)
-        self.solver.keep_pieces()
-        self._own = self._lent.visible, self._lent.area, self._lent.area_error
-        surface = self.solver.surface
-        # The solver has the targets behind the opaque faces, and may have sorted these.
-        rows = np.arange(surface.n_faces)[surface.rows]
-        self._rows = read_only(rows, np.int64)
-        self._is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
-        # Figures through a lens are sums over planes, of all faces.
-        has_lens = not all(camera.is_pinhole for camera in cameras)
-        has_figures = mesh.task_mask | (not only_task or has_lens)
-        self._has_no_figures = None if has_figures.all() else ~has_figures
-        self.planes = self._planes()
-        self._tasks, self._criteria_of = tasks, cache(_criteria)
-        self._rooms = [Found.of_room(1024, 8192, mesh.n_faces) for _ in range(2)]
-
-    def _planes(self) -> Planes:
-        arrays: list[Any] = [read_only(array, np.float64) for array in frames_of(self.mesh)]
-        masks = self.mesh.two_sided_mask, self._is_asked
-        return Planes._make(arrays + [read_only(mask, np.bool_) for mask in masks])
-
-    def set_mesh(self, mesh: Mesh) -> None:
-        """As of `PoseSolver`."""
-        if mesh is not self.mesh:
-            super().set_mesh(mesh)
-            self.planes = self._planes()
-
-    def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
-        """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
-        is_asked = self._is_asked if closed is None else self._is_asked & ~closed
-        self.planes = self.planes._replace(is_asked=read_only(is_asked, np.bool_))
-        self._asks_nothing = not is_asked.any()
-        self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
-
-    def find(self, *pose: Any, is_measured: bool = True, visit: Any = None) -> Any:
-        """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds.
-
-        Without `is_measured` there may be no figures of faces.
-        """
-        parts: list[tuple[Any, ...]] = []
-
-        def cut(plane: int, solver: "HalfPlaneSolver") -> None:
-            error, size = solver.camera.pixel_error, solver.surface.diagonal
-            criteria = self._criteria_of(self.camera, self._tasks[self.index], plane, error, size)
-            parts.append(self._cut(solver, criteria))
-
-        if is_measured or not self._asks_nothing:
-            super().find(*pose, is_measured=is_measured, visit=None if self._asks_nothing else cut)
-        if not parts:
-            return _NOTHING_FOUND
-        return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
-
-    def _cut(self, solver: "HalfPlaneSolver", criteria: Any) -> tuple[Any, ...]:
-        """Regions in one solved plane; see `find`."""
-        seen = Seen(
-            solver.camera.rotation, solver.camera.centre, solver.camera.near, self._rows,
-            solver.image_of_all.state, solver.visible, solver.area, solver.area_error,
-            solver.is_certified, solver.kept_pieces,
-        )  # fmt: skip
-        if self.camera.is_pinhole:
-            found = self._run(area_region.cut_regions, criteria, seen)
-        else:
-            rules, by_distance, cut = criteria.rules, criteria.by_distance, area_region.cut_pieces
-            found = self._run(area_region.cut_regions, criteria.pinhole, seen)
-            if by_distance and rules.z_f < np.inf:
-                found = self._run(cut, criteria, seen, found, area_region.TO_DISCS)
-            found = self._run(cut, criteria, seen, found, area_region.TO_VIEW)
-            if max(
-                rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density
-            ) > 0 or (by_distance and rules.z_n > 0):
-                found = self._run(cut, criteria, seen, found, area_region.TO_DENSITIES)
-        n, corners = found.used.tolist()
-        listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
-        return (
-            found.xy[:corners].copy(), np.diff(found.starts[: n + 1]), found.face[:n].copy(),
-            listed, found.area[listed], found.bound[listed],
-        )  # fmt: skip
-
-    def _run(self, kernel: Any, criteria: Any, seen: Any, *source: Any) -> Any:
-        """Pieces that a loop finds, or makes of the pieces of another one."""
-        slot = 1 if source and source[0] is self._rooms[0] else 0
-        while True:
-            out = self._rooms[slot]
-            kernel(self.planes, criteria, seen, *source, out)
-            n, corners = out.used.tolist()
-            if n <= len(out.face) and corners <= len(out.xy):
-                return out
-            self._rooms[slot] = Found.of_room(n * 5 // 4, corners * 5 // 4, len(out.area))
-
-
-def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tuple[Any, ...]:
-    """Regions of the planes of one pose in one table, by face; see `_Finder.find`."""
-    xy, counts, face, listed, area, bound = map(np.concatenate, zip(*parts, strict=True))
-    order = np.argsort(face, kind="stable")
-    xy = polygons.chosen(xy, polygons.starts_of(counts), order)[0]
-    faces, where = np.unique(listed, return_inverse=True)
-    areas, bounds = (np.bincount(where, each, len(faces)) for each in (area, bound))
-    return (
-        xy, counts[order], face[order],
-        faces, areas, np.minimum(bounds, face_areas[faces]),
-    )  # fmt: skip
-
-
 def _has_closed_form(camera: Camera) -> bool:
     """True where pixels a m^2 have one: a panorama, and a lens of equal area."""
     is_plain = not any(camera.distortion)
     return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 
 
-def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: float) -> Any:
-    """Pointwise criteria in ideal plane `index` of a camera, or in a pinhole, for the loops.
-
-    `pixel_error` is the largest error of a position in the pinhole, px, `size` the diagonal of the
-    mesh, metres.
-    """
+def _criteria(camera: Camera, task: Task) -> Any:
+    """Pointwise criteria in a pinhole, or in each ideal plane of a camera, for the engine."""
     from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
-    from rastercov.coverage.records import pinhole_of
 
-    rules, gap = task.rules(camera), GAP_REL * size
+    own, rules = engine_visibility.CameraTask(), task.rules(camera)
     if _has_closed_form(camera):
         rules = rules._replace(min_pixels_per_m2=0.0)  # see `PixelDensity`
     if camera.is_pinhole:
-        return Criteria(pinhole_of(camera), rules, gap, pixel_error)
-    plane, record = planes_of(camera)[index]
+        own.add_pinhole(Criteria(pinhole_numbers(camera), rules, GAP_REL))
+        return own
     # What else there is in the plane, the lens decides.
     of_pinhole = rules._replace(
         z_n=0.0, z_f=np.inf, min_pixel_density=0.0, min_facing_density=0.0, min_pixels_per_m2=0.0
     )
-    return LensCriteria(
-        pinhole=Criteria(pinhole_of(plane.camera), of_pinhole, gap, pixel_error),
-        rules=rules,
-        by_distance=not MODELS[camera.model].is_planar,
-        axis=read_only(plane.frame[2], np.float64),
-        gap=STRIP_REL * size,
-        tree=fields_of(camera, STRIP_REL / 4)[index],
-        code=record.code,
-        params=record.params,
-        frame=record.frame,
-        slopes=slopes_of(camera)[index],
-    )
+    each = zip(planes_of(camera), fields_of(camera, STRIP_REL / 4), slopes_of(camera), strict=True)
+    for (plane, record), tree, slopes in each:
+        own.add_plane(LensCriteria(
+            pinhole=Criteria(pinhole_numbers(plane.camera), of_pinhole, GAP_REL),
+            rules=rules,
+            by_distance=not MODELS[camera.model].is_planar,
+            axis=read_only(plane.frame[2], np.float64),
+            gap=STRIP_REL,
+            tree=tree,
+            code=record.code,
+            params=record.params,
+            frame=record.frame,
+            slopes=slopes,
+            has_border=record.arc_half > 0,
+        ))  # fmt: skip
+    return own
 
 
 @dataclass(frozen=True, eq=False)

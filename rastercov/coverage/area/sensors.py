@@ -145,9 +145,7 @@ def through(regions: Regions, gate: Gate, without: int = -1, lit: Sequence[Lit] 
         found = _within_baseline(found, gate, eyes) if gate.has_baseline else found
         if not gate.has_deviation or regions.columns is None:
             return found
-        most = (
-            MOST_INFORMATION * min(gate.noise) * float(np.linalg.norm(np.ptp(part.mesh.bounds, 0)))
-        )
+        most = MOST_INFORMATION * min(gate.noise) * part.mesh.diagonal
         if gate.most_deviation > most > 0:
             raise ConfigError(
                 f"max_uncertainty must be {most:.2g} m or less with this noise and a mesh of this "

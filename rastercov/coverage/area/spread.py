@@ -105,5 +105,5 @@ def _as_regions(like: Regions, covered: Covered, k: int) -> Regions:
         taken(like, np.zeros(1, np.int64)),
         xy=xy, starts=starts, face=covered.face[rows], pose=np.zeros(len(rows), np.int32),
         pair_pose=np.zeros(len(listed), np.int32), pair_face=listed,
-        area=area[listed], bound=bound[listed], devices=None,
+        area=area[listed], bound=bound[listed], excess=covered.excess[listed], devices=None,
     )  # fmt: skip

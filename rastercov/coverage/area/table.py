@@ -17,7 +17,6 @@ from rastercov.camera.rule import MOST_DEVICES
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.criteria import Criterion
 from rastercov.coverage.area.cut import Kept, parts_where
-from rastercov.coverage.area.division import Pieces
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.task import Task
@@ -28,7 +27,8 @@ class Regions(FacePolygons):
     """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
 
     The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
-    face. `bound` holds for the area of a face by one pose: `|area - exact area| <= bound`.
+    face. `bound` holds for the area of a face by one pose: `|area - exact area| <= bound`, and
+    `exact area >= area - excess`.
 
     Attributes
     ----------
@@ -54,6 +54,13 @@ class Regions(FacePolygons):
         Devices that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
         Direction of the image columns of the camera of each pose, y of its axes.
+    excess : (M,) float64, optional
+        Area of each pair that may not be covered, m^2, at most `bound`, which it is unless given.
+        It is less where the camera is in the plane of the face except for rounding: what is in
+        doubt there can only add to the area.
+    cut_short : float
+        Area of all poses that criteria leave undecided because the divisions of a face ended
+        before its bound was reached, m^2; it is in `bound`.
     """
 
     camera: Cameras
@@ -68,6 +75,13 @@ class Regions(FacePolygons):
     light: Any = None
     devices: IntArray | None = None
     columns: FloatArray | None = None
+    excess: FloatArray = None  # type: ignore[assignment]
+    cut_short: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Fill in the excess."""
+        if self.excess is None:
+            object.__setattr__(self, "excess", self.bound)
 
     def areas(self) -> FloatArray:
         """(P, F) covered area of each face by each pose, m^2."""
@@ -76,11 +90,6 @@ class Regions(FacePolygons):
     def bounds(self) -> FloatArray:
         """(P, F) bounds of their errors, m^2."""
         return self._dense(self.bound)
-
-    def _pieces(self, cell: NDArray[np.integer[Any]]) -> Pieces:
-        """The pieces in given cells, (N,), for an `Overlay`."""
-        tags = np.zeros(len(self), np.int64)
-        return Pieces(self.xy, self.starts, cell.astype(np.int64), tags)
 
     def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
         """Regions of some of the poses, (P,) bool."""
@@ -226,14 +235,14 @@ class Regions(FacePolygons):
 
     def _with_parts(self, kept: Kept) -> "Regions":
         """Regions of parts of the pieces; what is undecided of these is in the bounds."""
-        xy, starts, piece, area, undecided = kept
+        xy, starts, piece, area, undecided, cut_short = kept
         n_faces = self.mesh.n_faces
         keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
         own = np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
         n = len(keys)
         sums = np.bincount(own[piece], area, n).astype(np.float64)
-        bound = self.bound + np.bincount(own, undecided, n)
-        bound = np.minimum(bound, frames_of(self.mesh).areas[self.pair_face])
+        lost, most = np.bincount(own, undecided, n), frames_of(self.mesh).areas[self.pair_face]
+        bound, excess = (np.minimum(each + lost, most) for each in (self.bound, self.excess))
         is_listed = (sums > 0) | (bound > 0)
         return replace(
             self,
@@ -246,6 +255,8 @@ class Regions(FacePolygons):
             pair_face=self.pair_face[is_listed],
             area=sums[is_listed],
             bound=bound[is_listed],
+            excess=excess[is_listed],
+            cut_short=self.cut_short + cut_short,
         )
 
     def _with(self, rows: IntArray, pairs: IntArray) -> "Regions":
@@ -262,6 +273,7 @@ class Regions(FacePolygons):
             pair_face=self.pair_face[pairs],
             area=self.area[pairs],
             bound=self.bound[pairs],
+            excess=self.excess[pairs],
         )
 
     def _dense(self, values: FloatArray) -> FloatArray:
@@ -275,7 +287,7 @@ def joined(parts: Sequence[Regions]) -> Regions:
     n = np.cumsum([0] + [len(each.pose_ids) for each in parts]).astype(np.int32)
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts])
-        for name in ("xy", "face", "pose_ids", "pair_face", "area", "bound", "eyes")
+        for name in ("xy", "face", "pose_ids", "pair_face", "area", "bound", "excess", "eyes")
     }
     for name in ("pose", "pair_pose"):
         rows = [getattr(each, name) + first for each, first in zip(parts, n, strict=False)]
@@ -284,6 +296,7 @@ def joined(parts: Sequence[Regions]) -> Regions:
     columns["devices"] = np.concatenate(sets) if len(sets) == len(parts) else None
     axes = [each.columns for each in parts if each.columns is not None]
     columns["columns"] = np.concatenate(axes) if len(axes) == len(parts) else None
+    columns["cut_short"] = float(sum(each.cut_short for each in parts))
     counts = np.concatenate([np.diff(each.starts) for each in parts])
     return replace(parts[0], starts=polygons.starts_of(counts), **columns)
 
@@ -339,37 +352,50 @@ def _counted(
     chosen = np.flatnonzero(is_asked[own])
     slots = slots[is_asked]
     group, face = np.divmod(slots, n_faces)
-    diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    overlay = Overlay(frames_of(mesh), face, diagonal, k if number is None else None)
-    of_pairs = (
-        regions.pair_pose[pairs],
-        place[slot[pairs]],
-        regions.area[pairs],
-        regions.bound[pairs],
+    diagonal = mesh.diagonal
+    frames = frames_of(mesh)
+    overlay = Overlay(
+        frames.corners[face], frames.areas[face], diagonal, k if number is None else None
     )
-    pieces = regions._pieces(place[own]).taken(chosen)
-    overlay.add(pieces, regions.pose[chosen], of_pairs, number=number)
+    overlay.add(
+        (
+            *polygons.chosen(regions.xy, regions.starts, chosen),
+            place[own][chosen],
+            regions.pose[chosen],
+        ),
+        (
+            regions.pair_pose[pairs],
+            place[slot[pairs]],
+            regions.area[pairs],
+            regions.bound[pairs],
+            regions.excess[pairs],
+        ),
+        number,
+    )
     found = overlay.partition()
     wanted = np.bitwise_or.reduce(np.int64(1) << np.array(needs, np.int64))
     is_kept = found.tag >= k if number is None else (found.tag & wanted) == wanted
-    area, bound = overlay.areas(found, is_kept), overlay.bound
-    found = found.taken(np.flatnonzero(is_kept))
+    kept = np.flatnonzero(is_kept)
+    own_face, (bound, excess) = found.face[kept], overlay.bounds
+    area = np.bincount(own_face, found.area[kept], len(face)).astype(np.float64)
+    xy, starts = polygons.chosen(found.xy, found.starts, kept)
     is_listed = (area > 0) | (bound > 0)
     eyes = np.full((len(groups), 3), np.nan)
     lone = np.bincount(row[is_used], minlength=len(groups)) == 1
     eyes[lone] = regions.eyes[first[lone]]
     return replace(
         regions,
-        xy=found.xy,
-        starts=found.starts,
-        face=face[found.cell].astype(np.int32),
+        xy=xy,
+        starts=starts,
+        face=face[own_face].astype(np.int32),
         pose_ids=regions.pose_ids[first],
-        pose=group[found.cell].astype(np.int32),
+        pose=group[own_face].astype(np.int32),
         pair_pose=group[is_listed].astype(np.int32),
         pair_face=face[is_listed].astype(np.int32),
         area=area[is_listed],
         bound=bound[is_listed],
+        excess=excess[is_listed],
         eyes=eyes,
-        devices=None if number is None else found.tag,
+        devices=None if number is None else found.tag[kept],
         columns=None,
     )

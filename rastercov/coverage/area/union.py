@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +11,10 @@ from rastercov.base.arguments import checked_array
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
-from rastercov.base.threads import Once
+from rastercov.base.threads import once_each
 from rastercov.base.typed import typed
-from rastercov.coverage.area.division import NO_PIECES, Pieces, Progress
 from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
-from rastercov.coverage.area.overlay import Overlay
+from rastercov.coverage.area.overlay import Overlay, Progress
 from rastercov.coverage.area.table import Regions
 from rastercov.mesh import Mesh
 
@@ -25,14 +23,15 @@ from rastercov.mesh import Mesh
 class Covered(FacePolygons):
     """Area of each face that at least 1 ... k cameras cover, and a partition of it.
 
-    `bound` holds for every row of `area`: `|area - exact area| <= bound`.
+    `bound` holds for every row of `area`: `|area - exact area| <= bound`, and
+    `exact area >= area - excess`.
 
     Attributes
     ----------
     area : (k, F) float64
         Row j: m^2 that at least j + 1 cameras cover.
-    bound : (F,) float64
-        m^2.
+    bound, excess : (F,) float64
+        m^2; `excess` is less where cameras are in the plane of a face except for rounding.
     xy : (C, 2) float64
         Corners in the plane coordinates of the faces, metres, counter-clockwise.
     starts : (N + 1,) int64
@@ -43,6 +42,7 @@ class Covered(FacePolygons):
 
     area: FloatArray
     bound: FloatArray
+    excess: FloatArray
     views: NDArray[np.int32]
 
     def share(self, views: int = 1) -> float:
@@ -69,9 +69,8 @@ class RegionUnion:
     """
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
-        self.mesh, every = mesh, np.arange(mesh.n_faces)
-        diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-        self._overlay = Overlay(frames_of(mesh), every, diagonal, views)
+        self.mesh, frames = mesh, frames_of(mesh)
+        self._overlay = Overlay(frames.corners, frames.areas, mesh.diagonal, views)
         self.views = int(views)
 
     @property
@@ -79,23 +78,24 @@ class RegionUnion:
         """(F,) faces that k cameras cover as a whole."""
         return self._overlay.closed
 
-    def add(self, regions: Regions, progress: Progress = lambda done, total: None) -> None:
+    def add(self, regions: Regions, progress: Progress | None = None) -> None:
         """Take in the regions of further poses; `ConfigError` where they are of another mesh.
 
         `progress` is called with the number of pieces done and of all, a few times a second.
         """
         check_same_mesh(self.mesh, regions.mesh)
-        pairs = regions.pair_pose, regions.pair_face, regions.area, regions.bound
-        self._overlay.add(regions._pieces(regions.face), regions.pose, pairs, progress)
+        pieces = regions.xy, regions.starts, regions.face, regions.pose
+        pairs = (
+            regions.pair_pose, regions.pair_face, regions.area, regions.bound, regions.excess,
+        )  # fmt: skip
+        self._overlay.add(pieces, pairs, progress=progress)
 
     @classmethod
     def of(cls, covered: Covered, views: int) -> "RegionUnion":
         """Union of what was covered before, to which more is added."""
         union = cls(covered.mesh, views)
-        face = covered.face.astype(np.int64)
-        union._overlay.begin(
-            Pieces(covered.xy, covered.starts, face, covered.views.astype(np.int64))
-        )
+        pieces = covered.xy, covered.starts, covered.face, covered.views
+        union._overlay.begin(pieces, covered.bound, covered.excess)
         return union
 
     def fill(self, chosen: NDArray[np.bool_]) -> None:
@@ -105,17 +105,13 @@ class RegionUnion:
         mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
         if mask.shape != (n_faces,):
             raise ConfigError(f"chosen must be {wanted}, got shape {mask.shape}")
-        self._overlay.unite(NO_PIECES, mask.astype(np.int64), np.zeros(n_faces))
+        self._overlay.united.fill(np.ascontiguousarray(mask, np.bool_))
 
     def covered(self) -> Covered:
         """Area that the regions so far cover, and its pieces."""
-        pieces = self._overlay.partition()
-        levels = range(1, self.views + 1)
-        area = np.array([self._overlay.areas(pieces, pieces.tag >= level) for level in levels])
-        face, bound = pieces.cell.astype(np.int32), self._overlay.bound
-        return Covered(
-            self.mesh, pieces.xy, pieces.starts, face, area, bound, pieces.tag.astype(np.int32)
-        )
+        pieces, (bound, excess) = self._overlay.partition(), self._overlay.bounds
+        area, views = self._overlay.areas(self.views), pieces.tag.astype(np.int32)
+        return Covered(self.mesh, pieces.xy, pieces.starts, pieces.face, area, bound, excess, views)
 
 
 @typed
@@ -123,7 +119,7 @@ def unite(
     regions: Regions | Sequence[Regions],
     views: int = 1,
     *,
-    progress: Progress = lambda done, total: None,
+    progress: Progress | None = None,
 ) -> Covered:
     """Area of each face that at least 1 ... `views` poses cover.
 
@@ -150,20 +146,13 @@ def unite(
     return union.covered()
 
 
-_WHOLE: WeakKeyDictionary[Covered, Once[Covered]] = WeakKeyDictionary()
-
-
+@once_each
 def with_rest(covered: Covered) -> Covered:
     """The partition with the rest of the task faces, as further pieces of 0 views.
 
     Their areas are sums of the same cuts: with the others they make up the faces, to rounding.
     Computed at the first call, since dead zones and the coloured mesh both want it.
     """
-    return _WHOLE.setdefault(covered, Once()).get(lambda: _with_rest(covered))
-
-
-def _with_rest(covered: Covered) -> Covered:
-    """See `with_rest`."""
     mesh, k = covered.mesh, len(covered.area)
     union = RegionUnion.of(covered, k + 1)
     # One more camera, which covers every face as a whole: what only it covers is the rest.

@@ -232,7 +232,7 @@ def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntAr
     from rastercov.native import area_zone as kernels
 
     frames = frames_of(mesh)
-    scale = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    scale = mesh.diagonal
     scale = max(scale, 2.0**-20 * float(np.abs(mesh.bounds).max()))
     tolerance, least = TOLERANCE_REL * scale, LEAST_REL * scale
     boxes = polygons.boxes(xy, starts)
@@ -499,7 +499,7 @@ class _Spaces:
         """Tree of what hides, row of each face in it, and middle and size of the scene."""
         mesh = self.mesh
         solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-        middle, size = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
         row = np.full(mesh.n_faces, -1)
         row[solid] = np.arange(len(solid))
         tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[solid])

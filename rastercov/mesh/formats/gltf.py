@@ -80,7 +80,8 @@ OPTIONAL = (
 )
 """Harmless unless required: their data is also there uncompressed, or its absence is an error."""
 MOST_CAD_FACES = 1 << 20
-QUATERNION_LENGTH_TOLERANCE = 0.01  # components of 8 bits are off by up to 0.004
+QUATERNION_TOLERANCE = 1e-3
+"""Difference of the length of a quaternion from 1 that is rounding."""
 DATA_URI = re.compile(r"data:[\w.+-]+/[\w.+-]+(?:;[^,;]*)*;base64,")
 PADDING = 3
 """Bytes that a buffer may hold beyond its length without a note: padding to 4 bytes."""
@@ -300,9 +301,11 @@ def nodes_below(
 def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
     placed: NDArray[np.float64] = np.eye(4)
     if not node.keys().isdisjoint(("translation", "rotation", "scale")):
+        rotation = json_numbers(node, "rotation", (0, 0, 0, 1))[None]
+        check_rotations(rotation, f"node {index}")
         (placed,) = affine(
             json_numbers(node, "translation", (0, 0, 0))[None],
-            json_numbers(node, "rotation", (0, 0, 0, 1))[None],
+            rotation,
             json_numbers(node, "scale", (1, 1, 1))[None],
         )
     if "matrix" not in node:
@@ -319,16 +322,25 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
 def affine(
     translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation."""
+    """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation.
+
+    Quaternions were checked, see `check_rotations`; the rest is rounding.
+    """
     length = np.linalg.norm(rotation, axis=1)
-    is_unit = np.abs(length - 1) <= QUATERNION_LENGTH_TOLERANCE
+    turns = rotations_of_quaternions(rotation / length[:, None])
+    return matrices_of(turns * scale[:, None, :], translation)
+
+
+def check_rotations(rotation: NDArray[np.float64], where: str, step: float = 0.0) -> None:
+    """Error for quaternions (N, 4) that have not the length 1, of components `step` apart."""
+    length = np.linalg.norm(rotation, axis=1)
+    is_unit = np.abs(length - 1) <= max(QUATERNION_TOLERANCE, step)
     worst = is_unit.argmin() if len(is_unit) else 0
     check(
         is_unit.all(),
-        f"a rotation must be a quaternion of length 1, got {rotation[worst : worst + 1].tolist()}",
+        f"a rotation of {where} must be a quaternion of length 1, got "
+        f"{rotation[worst : worst + 1].tolist()}",
     )
-    turns = rotations_of_quaternions(rotation / length[:, None])
-    return matrices_of(turns * scale[:, None, :], translation)
 
 
 def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]) -> list[str]:
@@ -426,14 +438,15 @@ class _Shapes:
         n = counts[0]
         self._accessors.reserve(n * n_triangles, n * n_points, n * BYTES_PER_INSTANCE)
         rest = (("VEC3", (0, 0, 0)), ("VEC4", (0, 0, 0, 1)), ("VEC3", (1, 1, 1)))
-        return affine(
-            *(
-                np.tile(np.array(one, float), (n, 1))
-                if index is None
-                else self._accessors.read(index, kind).astype(np.float64)
-                for index, (kind, one) in zip(found, rest, strict=True)
-            )
+        translation, rotation, scale = (
+            np.tile(np.array(one, float), (n, 1))
+            if index is None
+            else self._accessors.read(index, kind).astype(np.float64)
+            for index, (kind, one) in zip(found, rest, strict=True)
         )
+        if found[1] is not None:
+            check_rotations(rotation, "an instance", self._accessors.step(found[1]))
+        return affine(translation, rotation, scale)
 
     def notes(self) -> list[str]:
         """Notes on skipped content of the nodes and meshes that were read."""

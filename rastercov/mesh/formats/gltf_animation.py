@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.memory import FloatArray
-from rastercov.mesh.formats.gltf import affine, nodes_below, roots_of_scene
+from rastercov.mesh.formats.gltf import affine, check_rotations, nodes_below, roots_of_scene
 from rastercov.mesh.formats.gltf_file import (
     Accessors,
     json_list,
     json_name,
     json_numbers,
     json_object,
+    unknown_names,
 )
 from rastercov.mesh.formats.polygons import check, names_in_tree
 
@@ -60,6 +61,7 @@ def read_animation(
 
     `name` is that of the animation, "" for the only one.
     """
+    unknown_names(header)  # an error for a slip; other names are notes of the mesh
     known = [json_name(each) for each in json_list(header, "animations")]
     check(known, "the file has no animation", "give a table of poses")
     check(
@@ -125,6 +127,9 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
             len(values) == n and np.isfinite(values).all(),
             f"{n} finite values for {len(keys)} times wanted, got {len(values)}",
         )
+        if path == "rotation":
+            at = values[1::3] if way == "CUBICSPLINE" else values
+            check_rotations(at, f"node {target['node']} over time", reader.step(sampler["output"]))
         key = target["node"], path
         check(key not in found, f"node {key[0]} has two channels of {path}")
         found[key] = keys, values, way

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.files import UnknownNames, Vocabulary, unique_names
+from rastercov.base.files import (
+    UnknownNames,
+    UnparsedError,
+    UnreadableError,
+    Vocabulary,
+    parsed_json,
+)
 from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -61,11 +67,11 @@ def _check_room(what: str, size: int, at: int, end: int) -> None:
 def json_header(text: bytes, what: str) -> dict[str, Any]:
     """JSON object of a glTF 2.0 scene; `what` names the text in errors."""
     try:
-        header = json.loads(
-            text.decode("utf-8-sig"), parse_constant=_no_number, object_pairs_hook=unique_names
-        )
-    except (ValueError, RecursionError) as error:
-        raise broken(f"no readable {what} ({error})") from error
+        header = parsed_json(text, _no_number)
+    except UnparsedError as error:
+        raise broken(f"no readable {what} ({error.reason})") from error
+    except UnreadableError as error:
+        raise MeshError(f"{what}: {error.reason}") from error
     if not isinstance(header, dict):
         raise broken(f"the {what} must be an object, got {type(header).__name__}")
     asset = header.get("asset", {})
@@ -181,6 +187,11 @@ class Accessors:
             values = np.maximum(values / np.iinfo(dtype).max, -1)
         return values
 
+    def step(self, index: Any) -> float:
+        """Difference of neighbouring values, 0 for those of floating point."""
+        kind = np.dtype(COMPONENTS[json_object(self.header, "accessors", index)["componentType"]])
+        return 0.0 if kind.kind == "f" else 1 / float(np.iinfo(kind).max)
+
     def read_times(self, index: Any) -> NDArray[np.float64]:
         """(N,) float64 of an accessor of float32 scalars, such as times."""
         accessor = json_object(self.header, "accessors", index)
@@ -241,12 +252,15 @@ NAMES = Vocabulary(
     "meshes nodes scene scenes minVersion version camera children matrix mesh rotation scale "
     "translation weights primitives attributes indices targets bufferView byteOffset "
     "componentType count normalized sparse type values buffer byteLength byteStride uri "
-    f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING}",
-    "",
-    "copyright generator name extras material materials max min target images samplers textures "
-    "animations skin skins zfar znear mode",
+    f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING} "
+    "animations channels samplers target",
+    "sampler input output interpolation node path",
+    "copyright generator name extras material materials max min images textures skin skins zfar "
+    "znear mode magFilter minFilter wrapS wrapT",
 )
 """A slip in `mode` is a note only: `model` is a word of many programs."""
+OF_ATTRIBUTES = frozenset(filter(str.isupper, NAMES.known))
+"""Names that only tables of attributes have; a node has its own in small letters."""
 ATTRIBUTE = re.compile(r"NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|_.*", re.DOTALL)
 """Attributes of vertices that move no triangle."""
 NAMES_ACCESSORS = {
@@ -263,7 +277,10 @@ def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshErro
     for where, kind, owner in objects(header):
         if kind != "extensions":  # those are noted where they are
             still = filter(ATTRIBUTE.fullmatch, owner.keys() - NAMES.known)
-            found.look(where, owner.keys(), NAMES.known.union(still), NAMES.harmless)
+            known = (
+                NAMES.known if kind in ("attributes", "targets") else NAMES.known - OF_ATTRIBUTES
+            )
+            found.look(where, owner.keys(), known.union(still), NAMES.harmless)
     return found.notes()
 
 

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import MeshError, RastercovError, ResourceError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.errors import OUT_OF_MEMORY, MeshError, RastercovError, ResourceError
+from rastercov.base.memory import FloatArray, IntArray, free_memory
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
@@ -37,6 +37,19 @@ PEAK_BYTES_PER_FACE = 300
 """Peak memory of a face and its vertex: 250 measured with a binary STL of 10^7, the worst case."""
 PEAK_BYTES_PER_VERTEX = 150
 """Peak memory of each vertex beyond one a face."""
+SECONDS = (300.0, 30.0)
+"""Time that a converter may take: in all, and more for each MB of its file."""
+MEMORY = (4 << 30, 1000)
+"""Address space of a converter, bytes: in all, and more for each byte of its file; at most what is
+free."""
+LIMITED = """
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, ({0}, {0}))
+except (ImportError, OSError, ValueError):  # a system without it, or a lower limit of its own
+    pass
+"""
+"""Beginning of the program of a converter."""
 
 
 @dataclass(frozen=True)
@@ -102,24 +115,33 @@ def converted(program: str, data: bytes, options: Sequence[str], fault: str, adv
     """Bytes of the file that a program writes in a process of its own, which a fault may end.
 
     Its first argument is the file, the others are `options`; the standard input is `data`. Where it
-    fails, MeshError with the fault, its last words, and the advice.
+    fails, or takes longer or more memory than `SECONDS` and `MEMORY` allow, MeshError with the
+    fault, its last words, and the advice.
     """
+    seconds = SECONDS[0] + SECONDS[1] * len(data) / 1e6
+    memory = min(free_memory(), MEMORY[0] + MEMORY[1] * len(data))
     with tempfile.TemporaryDirectory(prefix="rastercov-") as folder:
         path = Path(folder) / "scene"
-        ended = subprocess.run(
-            [sys.executable, "-c", program, str(path), *options],
-            input=data, capture_output=True, check=False, env=child_environment(),
-        )  # fmt: skip
+        try:
+            ended = subprocess.run(
+                [sys.executable, "-c", LIMITED.format(memory) + program, str(path), *options],
+                input=data, capture_output=True, check=False, env=child_environment(),
+                timeout=seconds,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise broken(f"{fault} (it takes more than {seconds:.0f} s)", advice) from None
         made = path.read_bytes() if path.exists() else b""
-    check(made and not ended.returncode, f"{fault} ({_reason(ended)})", advice)
+    check(made and not ended.returncode, f"{fault} ({_reason(ended, memory)})", advice)
     return made
 
 
-def _reason(ended: "subprocess.CompletedProcess[bytes]") -> str:
+def _reason(ended: "subprocess.CompletedProcess[bytes]", memory: int) -> str:
     """Words of a program about its failure, in one line."""
+    text = (ended.stdout + b"\n" + ended.stderr).decode("utf-8", "replace")
+    if "MemoryError" in text or OUT_OF_MEMORY.search(text):
+        return f"it needs more than {memory / 2**30:.1f} GiB of memory"
     if ended.returncode < 0:
         return f"it was ended by signal {-ended.returncode}"
-    text = (ended.stdout + b"\n" + ended.stderr).decode("utf-8", "replace")
     text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
     errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
@@ -141,7 +163,13 @@ def check_affine(matrix: FloatArray, where: str) -> None:
     )
 
 
-def check_budget(n_faces: int, budget: int, n_vertices: int = 0, n_bytes: int = 0) -> None:
+def check_budget(
+    n_faces: int,
+    budget: int,
+    n_vertices: int = 0,
+    n_bytes: int = 0,
+    advice: str = "simplify the mesh, split it, or raise memory_budget",
+) -> None:
     """Raise ResourceError, before memory is allocated, when reading needs more bytes than `budget`.
 
     `n_vertices` are known so far, and only those beyond one a face count. `n_bytes` are those of
@@ -153,7 +181,7 @@ def check_budget(n_faces: int, budget: int, n_vertices: int = 0, n_bytes: int = 
         vertices = f" with {n_vertices} vertices" if n_more or n_bytes else ""
         raise ResourceError(
             f"{n_faces} triangles{vertices} need about {need} bytes, the budget is {budget} bytes "
-            f"(and {MOST_FACES} triangles); simplify the mesh, split it, or raise memory_budget"
+            f"(and {MOST_FACES} triangles); {advice}"
         )
 
 

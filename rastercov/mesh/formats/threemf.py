@@ -1,14 +1,15 @@
 """3MF files: a ZIP archive with a model in XML, of objects with triangles and of their instances.
 
 Read are the triangles of the objects that the build names, with the transforms of the components,
-one group an instance. Materials, beams, slices and textures are left out; what may change the shape
-is an error or a note.
+one group an instance. Materials and textures are left out; what may change the shape, such as beams
+and slices, is an error or a note.
 
 Source: 3MF Consortium. 3MF Core Specification 1.3. 2021.
 """
 
 import io
 import posixpath
+import re
 import struct
 import zipfile
 import zlib
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.files import UnknownNames, Vocabulary
+from rastercov.base.files import UnknownNames, Vocabulary, printable
 from rastercov.mesh.formats.polygons import (
     Assembly,
     Part,
@@ -37,7 +38,9 @@ from rastercov.mesh.formats.xml_tree import (
     attribute,
     below,
     children,
+    local_name,
     look_at_names,
+    namespaces,
     parsed,
     table,
     transform_numbers,
@@ -54,8 +57,15 @@ METRES = {
 RELATIONSHIPS = "_rels/.rels"
 MODEL = "/3dmodel"
 """End of the type of the relationship that names the model."""
-KNOWN_EXTENSIONS = ("m", "p", "s", "sc")
-"""Prefixes of extensions that leave the triangles as they are, where a file requires them."""
+KNOWN_EXTENSIONS = re.compile(
+    "/3dmanufacturing/(material|production|slice|securecontent|trianglesets)/"
+)
+"""Namespaces of extensions that a file may require, as they leave the triangles as they are."""
+SHAPES = ("beamlattice", "balls", "booleanshape", "displacementmesh", "levelset")
+"""Elements of other extensions that are surfaces, of an object or its mesh."""
+RESOLUTIONS = ("meshresolution", "modelresolution")
+"""Attributes of the slice and production extensions of an object that may be a stand-in."""
+FULL = "fullres"
 DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -72,7 +82,8 @@ NAMES = Vocabulary(
     "vertex triangle triangleset",
     "metadata metadatagroup pid pindex name partnumber thumbnail UUID type lang printable "
     "recommendedextensions slicestack basematerials texture2d texture2dgroup colorgroup "
-    "compositematerials multiproperties slicestackid slicepath meshresolution",
+    "compositematerials multiproperties slicestackid slicepath meshresolution modelresolution "
+    "alternatives",
 )
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Those that the Open Packaging Conventions permit."""
@@ -107,12 +118,8 @@ class _Model:
         root = self._part(path)
         unit = root.get("unit", "millimeter")
         check(unit in METRES, f"a unit of {', '.join(METRES)} wanted, got {unit[:40]!r}")
-        needed = root.get("requiredextensions", "").split()
-        foreign = [name[:80] for name in needed if name not in KNOWN_EXTENSIONS]
-        check(
-            not foreign, f"extensions {foreign[:5]} are required, not supported", "leave them out"
-        )
         items = below(root, "build", "item")
+        check(items, "nothing is in the build", "put an object on the plate, and export again")
         roots = [(_transform(item), self._key(item, path)) for item in items]
         polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
         return replace(polygons, notes=self._notes())
@@ -154,6 +161,7 @@ class _Model:
         root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
         self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
         if path != RELATIONSHIPS:
+            _check_extensions(root, text)
             look_at_names(root, NAMES, self._unknown)
         for each in below(root, "resources", "object"):
             is_new = self._objects.setdefault((path, each.attrib["id"]), each) is each
@@ -170,10 +178,31 @@ class _Model:
         self._read.add(key)
         meshes = children(owner, "mesh")
         check(len(meshes) < 2, f"{title} has {len(meshes)} meshes, one wanted")
+        foreign = [each for holder in (owner, *meshes) for each in children(holder, *SHAPES)]
+        if foreign:
+            name = local_name(foreign[0])
+            raise broken(f"{title} has a {name}, which is not read", "export it as triangles")
+        for name in RESOLUTIONS:
+            value = attribute(owner, name) or FULL
+            check(
+                value == FULL,
+                f"{title} is a stand-in for slices or for another object ({name} {value[:40]!r}), "
+                "which are not read",
+                "export its mesh in full resolution",
+            )
         pieces: list[tuple[NDArray[np.float64], Any]] = [(np.eye(4), _shape(m)) for m in meshes]
         for each in below(owner, "components", "component"):
             pieces.append((_transform(each), self._key(each, path)))
         return Part(owner.get("name") or f"object {number}", title, pieces)
+
+
+def _check_extensions(root: Element, text: bytes) -> None:
+    """Error where a part requires an extension that is not in `KNOWN_EXTENSIONS`."""
+    needed = root.get("requiredextensions", "").split()
+    declared = namespaces(text) if needed else {}
+    foreign = [each for each in needed if not KNOWN_EXTENSIONS.search(declared.get(each, ""))]
+    names = [printable(declared.get(each, each), 80) for each in foreign[:5]]
+    check(not foreign, f"extensions {names} are required, not supported", "leave them out")
 
 
 def _shape(mesh: Element) -> Shape:

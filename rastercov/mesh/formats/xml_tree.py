@@ -75,6 +75,21 @@ def _tree(text: bytes) -> Element:
     return builder.close()
 
 
+def namespaces(text: bytes) -> dict[str, str]:
+    """Namespaces by their prefixes that the root element of a text, already parsed, declares."""
+    found: dict[str, str] = {}
+    parser = expat.ParserCreate("utf-8")
+
+    def start(name: str, given: dict[str, str]) -> None:
+        parser.StartElementHandler = None
+        prefix = "xmlns:"
+        found.update((k[len(prefix) :], v) for k, v in given.items() if k.startswith(prefix))
+
+    parser.StartElementHandler = start
+    parser.Parse(_utf_8(text), True)
+    return found
+
+
 def _utf_8(text: bytes) -> bytes:
     """The text in UTF-8, whatever encoding it declares."""
     declared = DECLARED_ENCODING.match(text.removeprefix(codecs.BOM_UTF8)[:300])

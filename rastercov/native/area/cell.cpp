@@ -14,6 +14,7 @@
 // Twins: tests/area/test_cells.py.
 #include "area/polygon.hpp"
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include <tuple>
 #include <vector>
 
@@ -113,7 +114,9 @@ int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size,
     require(is_asked.rows() == corners.rows() && counts.rows() == corners.rows(),
             "is_asked and counts must have one row for each face");
     int64_t total = 0;
+    Poll poll(64);
     for (int64_t f = 0; f < corners.rows(); f++) {
+        poll();
         int64_t &count = counts[f] = 0;
         if (!is_asked[f]) continue;
         visit_nodes(corners, f, size, [&](const Triangle &, bool is_leaf) {
@@ -142,7 +145,9 @@ void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Sta
             "is_asked must have one row for each face, and areas one for each cell");
     require_firsts(first_cell, n, cells.rows(), "first_cell must rise, within the cells");
     require_firsts(first_node, n, leaves.rows(), "first_node must rise, within the leaves");
+    Poll poll(64);
     for (int64_t f = 0; f < n; f++) {
+        poll();
         if (!is_asked[f]) continue;
         const int64_t first = first_node[f], end = first_node[f + 1], last_cell = first_cell[f + 1];
         int64_t node = first, cell = first_cell[f];
@@ -256,6 +261,7 @@ int64_t find_shares(Array<const double, Any, 2> xy, Starts starts, Array<const i
     Stack stack(last > first ? DEEPEST + 2 : 0);
     std::vector<double> covered;
     int64_t count = used;
+    Poll poll(64);
     for (int64_t at = first; at < last;) {
         const int64_t f = face[at], begin = trees.first_cell[f], end = trees.first_cell[f + 1];
         require(begin >= 0 && begin <= end && end <= trees.areas.rows() &&
@@ -264,6 +270,7 @@ int64_t find_shares(Array<const double, Any, 2> xy, Starts starts, Array<const i
                 "first_cell and first_node must rise, within the cells and leaves");
         covered.assign(end - begin, 0.0);
         for (; at < last && face[at] == f; at++) {
+            poll();
             const int64_t n = corners_of(at, starts, xy.rows());
             add_to_cells(f, xy.data + 2 * starts[at], n, trees, stack, covered);
         }

@@ -58,10 +58,10 @@ bool append(Points polygon, int64_t n, int64_t piece, const Parts &out) {
 // than all where `out` has too little room, to continue from there with more. `row` and `set` are
 // the row of the criteria of each piece, and the devices that count there, as bits. `undecided` is
 // the area of each piece in parts that are not decided, to a mean width, m, or left out as
-// needless.
+// needless; and that in parts that are wider because cuts ended.
 template <class Criteria>
 int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width, double nearest,
-                   int64_t first, Array<double, Any> undecided, Parts out) {
+                   int64_t first, Array<double, Any, 2> undecided, Parts out) {
     const int64_t n = pieces.face.rows();
     require(pieces.starts.rows() == n + 1 && pieces.row.rows() == n && pieces.set.rows() == n &&
                 undecided.rows() == n,
@@ -90,12 +90,13 @@ int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width
             if (left > 0) has_room = has_room && append(tidy, kept, i, out);
             lost += std::abs(area - std::max(left, 0.0));
         };
-        const double doubtful = cutter.cut(piece, g, width, keep);
+        const Undecided doubtful = cutter.cut(piece, g, width, keep);
         if (!has_room) {
             out.used[0] = before[0], out.used[1] = before[1];
             return i;
         }
-        undecided[i] = doubtful + lost;
+        undecided(i, 0) = doubtful.area + lost;
+        undecided(i, 1) = doubtful.cut_short;
     }
     return n;
 }
@@ -178,6 +179,7 @@ void def_both(nanobind::module_ &m, const char *cut, const char *values, const c
 
 void register_area_cut(nanobind::module_ &m) {
     using namespace area;
+    m.attr("COINCIDENT_REL") = COINCIDENT_REL;
     def_both<RayAngles>(m, "cut_by_angle", "values_of_angle",
                         "sign * cos(angle between the rays to two eyes) >= limit.");
     def_both<Illuminances>(m, "cut_by_light", "values_of_light",

@@ -4,7 +4,7 @@
 // with K >= |g''| there. So the half plane where the linear part is at least the doubt is kept,
 // that where it is below minus the doubt dropped; the band between is halved across its longest
 // extent until its mean width is below `width`. All parts of one depth come before their halves, so
-// that what is left at MOST_CUTS is thin.
+// that what is left at MOST_CUTS, which is counted apart, is thin.
 //
 // A criterion, see area/criteria.hpp, says what g is at a point of the plane of a face:
 //
@@ -16,12 +16,13 @@
 // Twins: tests/area/test_cut.py, by points.
 #pragma once
 #include "area/polygon.hpp"
+#include "interrupt.hpp"
 #include <array>
 #include <vector>
 
 namespace rastercov::area {
 
-constexpr int64_t MOST_CUTS = 1 << 16;
+constexpr int64_t MOST_CUTS = 1 << 18;
 
 using Vector = std::array<double, 3>;
 
@@ -51,18 +52,24 @@ struct Plane {
     }
 };
 
+// Area of what is undecided, and the part of it that is so because cuts ended, m^2.
+struct Undecided {
+    double area, cut_short;
+};
+
 // Cuts pieces one by one; memory is kept from piece to piece.
 class Cutter {
   public:
     // Calls keep(polygon, n) for each part of a convex piece, of at most PIECE_ROOM - 2 corners,
-    // where a criterion holds for certain; the area of what is undecided, m^2.
+    // where a criterion holds for certain.
     template <class Criterion, class Keep>
-    double cut(const Array<const double, Any, 2> &piece, const Criterion &g, double width,
-               Keep keep) {
+    Undecided cut(const Array<const double, Any, 2> &piece, const Criterion &g, double width,
+                  Keep keep) {
         halves.clear();
         push(piece, piece.rows());
-        double undecided = 0.0;
+        Undecided undecided = {0.0, 0.0};
         for (int64_t cuts = 0; !(parts.empty() && halves.empty()); cuts++) {
+            poll();
             if (parts.empty()) std::swap(parts, halves);
             Part part = parts.back();
             parts.pop_back();
@@ -88,8 +95,10 @@ class Cutter {
                 continue;
             }
             if (high < -doubt) continue;
-            if (!(area > width * 2 * r) || cuts >= MOST_CUTS) {
-                undecided += area;
+            const bool is_thin = !(area > width * 2 * r);
+            if (is_thin || cuts >= MOST_CUTS) {
+                undecided.area += area;
+                if (!is_thin) undecided.cut_short += area;
                 continue;
             }
             if (std::isfinite(doubt) && low < high) {
@@ -112,6 +121,7 @@ class Cutter {
         Points corners() { return {xy.data(), {PIECE_ROOM, 2}}; }
     };
     std::vector<Part> parts, halves; // of one depth, and of the next
+    Poll poll{64};
     std::array<double, PIECE_ROOM * 2> spare;
 
     Points spare_points() { return {spare.data(), {PIECE_ROOM, 2}}; }

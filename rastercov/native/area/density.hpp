@@ -15,13 +15,17 @@
 //
 // w is affine in x, and on the right are a scalar and norms of matrices that change little. With
 // |A'| <= a', |A''| <= a'' and |A^-1| <= b in a piece, the derivatives along lines of A^-1 are at
-// most b' = b^2 a', b'' = b^2 a'' + 2 b^3 a'^2, those of Q at most 1 and 0, of E 2 and 4.4
-// (|e'| <= 1, |e''| <= 1.2), and those of det A at most 2 |A| a' and 2 |A| a'' + 2 a'^2. So in a
-// piece of radius r about its middle each differs from an affine function by K r^2 / 2 at most. The
+// most b' = b^2 a', b'' = b^2 a'' + 2 b^3 a'^2, those of log |det A| = tr log A at most 2 b a' and
+// 2 b a'' + 2 b^2 a'^2, those of Q at most 1 and 0, of E 2 and 4.4 (|e'| <= 1, |e''| <= 1.2). Next
+// to a pole, and to the ray opposite to the axis of a fisheye, A stretches one direction without
+// limit: there b a' is of 1 / d^2 at the distance d, b' and b'' only of 1 / d and 1 / d^2, by
+// `Slopes::near_axis`. So in a
+// piece each criterion differs from an affine function by K r^2 / 2 at most. The
 // norm of an affine matrix M is convex: it lies above u . M v with any unit vectors u, v, and the
 // difference is greatest at a corner; w^2 lies above its tangent. So a piece has two parallel
 // lines, beyond which a criterion holds and before which it fails. What is between them is halved
-// until it is narrower than `gap` of the criteria; then it goes into the bound.
+// until it is narrower than `gap` of the criteria; then it goes into the bound. The largest part of
+// a face comes first, so that what MOST_DIVISIONS leave is the least that they can.
 //
 // A pinhole is a lens whose A is constant: what differs are the overloads for Criteria and
 // LensCriteria.
@@ -29,11 +33,12 @@
 // Twins: rastercov.reference.regions, point by point.
 #pragma once
 #include "area/plane.hpp"
+#include "interrupt.hpp"
 
 namespace rastercov::area {
 
 constexpr int64_t MOST_HALVINGS = 48; // of a piece, after which it is undecided
-// Parts of a polygon that are looked at, after which the others are undecided.
+// Parts of a face that are halved, after which the others are undecided.
 constexpr int64_t MOST_DIVISIONS = int64_t(1) << 18;
 // Bits of the criteria that a piece still has to meet, and rows of their fits.
 enum { PER_M2 = 1, DENSE = 2, FACING = 4, DISTANT = 8 };
@@ -72,7 +77,7 @@ inline lens::PlaneSlopes slopes_of(const LensCriteria &criteria, double x, doubl
 }
 
 // Bounds of the second and third derivatives within a box of the plane.
-inline lens::Bends bounds_of(const Criteria &, const Bounds &) { return {0.0, 0.0}; }
+inline lens::Bends bounds_of(const Criteria &, const Bounds &) { return {}; }
 inline lens::Bends bounds_of(const LensCriteria &criteria, const Bounds &box) {
     return lens::bounds_within(criteria.slopes, box.u_min, box.u_max, box.v_min, box.v_max);
 }
@@ -104,14 +109,10 @@ struct Figures {
     Matrix dense, facing;
 };
 
-struct Sizes {
-    double norm, least, det; // of A: its norm, its least singular value, |det A|
-};
-
-// Figures of the criteria of a mask.
+// Sets figures of the criteria of a mask; the least singular value of A.
 template <class C>
-Sizes figures_at(const C &criteria, const Plane &plane, double x, double y, int64_t mask,
-                 Figures &out) {
+double figures_at(const C &criteria, const Plane &plane, double x, double y, int64_t mask,
+                  Figures &out) {
     const auto [a, b, c, d] = slopes_of(criteria, x, y);
     const double det = a * d - b * c, total = a * a + b * b + c * c + d * d;
     const double root = std::sqrt(std::max(total * total - 4 * det * det, 0.0));
@@ -136,7 +137,23 @@ Sizes figures_at(const C &criteria, const Plane &plane, double x, double y, int6
         out.facing.second = {e_11 * i_12 + e_12 * i_22, e_12 * i_12 + e_22 * i_22,
                              e_31 * i_12 + e_32 * i_22};
     }
-    return {norm, size / norm, size};
+    return size / norm;
+}
+
+// Bounds in a piece: of the first and second derivative of A^-1, and of log |det A|.
+struct Turns {
+    double inverse_1, inverse_2, log_det_1, log_det_2;
+};
+
+// The same within r of a place where A has the least singular value `least`.
+inline Turns turns_within(const lens::Bends &bends, double least, double r) {
+    const double b = 1 / (least - bends.second * r), first = b * bends.second;
+    if (!(b > 0 && bends.third < INF))
+        return {bends.inverse_1, bends.inverse_2, bends.log_det_1, bends.log_det_2};
+    const double second = b * bends.third + first * first;
+    return {std::min(bends.inverse_1, b * first),
+            std::min(bends.inverse_2, b * (second + first * first)),
+            std::min(bends.log_det_1, 2 * first), std::min(bends.log_det_2, 2 * second)};
 }
 
 // Change of figures by a step, over it.
@@ -257,28 +274,25 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
     const double w_x = plane.normal.x / -plane.height, w_y = plane.normal.y / -plane.height,
                  w_0 = plane.normal.z / -plane.height;
     const double step = std::min(STEP_REL * r, LARGEST_STEP);
-    const auto [second, third] = bounds_of(
+    const lens::Bends bends = bounds_of(
         criteria, {box.u_min - step, box.u_max + step, box.v_min - step, box.v_max + step});
     Figures here = {}, there = {};
-    auto [norm, least, det] = figures_at(criteria, plane, x, y, mask, here);
-    norm += second * r, least -= second * r;
-    const double least_det = det - 2 * norm * second * r;
-    if (!(least > 0 && least_det > 0 && third < INF)) return;
+    const double least = figures_at(criteria, plane, x, y, mask, here);
+    const auto [b_1, b_2, log_1, log_2] = turns_within(bends, least, r);
+    if (!(b_2 < INF && log_2 < INF)) return;
     figures_at(criteria, plane, x + step, y + 0.0, mask, there);
     const Figures by_x = differences(there, here, step);
     figures_at(criteria, plane, x + 0.0, y + step, mask, there);
     const Figures by_y = differences(there, here, step);
-    const double b = 1 / least, b_1 = b * b * second, b_2 = b * b * third + 2 * b * b_1 * second;
+    const double b = 1 / least + b_1 * r;
     const double reach = length2(x, y) + r, tall = std::sqrt(1 + reach * reach);
     const double w = w_0 + w_x * x + w_y * y;
     // Rounding of the figures, of their differences, and of the height.
     const double rounding = ROUNDING * (1 + r / step) + 4 * plane.error / h;
     if (mask & PER_M2) {
         const double c = std::pow(rules.min_pixels_per_m2 / h, 1.0 / 3);
-        const double det_1 = 2 * norm * second, det_2 = 2 * norm * third + 2 * second * second;
-        const double turn = det_1 / least_det;
-        double bend = std::pow(least_det, -1.0 / 3);
-        bend *= det_2 / (3 * least_det) + 4.0 / 9 * (turn * turn);
+        const double change = log_1 / 3, size = here.size * std::exp(change * r);
+        const double bend = size * (change * change + log_2 / 3);
         const double off = HALF * c * bend * r * r + rounding * (c * here.size + most_w);
         Fit &fit = fits[OF_PER_M2];
         fit.a = w_x - c * by_x.size, fit.b = w_y - c * by_y.size;
@@ -353,93 +367,94 @@ inline int64_t farthest_from(const Corners &places, int64_t n, int64_t start) {
     return far;
 }
 
-// Pushes both halves of a polygon across its longest extent in the image.
+// Puts both halves of a polygon across its longest extent in the image on the queue.
 inline void halve_part(Points polygon, int64_t n, const Plane &plane, int64_t mask, int64_t level,
-                       Stack &stack) {
+                       Queue &queue) {
     Corners places;
+    Polygon half;
     place_corners(polygon, n, plane, places);
     const int64_t start = farthest_from(places, n, 0);
     const Corner far = places[start], other = places[farthest_from(places, n, start)];
     const double a = far.x - other.x, b = far.y - other.y;
     const double c = -0.5 * (a * (far.x + other.x) + b * (far.y + other.y));
     const Affine line = line_in_plane(a, b, c + 0.0, plane);
-    for (const double sign : {1.0, -1.0}) {
-        const int64_t m = keep_beyond(polygon, n, line, sign, stack.next());
-        if (m >= 3) stack.push(m, mask, level);
-    }
+    for (const double sign : {1.0, -1.0})
+        queue.push(half.points(), keep_beyond(polygon, n, line, sign, half.points()), mask, level);
 }
 
-// Appends the part of a polygon that meets the criteria of a mask; see above.
+// Takes from the queue the largest part of a face, and decides it: appends what meets all criteria
+// of its mask, drops what fails one, and puts the rest back in halves. Where it may not be
+// halved it goes into the bound. True if it was halved.
 template <class C>
-void append_by_densities(int64_t face, Points polygon, int64_t n, int64_t mask, const C &criteria,
-                         Scratch &scratch, const Found &out) {
+bool decide_part(int64_t face, const C &criteria, bool may_halve, Scratch &scratch,
+                 const Found &out) {
     const Plane &plane = scratch.plane;
-    Stack &strips = scratch.strips;
-    Polygon memory, other, spare;
-    const Points part = memory.points();
+    Queue &queue = scratch.strips;
+    Polygon memory, other;
+    const Points part = memory.points(), spare = other.points();
     const double nearest = plane.nearest_corners();
     Corners places;
     Fits fits;
-    strips.push_parts(polygon, n, mask, 0);
-    for (int64_t divided = 0; strips.top > 0; divided++) {
-        const Stack::Entry &entry = strips.pop();
-        n = entry.n, mask = entry.one;
-        const int64_t level = entry.other;
-        copy_polygon(strips.next(), n, part);
-        const double area = twice_area(part, n) / 2;
-        if (!(area > 0)) continue;
-        fit_criteria(part, n, mask, plane, criteria, places, fits);
-        int best = -1;
-        double narrowest = INF;
-        bool is_out = false;
-        for (int i = 0; i < N_CRITERIA; i++) {
-            const Fit &fit = fits[i];
-            if (!(mask >> i & 1) || !fit.is_known) continue;
-            if (least_and_most(part, n, line_along(fit, i, fit.least, plane)).least > 0) {
-                mask -= 1 << i;
-                continue;
-            }
-            is_out = least_and_most(part, n, line_along(fit, i, fit.most, plane)).most < 0;
-            if (is_out) break;
-            // Share of the range of the criterion in the piece that is undecided.
-            const double share =
-                (fit.most - fit.least) / std::max(range_of(fit, i, part, n, places), 1e-300);
-            if (share < narrowest) best = i, narrowest = share;
-        }
-        if (is_out) continue;
-        if (mask == 0) {
-            append_piece(face, part, n, nearest, out);
+    auto [area, n, mask, level] = queue.pop(part);
+    fit_criteria(part, n, mask, plane, criteria, places, fits);
+    int best = -1;
+    double narrowest = INF;
+    for (int i = 0; i < N_CRITERIA; i++) {
+        const Fit &fit = fits[i];
+        if (!(mask >> i & 1) || !fit.is_known) continue;
+        if (least_and_most(part, n, line_along(fit, i, fit.least, plane)).least > 0) {
+            mask -= 1 << i;
             continue;
         }
-        if (best >= 0 && narrowest < 0.5 && strips.has_room(3)) {
-            const Affine inner = line_along(fits[best], best, fits[best].least, plane);
-            const Affine outer = line_along(fits[best], best, fits[best].most, plane);
-            const int64_t m = keep_beyond(part, n, inner, 1.0, strips.next());
-            if (m >= 3 && mask == 1 << best) {
-                copy_polygon(strips.next(), m, other.points());
-                append_piece(face, other.points(), m, nearest, out);
-            } else if (m >= 3) {
-                strips.push(m, mask - (1 << best), level);
-            }
-            n = keep_beyond(part, n, inner, -1.0, spare.points());
-            if (n >= 3) n = keep_beyond(spare.points(), n, outer, 1.0, part);
-            if (n < 3) continue;
-        }
-        const double rest = std::max(twice_area(part, n) / 2, 0.0);
-        if (rest <= criteria.gap * reach_of(part, n) || level == MOST_HALVINGS ||
-            !strips.has_room(2) || divided > MOST_DIVISIONS)
-            out.bound[face] += rest;
-        else halve_part(part, n, plane, mask, level + 1, strips);
+        if (least_and_most(part, n, line_along(fit, i, fit.most, plane)).most < 0) return false;
+        // Share of the range of the criterion in the piece that is undecided.
+        const double share =
+            (fit.most - fit.least) / std::max(range_of(fit, i, part, n, places), 1e-300);
+        if (share < narrowest) best = i, narrowest = share;
+    }
+    if (mask == 0) {
+        append_piece(face, part, n, nearest, out);
+        return false;
+    }
+    if (best >= 0 && narrowest < 0.5) {
+        const Affine inner = line_along(fits[best], best, fits[best].least, plane);
+        const Affine outer = line_along(fits[best], best, fits[best].most, plane);
+        const int64_t m = keep_beyond(part, n, inner, 1.0, spare);
+        if (mask != 1 << best) queue.push(spare, m, mask - (1 << best), level);
+        else if (m >= 3) append_piece(face, spare, m, nearest, out);
+        n = keep_beyond(part, n, inner, -1.0, spare);
+        if (n >= 3) n = keep_beyond(spare, n, outer, 1.0, part);
+        if (n < 3) return false;
+    }
+    const double rest = std::max(twice_area(part, n) / 2, 0.0);
+    const bool is_thin = rest <= criteria.gap * reach_of(part, n) || level == MOST_HALVINGS;
+    if (is_thin || !may_halve) {
+        out.bound[face] += rest;
+        if (!is_thin) out.cut_short[0] += rest;
+        return false;
+    }
+    halve_part(part, n, plane, mask, level + 1, queue);
+    return true;
+}
+
+// Appends what meets the criteria of densities of the polygons of a face that are on the queue.
+template <class C>
+void decide_densities(int64_t face, const C &criteria, Scratch &scratch, const Found &out) {
+    int64_t divided = 0;
+    Poll poll(16);
+    while (!scratch.strips.is_empty()) {
+        poll();
+        divided += decide_part(face, criteria, divided < MOST_DIVISIONS, scratch, out);
     }
 }
 
-// Appends the part of a polygon that meets all criteria of densities.
+// Appends a polygon, or puts it on the queue where it must meet criteria of densities.
 template <class C>
 void append_dense(int64_t face, Points polygon, int64_t n, const C &criteria, Scratch &scratch,
                   const Found &out) {
     const int64_t mask = mask_of(criteria);
     if (mask == 0) append_piece(face, polygon, n, scratch.plane.nearest_corners(), out);
-    else append_by_densities(face, polygon, n, mask, criteria, scratch, out);
+    else scratch.strips.push(polygon, n, mask, 0);
 }
 
 } // namespace rastercov::area

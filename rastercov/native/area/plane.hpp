@@ -13,7 +13,9 @@
 #include "camera/camera.hpp"
 #include "coverage/decision.hpp"
 #include "lens/field.hpp"
+#include <algorithm>
 #include <tuple>
+#include <vector>
 
 namespace rastercov::area {
 
@@ -33,25 +35,18 @@ struct Planes {
     Array<const bool, Any> two_sided, is_asked;
 };
 
-// Visible pieces of faces that are seen in part, of the solver.
-struct Kept {
-    Array<const double, Any, 2> corners;
-    Starts starts;
-    Array<const int32_t, Any> faces;
-    Array<const int64_t, 3> used;
-};
-
-// A solved pose: `rotation` world_from_camera and `centre`; see HalfPlaneSolver. `rows` are those
-// of the faces in the arrays of the solver.
+// A solved pose: `rotation` world_from_camera and `centre`; see engine::PlaneSolver. `rows` are
+// those of the faces in the arrays of the solver; none where each is its own.
 struct Seen {
     Array<const double, 3, 3> rotation;
     Array<const double, 3> centre;
     double near;
     Array<const int64_t, Any> rows;
     Array<const uint16_t, Any> state;
+    Array<const int8_t, Any> side;
     Array<const double, Any> visible, area, area_error;
     Array<const bool, Any> is_certified;
-    Kept kept;
+    exact::VisiblePieces kept; // of faces that are seen in part
 };
 
 // Pointwise criteria of a task in the image of a pinhole. `gap` is the largest distance between
@@ -67,7 +62,8 @@ struct Criteria {
 // meet in the plane itself: to be in its image, and the angle of incidence; `rules` has all. Where
 // distances are in focus, by_distance; if not, depths along `axis` are, the axis of the lens in the
 // axes of the plane. `gap` is the mean width of the strips that no test decides, metres. `tree` is
-// the field of view; `code`, `params` and `frame` are the lens, `slopes` bounds of its derivatives.
+// the field of view; `code`, `params` and `frame` are the lens, `slopes` bounds of its derivatives;
+// it has_border where the image may show the border of its valid region in the plane.
 struct LensCriteria {
     Criteria pinhole;
     Rules rules;
@@ -79,16 +75,20 @@ struct LensCriteria {
     lens::Params params;
     lens::Frame frame;
     lens::Slopes slopes;
+    bool has_border;
 };
 
-// Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face, m^2.
-// `used` has the pieces and the corners so far, also where there is no room for them.
+// Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face, m^2,
+// and the part `doubt` of the bound that can only add to the area. `used` has the pieces and the
+// corners so far, also where there is no room for them, `cut_short` the area that no density
+// decides because the divisions of its face ended, m^2.
 struct Found {
     Points xy;
     Array<int64_t, Any> starts;
     Array<int32_t, Any> face;
     Array<int64_t, 2> used;
-    Array<double, Any> area, bound;
+    Array<double, Any> area, bound, doubt;
+    Array<double, 1> cut_short;
 };
 
 struct Vector {
@@ -289,10 +289,65 @@ inline void append_piece(int64_t face, Points polygon, int64_t n, double nearest
     }
 }
 
+// Polygons of at most MOST_CORNERS corners that are still to be decided, the largest first; of
+// equal ones the first that came.
+class Queue {
+  public:
+    struct Part {
+        double area; // m^2
+        int64_t n, mask, level;
+    };
+
+    bool is_empty() const { return heap.empty(); }
+
+    // Adds a polygon of any area, with criteria that it must meet and the times that it was halved.
+    void push(Points polygon, int64_t n, int64_t mask, int64_t level) {
+        for (int64_t first = 1; first + 1 < n;) {
+            if (free.empty()) {
+                free.push_back(int64_t(parts.size()));
+                parts.emplace_back();
+                corners.resize(parts.size() * 2 * MOST_CORNERS);
+            }
+            const int64_t slot = free.back(), m = exact::corners_of_part(first, n);
+            const Points own = at(slot);
+            exact::copy_part(polygon, first, m, own);
+            const double area = twice_area(own, m) / 2;
+            first += m - 2;
+            if (!(area > 0)) continue;
+            free.pop_back();
+            parts[slot] = {area, m, mask, level};
+            heap.push_back({area, -pushed++, slot});
+            std::push_heap(heap.begin(), heap.end());
+        }
+    }
+
+    // Takes the largest polygon away.
+    Part pop(Points out) {
+        std::pop_heap(heap.begin(), heap.end());
+        const int64_t slot = std::get<2>(heap.back());
+        heap.pop_back();
+        free.push_back(slot);
+        copy_polygon(at(slot), parts[slot].n, out);
+        return parts[slot];
+    }
+
+  private:
+    int64_t pushed = 0;
+    std::vector<std::tuple<double, int64_t, int64_t>> heap; // area, order, slot
+    std::vector<int64_t> free;
+    std::vector<Part> parts;
+    std::vector<double> corners;
+
+    Points at(int64_t slot) {
+        return {corners.data() + slot * 2 * MOST_CORNERS, {MOST_CORNERS, 2}};
+    }
+};
+
 // Memory of one call.
 struct Scratch {
     Plane plane;
-    Stack caps, strips, views;
+    Stack caps, views;
+    Queue strips;
 };
 
 } // namespace rastercov::area
@@ -304,30 +359,14 @@ template <> struct Record<area::Planes> {
     static constexpr auto fields = Fields<&S::origin, &S::x_axis, &S::y_axis, &S::normal,
                                           &S::corners, &S::areas, &S::two_sided, &S::is_asked>();
 };
-template <> struct Record<area::Kept> {
-    using S = area::Kept;
-    static constexpr auto fields = Fields<&S::corners, &S::starts, &S::faces, &S::used>();
-};
-template <> struct Record<area::Seen> {
-    using S = area::Seen;
-    static constexpr auto fields =
-        Fields<&S::rotation, &S::centre, &S::near, &S::rows, &S::state, &S::visible, &S::area,
-               &S::area_error, &S::is_certified, &S::kept>();
-};
 template <> struct Record<area::Criteria> {
     using S = area::Criteria;
-    static constexpr auto fields = Fields<&S::lens, &S::rules, &S::gap, &S::pixel_error>();
+    static constexpr auto fields = Fields<&S::lens, &S::rules, &S::gap>();
 };
 template <> struct Record<area::LensCriteria> {
     using S = area::LensCriteria;
     static constexpr auto fields =
         Fields<&S::pinhole, &S::rules, &S::by_distance, &S::axis, &S::gap, &S::tree, &S::code,
-               &S::params, &S::frame, &S::slopes>();
+               &S::params, &S::frame, &S::slopes, &S::has_border>();
 };
-template <> struct Record<area::Found> {
-    using S = area::Found;
-    static constexpr auto fields =
-        Fields<&S::xy, &S::starts, &S::face, &S::used, &S::area, &S::bound>();
-};
-
 } // namespace rastercov

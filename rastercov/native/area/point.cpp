@@ -7,6 +7,7 @@
 #include "area/polygon.hpp"
 #include "bind.hpp"
 #include "coverage/decision.hpp"
+#include "interrupt.hpp"
 #include "mesh/tree.hpp"
 
 namespace rastercov {
@@ -40,7 +41,9 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
     require_lens(camera);
     mesh::require_tree(corners, nodes);
     mesh::Hits hits = {corners, nodes, is_nearest};
+    Poll poll(64);
     for (int64_t i = 0; i < n; i++) {
+        poll();
         const double x = points.points(i, 0) - eye[0], y = points.points(i, 1) - eye[1],
                      z = points.points(i, 2) - eye[2];
         const auto normal = points.normals[i];
@@ -90,7 +93,9 @@ void find_covering(Array<const double, Any, 2> xy, Array<const int32_t, Any> fac
     require_indices(face, of_face.rows() - 1, "face must hold faces");
     require_indices(order, n, "order must hold pieces");
     require_indices(row, out.extent(1), "row must hold columns of out");
+    Poll poll;
     for (int64_t i = 0; i < face.rows(); i++) {
+        poll();
         const int64_t begin = of_face[face[i]], end = of_face[face[i] + 1];
         const double x = xy(i, U), y = xy(i, V);
         require(begin >= 0 && end <= order.rows(), "of_face must hold places in order");

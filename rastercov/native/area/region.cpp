@@ -8,7 +8,7 @@
 // the first and the last run only where a task asks for them:
 //
 //   TO_DISCS      focus up to a distance
-//   TO_VIEW       the field of view of the lens, and focus by depth
+//   TO_VIEW       the field of view of the lens and its valid region, and focus by depth
 //   TO_DENSITIES  densities through the lens, and focus from a distance
 //
 // The curved borders of the field of view make most pieces, so discs come first. The field of view
@@ -17,8 +17,10 @@
 // be projected.
 //
 // Twins: rastercov.reference.regions, point by point.
+#include "area/region.hpp"
 #include "area/circle.hpp"
-#include "bind.hpp"
+#include "area/cone.hpp"
+#include "interrupt.hpp"
 #include <memory>
 #include <optional>
 #include <tuple>
@@ -29,8 +31,9 @@ namespace {
 
 // Depth up to which a corner is brought back, relative to the deepest corner of its face.
 constexpr double FARTHEST = 2.0;
-
-enum Step { TO_DISCS, TO_VIEW, TO_DENSITIES }; // of cut_pieces
+// Share of a face that rounding of the image may add to nothing, above which it is only in doubt:
+// the camera is in the plane of the face, but for rounding.
+constexpr double DOUBTFUL_SHARE = 0x1p-10;
 
 // Rows of Borders: before FOCUS_LINE and FAR_LINE a point is out of focus or too far away for its
 // pixels per m^2; the others bound the viewing pyramid.
@@ -81,8 +84,8 @@ double set_borders(const Plane &plane, const Criteria &criteria, double near, do
 }
 
 // Brings a piece of the image to the plane of its face, counter-clockwise; its corner count.
-int64_t bring_back(const Kept &kept, int64_t piece, const Plane &plane, const Lens &camera,
-                   double deepest, Points out) {
+int64_t bring_back(const exact::VisiblePieces &kept, int64_t piece, const Plane &plane,
+                   const Lens &camera, double deepest, Points out) {
     const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
     const bool is_reversed = plane.height > 0; // v points down, and the front is seen
     for (int64_t p = 0; p < n; p++) {
@@ -126,7 +129,7 @@ struct Image {
 void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const Seen &seen,
               const Image &image, int64_t piece, Scratch &scratch, const Found &out) {
     const auto &[camera, rules] = std::tie(criteria.lens, criteria.rules);
-    const Kept &kept = seen.kept;
+    const exact::VisiblePieces &kept = seen.kept;
     Plane &plane = scratch.plane;
     double &bound = out.bound[f];
     const auto [least, most] = set_plane(planes, f, seen, plane);
@@ -158,12 +161,15 @@ void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const S
     }
     if (height + error < shallowest * rules.cos_incidence * (1 - POSITION_ERROR_REL)) return;
     const double largest = std::min(twice_area(base, n) / 2 + strips, planes.areas[f]);
-    if (height <= error) {
-        bound = largest;
+    // One px^2 of the image is z^3 / (fx fy h) m^2 of the plane. Where an error of the image may
+    // be all of the face, nothing of it is certain: what is in doubt can only add to the area.
+    if (height > error)
+        bound = image.error * (deepest / camera.fx) * (deepest / camera.fy) * (deepest / height);
+    if (height <= error || bound >= largest) {
+        bound = out.doubt[f] = largest;
         return;
     }
-    // One px^2 of the image is z^3 / (fx fy h) m^2 of the plane.
-    bound = image.error * (deepest / camera.fx) * (deepest / camera.fy) * (deepest / height);
+    const bool is_doubtful = bound > DOUBTFUL_SHARE * largest;
     Circle circle(plane, rules.tan_incidence, criteria.gap);
     if (image.is_whole()) {
         bound += strips;
@@ -197,54 +203,43 @@ void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const S
             }
         }
     }
+    decide_densities(f, criteria, scratch, out);
     bound = std::min(bound, largest);
+    if (is_doubtful && out.area[f] == 0) out.doubt[f] = bound;
 }
 
-void require_planes(const Planes &planes, const Found &out) {
-    const int64_t n = planes.areas.rows();
-    require(planes.origin.rows() == n && planes.x_axis.rows() == n && planes.y_axis.rows() == n &&
-                planes.normal.rows() == n && planes.corners.rows() == n &&
-                planes.two_sided.rows() == n && planes.is_asked.rows() == n &&
-                out.area.rows() == n && out.bound.rows() == n,
-            "planes, and area and bound of out, must have one row for each face");
-    require(out.starts.rows() == out.face.rows() + 1, "starts must have one row more than face");
-}
+} // namespace
 
 // Regions of all faces that one pose covers. Where `used` of `out` is more than there is room for,
 // call again with that much.
-void cut_regions(Planes planes, Criteria criteria, Seen seen, Found out) {
+void cut_regions(const Planes &planes, const Criteria &criteria, const Seen &seen,
+                 const Found &out) {
     const auto &[rows, kept] = std::tie(seen.rows, seen.kept);
     const int64_t n = planes.areas.rows(), n_rows = seen.state.rows(), n_kept = kept.used[0];
-    require_planes(planes, out);
-    require(rows.rows() == n && seen.visible.rows() == n_rows && seen.area.rows() == n_rows &&
-                seen.area_error.rows() == n_rows && seen.is_certified.rows() == n_rows,
-            "rows must have one row for each face, and the figures one each");
-    require_indices(rows, n_rows, "rows must hold rows of the figures");
-    require(n_kept >= 0 && n_kept <= kept.faces.rows() &&
-                kept.starts.rows() == kept.faces.rows() + 1,
-            "kept must have one row for each piece, starts one more");
     std::vector<int64_t> first(n_rows, -1);
     for (int64_t p = n_kept - 1; p >= 0; p--) {
-        const int64_t begin = kept.starts[p], end = kept.starts[p + 1], row = kept.faces[p];
-        require(row >= 0 && row < n_rows && begin >= 0 && begin <= end &&
-                    end <= kept.corners.rows() && end - begin <= PIECE_ROOM,
-                "pieces must be of the figures, and have up to 64 corners, within them");
-        first[row] = p;
+        first[kept.faces[p]] = p;
     }
     const auto scratch = std::make_unique_for_overwrite<Scratch>();
     out.used[0] = out.used[1] = 0;
+    out.cut_short[0] = 0.0;
+    Poll poll(64);
     for (int64_t f = 0; f < n; f++) {
-        const int64_t row = rows[f];
+        poll();
+        const int64_t row = rows.rows() ? rows[f] : f;
         const int64_t state = seen.state[row];
-        out.area[f] = out.bound[f] = 0.0;
+        out.area[f] = out.bound[f] = out.doubt[f] = 0.0;
         if (!planes.is_asked[f] || !(state & (exact::LIVE | exact::THIN | exact::DOUBTFUL)))
             continue;
+        if (seen.side[row] < 0 && !planes.two_sided[f]) continue;
         const Image image = {seen.visible[row], seen.area[row],
                              seen.is_certified[row] ? 0.0 : seen.area_error[row]};
         if ((state & exact::LIVE) && image.visible == 0 && image.error == 0) continue;
         cut_face(f, planes, criteria, seen, image, first[row], *scratch, out);
     }
 }
+
+namespace {
 
 // --- through a lens ---
 
@@ -278,10 +273,10 @@ bool is_in_view(Points corners, int64_t n, const Plane &plane, const lens::Tree 
     return node == lens::INSIDE;
 }
 
-// Appends the part of a convex polygon that the image of the lens shows; the undecided cells of the
-// field of view go into the bound.
+// Appends the part of a convex polygon that the image of the lens shows, within the border of the
+// valid region where that is shown; the undecided cells of the field of view go into the bound.
 void append_in_view(int64_t face, Points polygon, int64_t n, const LensCriteria &criteria,
-                    Scratch &scratch, const Found &out) {
+                    const std::optional<Cone> &cone, Scratch &scratch, const Found &out) {
     const Plane &plane = scratch.plane;
     const lens::Tree &tree = criteria.tree;
     Stack &views = scratch.views;
@@ -289,12 +284,20 @@ void append_in_view(int64_t face, Points polygon, int64_t n, const LensCriteria 
     Polygon memory, spare;
     const Points part = memory.points();
     const double nearest = plane.nearest_corners();
+    // A power of two, so that a lamp lights the same to the bit in scenes of about the same size.
+    const double cone_gap = std::ldexp(1.0, std::ilogb(criteria.pinhole.gap));
+    const auto append = [&](Points found, int64_t m) {
+        if (!cone) append_piece(face, found, m, nearest, out);
+        else append_within_cone(face, found, m, *cone, cone_gap, scratch, out);
+    };
     if (is_in_view(polygon, n, plane, tree)) {
-        append_piece(face, polygon, n, nearest, out);
+        append(polygon, n);
         return;
     }
     views.push_parts(polygon, n, tree.root, 0);
+    Poll poll(64);
     while (views.top > 0) {
+        poll();
         const Stack::Entry &entry = views.pop();
         int64_t node = entry.one;
         n = entry.n;
@@ -340,7 +343,7 @@ void append_in_view(int64_t face, Points polygon, int64_t n, const LensCriteria 
             }
         }
         if (n < 3) continue;
-        if (node == lens::INSIDE) append_piece(face, part, n, nearest, out);
+        if (node == lens::INSIDE) append(part, n);
         else if (node == lens::UNDECIDED) bound += std::max(twice_area(part, n) / 2, 0.0);
     }
 }
@@ -377,21 +380,13 @@ bool set_depths(const LensCriteria &criteria, const Plane &plane, Border (&borde
     return !criteria.by_distance && (rules.z_n > 0 || rules.z_f < INF);
 }
 
+} // namespace
+
 // Cuts pieces in an ideal plane, by face, by one of the steps for lenses, see above. Where `used`
 // of `out` is more than there is room for, call again with that much.
-void cut_pieces(Planes planes, LensCriteria criteria, Seen seen, Found source, int64_t step,
-                Found out) {
-    require_planes(planes, out);
-    require(source.starts.rows() == source.face.rows() + 1 &&
-                source.bound.rows() == planes.areas.rows() && source.used[0] >= 0 &&
-                source.used[0] <= source.face.rows(),
-            "source must have one row for each piece, and bounds one for each face");
-    require(criteria.tree.children.rows() == criteria.tree.lines.rows() &&
-                criteria.tree.kinds.rows() == criteria.tree.lines.rows() &&
-                criteria.tree.root < criteria.tree.lines.rows(),
-            "the field of view must have one row for each node");
+void cut_pieces(const Planes &planes, const LensCriteria &criteria, const Seen &seen,
+                const Found &source, Step step, const Found &out) {
     const Array<const int32_t, Any> face = {source.face.data, {source.used[0]}};
-    require_indices(face, planes.areas.rows(), "face must hold faces");
     const auto scratch = std::make_unique_for_overwrite<Scratch>();
     Plane &plane = scratch->plane;
     Polygon memory;
@@ -401,11 +396,18 @@ void cut_pieces(Planes planes, LensCriteria criteria, Seen seen, Found source, i
     bool has_depths = false;
     Disc disc = {0.0, 0.0};
     std::optional<Circle> circle;
+    std::optional<Cone> cone;
     out.used[0] = out.used[1] = 0;
-    for (int64_t f = 0; f < out.area.rows(); f++) out.area[f] = 0.0, out.bound[f] = source.bound[f];
+    std::fill(out.area.begin(), out.area.end(), 0.0);
+    std::copy(source.bound.begin(), source.bound.end(), out.bound.begin());
+    std::copy(source.doubt.begin(), source.doubt.end(), out.doubt.begin());
+    out.cut_short[0] = source.cut_short[0];
+    Poll poll(16);
     for (int64_t piece = 0; piece < face.rows(); piece++) {
+        poll();
         const int64_t f = face[piece];
         if (f != last) {
+            if (last >= 0) decide_densities(last, criteria, *scratch, out);
             set_plane(planes, f, seen, plane);
             last = f;
             if (step == TO_DISCS) {
@@ -413,6 +415,7 @@ void cut_pieces(Planes planes, LensCriteria criteria, Seen seen, Found source, i
                 circle.emplace(plane, disc.slope, criteria.pinhole.gap);
             } else if (step == TO_VIEW) {
                 has_depths = set_depths(criteria, plane, depths);
+                if (criteria.has_border) cone.emplace(criteria.params, criteria.frame, plane);
             }
         }
         const auto corners = piece_at(piece, source.starts, source.xy);
@@ -430,28 +433,12 @@ void cut_pieces(Planes planes, LensCriteria criteria, Seen seen, Found source, i
                 n = cut.n;
                 out.bound[f] += cut.undecided;
             }
-            if (n >= 3) append_in_view(f, polygon, n, criteria, *scratch, out);
+            if (n >= 3) append_in_view(f, polygon, n, criteria, cone, *scratch, out);
         }
     }
+    if (last >= 0) decide_densities(last, criteria, *scratch, out);
     for (int64_t f = 0; f < out.bound.rows(); f++)
         out.bound[f] = std::min(out.bound[f], planes.areas[f]);
 }
-
-} // namespace
 } // namespace area
-
-void register_area_region(nanobind::module_ &m) {
-    using namespace area;
-    m.attr("TO_DISCS") = int(TO_DISCS);
-    m.attr("TO_VIEW") = int(TO_VIEW);
-    m.attr("TO_DENSITIES") = int(TO_DENSITIES);
-    def(m, "cut_regions", cut_regions,
-        "Regions of all faces that one pose covers; where `used` is more than there is room for, "
-        "call again with that much.",
-        "planes", "criteria", "seen", "out");
-    def(m, "cut_pieces", cut_pieces,
-        "Cut pieces in an ideal plane by a step for lenses: TO_DISCS, TO_VIEW or TO_DENSITIES.",
-        "planes", "criteria", "seen", "source", "step", "out");
-}
-
 } // namespace rastercov

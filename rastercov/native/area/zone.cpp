@@ -10,6 +10,7 @@
 // Twins: tests/area/test_zones.py.
 #include "bind.hpp"
 #include "exact/forest.hpp"
+#include "interrupt.hpp"
 #include <cmath>
 #include <limits>
 
@@ -85,7 +86,9 @@ void link_in_faces(Corners xy, Starts starts, Faces face, Array<const double, An
             "face, boxes, interval and parent must have one row for each piece");
     require_indices(order, n, "order must hold pieces");
     require_indices(parent, n, "parent must hold pieces");
+    Poll poll(64);
     for (int64_t a = 0; a < order.rows(); a++) {
+        poll();
         const int64_t i = order[a];
         for (int64_t b = a + 1; b < order.rows(); b++) {
             const int64_t j = order[b];
@@ -108,8 +111,9 @@ void link_along_edges(Indices edge, Intervals interval, Indices piece, Faces fac
             "edge, interval and piece must have one row for each side, face one for each piece");
     require_indices(piece, parent.rows(), "piece must hold pieces");
     require_indices(parent, parent.rows(), "parent must hold pieces");
+    Poll poll(64);
     for (int64_t a = 0; a < n; a++)
-        for (int64_t b = a + 1; b < n; b++) {
+        for (int64_t b = (poll(), a + 1); b < n; b++) {
             if (edge[b] != edge[a] || interval(b, 0) > interval(a, 1) - least) break;
             if (face[piece[a]] != face[piece[b]] && interval(b, 1) > interval(b, 0) + least)
                 join(piece[a], piece[b], parent);
@@ -150,8 +154,9 @@ void link_in_space(Segments ends, Intervals interval, Indices piece, Faces face,
         const auto [first, last] = std::minmax({ends(b, 0, k), ends(b, 1, k)});
         return first > high + tolerance || low > last + tolerance;
     };
+    Poll poll(64);
     for (int64_t a = 0; a < n; a++)
-        for (int64_t b = a + 1; b < n; b++) {
+        for (int64_t b = (poll(), a + 1); b < n; b++) {
             if (interval(b, 0) > interval(a, 1) + tolerance) break;
             if (face[piece[a]] == face[piece[b]] ||
                 root_of(parent, piece[a]) == root_of(parent, piece[b]))

@@ -28,7 +28,7 @@ template <> struct Record<Lens> {
         Fields<&Lens::fx, &Lens::fy, &Lens::cx, &Lens::cy, &Lens::width, &Lens::height>();
 };
 
-constexpr int64_t MOST_SIDES = 132; // of a region: a cone of 128 sides cut by a square
+constexpr int64_t MOST_SIDES = 132; // of a region: 128 around a cone, cut by a square
 
 // A lens for the loops over faces, one row for each of its planes.
 struct CurvedLens {
@@ -45,7 +45,7 @@ struct CurvedLens {
     Array<const double, Any, lens::TABLE> longest;
     Array<const int64_t, Any> parts_of;
     Array<const bool, Any> is_graded;
-    Array<const double, Any> bends;
+    Array<const double, Any> bends, arc_halves, arc_bends;
     double tolerance;
 };
 template <> struct Record<CurvedLens> {
@@ -53,7 +53,8 @@ template <> struct Record<CurvedLens> {
     static constexpr auto fields =
         Fields<&S::code, &S::params, &S::width, &S::height, &S::by_distance, &S::frames,
                &S::own_params, &S::regions, &S::region_sides, &S::holes, &S::hole_sides,
-               &S::longest, &S::parts_of, &S::is_graded, &S::bends, &S::tolerance>();
+               &S::longest, &S::parts_of, &S::is_graded, &S::bends, &S::arc_halves, &S::arc_bends,
+               &S::tolerance>();
 };
 
 inline void require_lens(const Lens &) {}
@@ -62,7 +63,8 @@ inline void require_lens(const CurvedLens &lens) {
     require(lens.own_params.rows() == n && lens.regions.rows() == n &&
                 lens.region_sides.rows() == n && lens.holes.rows() == n &&
                 lens.hole_sides.rows() == n && lens.longest.rows() == n &&
-                lens.parts_of.rows() == n && lens.is_graded.rows() == n && lens.bends.rows() == n,
+                lens.parts_of.rows() == n && lens.is_graded.rows() == n && lens.bends.rows() == n &&
+                lens.arc_halves.rows() == n && lens.arc_bends.rows() == n,
             "the arrays of a lens must have one row for each plane");
     require_indices(lens.region_sides, MOST_SIDES + 1,
                     "a region must have MOST_SIDES sides at most");

@@ -3,6 +3,7 @@
 // Twins: rastercov.reference.coverage.
 #pragma once
 #include "coverage/criteria.hpp"
+#include "exact/orientation.hpp"
 
 namespace rastercov::coverage {
 
@@ -65,6 +66,15 @@ INLINE Mask<N> is_steep(const Scene &scene, const Steepness<N> &steepness, N sta
     const Mask<N> is_above = steepness.height > N(scene.doubtful_cosine) * steepness.size;
     const bool has_needles = scene.doubtful_cosine == MOST_DOUBTFUL;
     return has_needles ? is_above & (state == N(INSIDE)) : is_above;
+}
+
+// True if the camera centre, `eye`, is on the side of a face, or on either side of a two-sided one,
+// from which it is seen: not in its plane, exactly.
+template <class Centre> bool is_on_side(const Scene &scene, int64_t f, const Centre &eye) {
+    const auto [i, j, k] = scene.indices(f);
+    const int8_t side =
+        exact::exact_side(scene.vertices[i], scene.vertices[j], scene.vertices[k], eye);
+    return side > 0 || (side < 0 && scene.two_sided[f]);
 }
 
 // True if rounding may decide which side of a face the camera sees.

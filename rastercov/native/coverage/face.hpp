@@ -177,6 +177,16 @@ INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, 
     if (asked.per_m2) is.per_m2 = select(is_ahead, pixels_per_m2, N(0.0));
 }
 
+// True if nothing is drawn of a face for certain: the camera sees it edge-on, exactly, or is behind
+// its plane by less than rounding.
+template <class View> bool is_surely_unseen(int64_t f, const View &view, const Face<double> &face) {
+    const auto &pose = view.seen.poses[view.row];
+    const double eye[3] = {pose(0, 3), pose(1, 3), pose(2, 3)};
+    return !(face.measures.drawn > 0) &&
+           is_edge_on(view.scene, f, face.corners, face.cosine, face.state) &&
+           !is_on_side(view.scene, f, eye);
+}
+
 // True if rounding may decide whether a face is seen from the front and in the image.
 template <class View> bool is_in_doubt(int64_t f, const View &view, const Face<double> &face) {
     const auto &[scene, camera, seen, rules, points, memory, asked, row] = view;
@@ -187,7 +197,8 @@ template <class View> bool is_in_doubt(int64_t f, const View &view, const Face<d
                may_reach_image(face.corners, face.state, view.near(), camera, edge_on);
     }
     const bool is_computed = kind_at<double>(f, view) == EXACT && seen.area_error.size() > 0;
-    if (is_computed && is.drawn <= error_at<double>(f, view)) return true;
+    const double error = error_at<double>(f, view);
+    if (is_computed && is.drawn <= error && error > 0) return true;
     if (face.cosine > 0 && (scene.two_sided[f] || !is.has_part)) return !is.has_part;
     return is_edge_on(scene, f, face.corners, face.cosine, face.state);
 }
@@ -200,21 +211,27 @@ template <class N, class View> INLINE bool put_bound(int64_t f, const View &view
     const N error = error_at<N>(f, view);
     Mask<N> is_doubtful;
     if constexpr (std::is_same_v<N, double>) {
+        if (is_surely_unseen(f, view, face)) {
+            face.bound = 0.0;
+            return true;
+        }
         is_doubtful = is_in_doubt(f, view, face);
     } else {
         const auto &[scene, camera, seen, rules, points, memory, asked, row] = view;
         const Mask<N> is_known =
             is_steep(scene, steepness_of(face.corners, face.cosine), face.state);
         const Mask<N> is_computed =
-            seen.area_error.size() ? (kind == Whole<N>(EXACT)) & (is.drawn <= error) : Mask<N>{};
+            seen.area_error.size()
+                ? (kind == Whole<N>(EXACT)) & (is.drawn <= error) & (error > N(0.0))
+                : Mask<N>{};
         is_doubtful = is_computed;
         if (!all(is_known & is.is_inside)) {
             const Mask<N> faces_camera = face.cosine > N(0.0);
-            const Mask<N> is_in = is.has_part | (is.drawn > N(0.0));
+            const Mask<N> is_drawn = is.drawn > N(0.0), is_in = is.has_part | is_drawn;
             const Mask<N> is_sure = read_mask<N>(scene.two_sided.begin() + f) | !is.has_part;
             const Mask<N> is_out = is_far_off(face.corners, face.state, view.near(), camera);
             const Mask<N> is_clear =
-                select(is_in, is_computed | (faces_camera & is_sure) | is_known,
+                select(is_in, (is_drawn & (is_computed | (faces_camera & is_sure))) | is_known,
                        is_out | (is_known & !faces_camera));
             if (!all(is_clear)) return false;
             is_doubtful = is_in & (is_computed | (faces_camera & !is.has_part));

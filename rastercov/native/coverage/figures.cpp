@@ -8,6 +8,7 @@
 // Twins: rastercov.reference.coverage.
 #include "bind.hpp"
 #include "coverage/face.hpp"
+#include "interrupt.hpp"
 #include <memory>
 
 namespace rastercov {
@@ -99,6 +100,7 @@ void judge_poses(int64_t first, int64_t last, const Scene &scene, const Camera &
     const bool has_bounds = out.visibility_bound.size() > 0 || out.visibility_kind.size() > 0;
     const auto memory = std::make_unique<Memory<Camera>>();
     for (int64_t row = first; row < last; row++) {
+        poll_interrupt();
         const View<Camera, Count> view = {scene, camera, seen, rules, points, *memory, asked, row};
         Keeper keeper = {out, row * n_faces, has_bounds};
         judge_pose(view, skew + keeper.start, keeper);

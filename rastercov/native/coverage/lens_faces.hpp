@@ -52,7 +52,9 @@ inline lens::PlaneRecord plane_at(const CurvedLens &lens, int64_t n) {
             lens.bends[n],
             1.0,
             1.0,
-            lens.tolerance};
+            lens.tolerance,
+            lens.arc_halves[n],
+            lens.arc_bends[n]};
 }
 
 // Transforms the vertices to camera axes and projects those in the valid region of the lens.
@@ -90,7 +92,8 @@ inline bool lay_in_plane(const Corners<double> &corners, double near, const Curv
         least = std::min(least, z);
     }
     if (lens.frames.rows() == 1 || !(least > 0)) return least > 0;
-    if (least < near || lens.hole_sides[n] > 0) return false;
+    const bool is_cut = lens.arc_halves[n] > 0 && !lens::Cone(lens.params).is_convex();
+    if (least < near || lens.hole_sides[n] > 0 || is_cut) return false;
     return lens::is_in_region(polygon, 3, region_of(lens, n));
 }
 

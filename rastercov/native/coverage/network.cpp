@@ -10,6 +10,7 @@
 // Twins: rastercov.reference.coverage.
 #include "bind.hpp"
 #include "coverage/face.hpp"
+#include "interrupt.hpp"
 #include <memory>
 
 namespace rastercov {
@@ -279,6 +280,7 @@ void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &ca
     const auto memory = std::make_unique<Memory<Camera>>();
     int64_t n_rows = first * n_faces;
     for (int64_t row = first; row < last; row++) {
+        poll_interrupt();
         using OfPose = View<Camera, Count>;
         const OfPose view = {scene, camera, seen, rules, points, *memory, asked, row};
         const Pose pose = view.pose();

@@ -8,6 +8,7 @@
 #include "coverage/spread.hpp"
 #include "bind.hpp"
 #include "camera/camera.hpp"
+#include "interrupt.hpp"
 
 namespace rastercov {
 namespace coverage {
@@ -73,7 +74,9 @@ void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Plac
             "arrays of faces must have one row for each");
     std::vector<int64_t> seen(n_cameras);
     const double half = half_angle(min_cosine);
+    Poll poll(16);
     for (int64_t f = 0; f < n_faces; f++) {
+        poll();
         counts[f] = n_cameras + 1;
         int64_t n = 0;
         bool is_spread = min_cosine > 1, is_near = true;
@@ -129,6 +132,7 @@ void worth_added(Array<const bool, Any, Any> rest, Starts starts, Array<const in
         return false;
     };
     for (int64_t m = 0; m < added.rows(); m++) {
+        poll_interrupt();
         uint64_t total = 0;
         const int64_t begin = m * width, end = begin + width;
         if (width > 1) {
@@ -173,7 +177,9 @@ void best_densities(Starts starts, Cameras camera, Places points, Places normals
     require(normals.rows() == n && best.rows() == n && by.rows() == n,
             "arrays of elements must have one row for each");
     require(lens_of_pose.rows() == poses.rows(), "lens_of_pose must have one row for each pose");
+    Poll poll(64);
     for (int64_t e = 0; e < n; e++) {
+        poll();
         const auto point = read_triple<double>(points[e].begin()),
                    normal = read_triple<double>(normals[e].begin());
         for (int64_t at = starts[e]; at < starts[e + 1]; at++) {
@@ -194,7 +200,9 @@ void widest_angles(Starts starts, Cameras camera, Places points, Places eyes,
     require_rows(starts, points.rows(), camera.rows());
     require_indices(camera, eyes.rows(), "cameras must be rows of eyes");
     require(widest.rows() == points.rows(), "widest must have one row for each element");
+    Poll poll(64);
     for (int64_t e = 0; e < points.rows(); e++) {
+        poll();
         widest[e] = 0.0;
         for (int64_t first = starts[e]; first < starts[e + 1]; first++) {
             const int32_t p = camera[first];

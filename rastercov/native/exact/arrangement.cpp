@@ -14,29 +14,17 @@
 // A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 //
 // Twins: tests/exact/test_arrangement.py, by half planes.
-#include "bind.hpp"
 #include "exact/intersection.hpp"
+#include "exact/passes.hpp"
+#include "interrupt.hpp"
 #include <tuple>
 
 namespace rastercov {
 namespace exact {
-struct Partners { // faces in contact with face f: faces[starts[f]] ... faces[starts[f + 1] - 1]
-    Array<const int64_t, Any> starts;
-    Array<const int32_t, Any> faces;
-};
-} // namespace exact
-
-template <> struct Record<exact::Partners> {
-    using S = exact::Partners;
-    static constexpr auto fields = Fields<&S::starts, &S::faces>();
-};
-
-namespace exact {
 namespace {
 
-// Crossings of a face beyond which it is left to half planes, which divide the image by cells;
-// cells of a face beyond which it is, too.
-constexpr int64_t MOST_CROSSINGS = 24, MOST_CELLS = 128;
+// Crossings of a face beyond which it is left to half planes, which divide the image by cells.
+constexpr int64_t MOST_CROSSINGS = 24;
 
 enum Sight { VISIBLE, HIDDEN, UNSURE };
 
@@ -127,14 +115,22 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const double w = plane.w + plane.a * (u - plane.u) + plane.b * (v - plane.v);
     const double farthest = w - plane.error - 4 * DEPTH_TIE_REL * w;
     const int64_t at = cell_at(u, v, grid);
-    lay_bounds(at, box, grid);
+    lay_bounds(at, projected, grid);
     Sight result = VISIBLE;
     int64_t entry = grid.starts[at], m = grid.hider[at], index = -1, n = 0;
     const int64_t stop = grid.stops[at];
+    const bool has_many = stop - entry > MANY;
+    const double margin = SURE * camera.pixel_error; // of an outline, see covers
+    const auto may = [&](const Group &) { return true; };
     while (index < n || entry < stop) {
         if (index == n) {
             const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
-            n = find_faces(entry, following, {u, u, v, v}, {farthest, -INF, INF}, grid, 0);
+            const Bounds point = {u, u, v, v};
+            const Depths depths = {farthest, -INF, INF};
+            n = has_many
+                    ? find_in_groups(entry, following, point, depths, grid, 0, may,
+                                     [&](int64_t k) { return !is_outside(k, u, v, margin, grid); })
+                    : find_faces(entry, following, point, depths, grid, 0);
             entry = following, index = 0;
             continue;
         }
@@ -284,40 +280,20 @@ bool measure_by_cells(int64_t t, const Crossings &crossings, const Partners &par
     return true;
 }
 
+} // namespace
+
 // Visible areas of crossed faces, and of faces that decide over their regions; returns how many are
 // left to half planes, and in `left` which. Out, too: as of visible_areas. work.kept may be too
 // small: call again with more. `pieces`, MOST_CELLS or more, are scratch.
-int64_t arrangement_areas(Array<const int32_t, Any> targets, Crossings crossings, Partners partners,
-                          View view, Pieces pieces, Array<int32_t, Any> left) {
-    const int64_t n_faces = view.projected.state.rows();
-    require_view(view);
-    require_indices(targets, n_faces, "targets must be faces");
-    require(left.rows() >= targets.rows(), "left must have one row for each target");
-    require(crossings.last.rows() >= n_faces && crossings.before.rows() >= crossings.edge.rows() &&
-                crossings.segments.rows() >= crossings.edge.rows(),
-            "crossings must have one row for each face, and the same room in each array");
-    require(partners.starts.rows() > n_faces,
-            "partners must have one start for each face, and an end");
-    require(view.work.intersections.rows() >= MOST_INTERSECTIONS, "work must have room for lines");
-    require(pieces.corners.rows() >= MOST_CELLS && pieces.corners.extent(1) >= PIECE_ROOM &&
-                pieces.n_corners.rows() >= MOST_CELLS,
-            "pieces must have room for 128 pieces of 64 corners");
+int64_t arrangement_areas(Array<const int32_t, Any> targets, const Crossings &crossings,
+                          const Partners &partners, const View &view, const Pieces &pieces,
+                          Array<int32_t, Any> left) {
     int64_t n_left = 0;
+    Poll poll(16);
     for (const int32_t t : targets)
-        if (!measure_by_cells(t, crossings, partners, view, pieces)) left[n_left++] = t;
+        if (poll(); !measure_by_cells(t, crossings, partners, view, pieces)) left[n_left++] = t;
     return n_left;
 }
 
-} // namespace
 } // namespace exact
-
-void register_exact_arrangement(nanobind::module_ &m) {
-    using namespace exact;
-    m.attr("MOST_CELLS") = MOST_CELLS;
-    m.attr("MOST_INTERSECTIONS") = MOST_INTERSECTIONS;
-    def(m, "arrangement_areas", arrangement_areas,
-        "Visible areas of faces by the cells of their crossings; how many are left to half planes.",
-        "targets", "crossings", "partners", "view", "pieces", "left");
-}
-
 } // namespace rastercov

@@ -14,10 +14,9 @@
 // R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
 //
 // Twins: tests/exact/test_certificate.py.
-#include "bind.hpp"
 #include "exact/forest.hpp"
+#include "exact/passes.hpp"
 #include "exact/setup.hpp"
-#include <nanobind/stl/pair.h>
 #include <tuple>
 
 namespace rastercov {
@@ -203,16 +202,7 @@ int64_t number_regions(const Projected &projected, const Nodes &parent, const No
     return n;
 }
 
-void require_forest(const Projected &projected, const Nodes &region) {
-    const Blocks &blocks = projected.blocks;
-    const int64_t n = blocks.patch.rows(), n_blocks = (n + BLOCK - 1) / BLOCK;
-    require(projected.state.rows() >= n && projected.area.rows() >= n &&
-                projected.side.rows() >= n && projected.block_state.rows() == n_blocks &&
-                projected.block_side.rows() == n_blocks && projected.has_boxes.rows() == n_blocks &&
-                projected.box.rows() >= n && blocks.patch_starts.rows() == n_blocks + 1,
-            "the arrays of an image must have one row for each face, and for each block");
-    require(region.rows() >= blocks.lowest.rows() + n, "region must have one row for each node");
-}
+} // namespace
 
 // Collects the uncrossed faces into regions; the number of crossed faces, and of regions. A forest
 // of faces is joined edge by edge; in blocks that no event edge comes near, patch by patch.
@@ -224,16 +214,9 @@ void require_forest(const Projected &projected, const Nodes &region) {
 // none, in other blocks with a live face; `out`, the crossed faces, and after them the largest face
 // of each region, of those that are listed if any is.
 std::pair<int64_t, int64_t> find_regions(Array<const int32_t, Any> events,
-                                         Array<const bool, Any> is_hidden, View view, Nodes parent,
-                                         Nodes region, Nodes out) {
+                                         Array<const bool, Any> is_hidden, const View &view,
+                                         Nodes parent, Nodes region, Nodes out) {
     const auto &[projected, edges] = std::tie(view.projected, view.edges);
-    require_forest(projected, region);
-    require(parent.rows() >= region.rows() && out.rows() >= projected.blocks.patch.rows(),
-            "parent and out must have one row for each node, and for each face");
-    require(is_hidden.rows() == edges.faces.rows() && view.is_event.rows() == edges.faces.rows() &&
-                edges.of_face.rows() >= projected.blocks.patch.rows(),
-            "is_hidden and is_event must have one row for each edge");
-    require_indices(events, edges.faces.rows(), "events must be edges");
     const int64_t n_crossed = list_crossed(projected, out);
     join_blocks(projected, parent, region);
     join_faces(view, parent);
@@ -260,17 +243,13 @@ std::pair<int64_t, int64_t> find_regions(Array<const int32_t, Any> events,
 // the face may be folded onto another one so that inside the image, but not beyond it, both have
 // the same depth. in_contact and has_contact are faces that another one touches or cuts, and blocks
 // with such a face, n_partners how many a face has; is_at_event is scratch.
-void mark_uncertifiable(Array<const int32_t, Any> events, Edges edges, Projected projected,
-                        Array<const bool, Any> in_contact, Array<const bool, Any> has_contact,
+void mark_uncertifiable(Array<const int32_t, Any> events, const Edges &edges,
+                        const Projected &projected, Array<const bool, Any> in_contact,
+                        Array<const bool, Any> has_contact,
                         Array<const int64_t, Any> partner_starts, double thinnest,
                         Array<bool, Any> is_at_event) {
     const auto &[faces, state, box, area] =
         std::tie(projected.faces, projected.state, projected.box, projected.area);
-    const int64_t n_faces = projected.blocks.patch.rows();
-    require(in_contact.rows() >= n_faces && partner_starts.rows() > n_faces &&
-                has_contact.rows() == projected.block_state.rows(),
-            "contacts must have one row for each face, and for each block");
-    require_indices(events, edges.vertices.rows(), "events must be edges");
     std::fill(is_at_event.begin(), is_at_event.end(), false);
     for (const int32_t e : events)
         is_at_event[edges.vertices(e, 0)] = is_at_event[edges.vertices(e, 1)] = true;
@@ -303,17 +282,12 @@ void mark_uncertifiable(Array<const int32_t, Any> events, Edges edges, Projected
 // and 0 of those that are not in view. Out, too: is_certified, these faces; `doubtful`, faces of
 // regions whose largest face is neither wholly visible nor wholly hidden. `certain` is the
 // tolerance of that decision, relative to the area of the largest face; `decision` is scratch.
-int64_t classify_regions(Projected projected, Array<double, Any> visible,
+int64_t classify_regions(const Projected &projected, Array<double, Any> visible,
                          Array<const int32_t, Any> region, Array<const int32_t, Any> largest,
                          Array<int32_t, Any> decision, Array<bool, Any> is_certified,
                          Array<int32_t, Any> doubtful, double certain) {
     const auto &[blocks, area] = std::tie(projected.blocks, projected.area);
-    const int64_t n_patches = blocks.lowest.rows(), n_faces = blocks.patch.rows();
-    require(visible.rows() >= n_faces && is_certified.rows() >= n_faces &&
-                doubtful.rows() >= n_faces && decision.rows() >= largest.rows() &&
-                region.rows() >= n_patches + n_faces,
-            "visible, is_certified and doubtful must have one row for each face");
-    require_indices(largest, n_faces, "largest must hold faces");
+    const int64_t n_patches = blocks.lowest.rows();
     std::fill(is_certified.begin(), is_certified.end(), false);
     for (int64_t r = 0; r < largest.rows(); r++) {
         const int64_t t = largest[r];
@@ -355,21 +329,5 @@ int64_t classify_regions(Projected projected, Array<double, Any> visible,
     return n;
 }
 
-} // namespace
 } // namespace exact
-
-void register_exact_certificate(nanobind::module_ &m) {
-    using namespace exact;
-    def(m, "find_regions", find_regions,
-        "Collect the uncrossed faces into regions; crossed faces, and regions.", "events",
-        "is_hidden", "view", "parent", "region", "out");
-    def(m, "mark_uncertifiable", mark_uncertifiable,
-        "Mark the live faces that cannot be certified.", "events", "edges", "projected",
-        "in_contact", "has_contact", "partner_starts", "thinnest", "is_at_event");
-    def(m, "classify_regions", classify_regions,
-        "Classify the faces of regions like their largest; faces that remain in doubt.",
-        "projected", "visible", "region", "largest", "decision", "is_certified", "doubtful",
-        "certain");
-}
-
 } // namespace rastercov

@@ -1,25 +1,17 @@
 // Faces that reach behind the camera or far out of the image, clipped in space.
 //
 // Where the camera centre lies on a face to the last digit, doubles do not determine the plane of
-// the face through it; pairs of doubles do, with about 106 bits. A pair (high, low) is the number
-// high + low, where high is that sum rounded.
-//
-// T. J. Dekker. A Floating-Point Technique for Extending the Available Precision. 1971.
-// M. Joldes, J.-M. Muller, V. Popescu. Tight and Rigorous Error Bounds for Basic Building Blocks of
-// Double-Word Arithmetic. 2017: the relative error of a sum is below 3 * 2^-106 of the greater
-// term, that of a product below 5 * 2^-106.
-//
-// Invariant: no operation here is contracted or reordered; tests hold that of the compiler's flags.
+// the face through it; pairs of doubles do, with about 106 bits.
 //
 // Twins: tests/test_double_double.py, with fractions.
 #pragma once
+#include "exact/pairs.hpp"
 #include "exact/polygon.hpp"
 #include <tuple>
 
 namespace rastercov::exact {
 
 constexpr double INF = std::numeric_limits<double>::infinity();
-constexpr double SPLITTER = 0x1p27 + 1;
 // Largest rounding of a position in the image, relative to the largest number it is computed from;
 // of 1/z, relative to the longest ray: some ten operations of 2^-53 each, of which not all err one
 // way.
@@ -41,48 +33,6 @@ constexpr double UNDERFLOW_ERROR = 0x1p-1000; // more than products of numbers u
 // off by 2 roundings, and each side of the image is at most its extent.
 constexpr double EDGE_ON_FACTOR = 4;
 constexpr double W_ARITHMETIC_ERROR_REL = 1e-14; // of 1/z evaluated at the corner of a clipped face
-
-struct Pair {
-    double high, low;
-    Pair operator-() const { return {-high, -low}; }
-};
-
-// Pair equal to the sum of two doubles (Knuth's TwoSum).
-inline Pair exact_sum(double a, double b) {
-    const double total = a + b;
-    const double part = total - a;
-    return {total, (a - (total - part)) + (b - part)};
-}
-
-// Pair equal to the product of two doubles below 2^500 (Dekker), except for underflow.
-inline Pair exact_product(double a, double b) {
-    const double product = a * b;
-    double scaled = SPLITTER * a;
-    const double a_high = scaled - (scaled - a), a_low = a - a_high;
-    scaled = SPLITTER * b;
-    const double b_high = scaled - (scaled - b), b_low = b - b_high;
-    return {product,
-            ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low};
-}
-
-inline Pair operator+(Pair a, Pair b) {
-    auto [high, low] = exact_sum(a.high, b.high);
-    const auto [more, less] = exact_sum(a.low, b.low);
-    low += more;
-    const double total = high + low;
-    low += high - total;
-    low += less;
-    return exact_sum(total, low);
-}
-
-inline Pair operator*(Pair a, Pair b) {
-    auto [high, low] = exact_product(a.high, b.high);
-    low += a.high * b.low + a.low * b.high;
-    return exact_sum(high, low);
-}
-
-// Determinant a d - b c; exchanging its rows negates it to the bit.
-inline Pair minor_of(Pair a, Pair d, Pair b, Pair c) { return a * d + -(b * c); }
 
 // Corners of a face in camera axes, in pairs of doubles.
 struct Corners {

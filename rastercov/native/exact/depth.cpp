@@ -1,50 +1,29 @@
-// Least depth of a surface inside a pyramid.
-//
-// On each face it lies on a corner of what the pyramid cuts from it: a vertex, an edge through a
-// side of the pyramid, or the face where an edge of the pyramid pierces it.
+// Least depth of a surface inside a pyramid, see depth.hpp.
 //
 // Twin: tests/test_projection.py, by a linear programme.
+#include "exact/depth.hpp"
 #include "bind.hpp"
-#include "exact/polygon.hpp"
 
 namespace rastercov {
 namespace {
 using namespace exact;
 
-constexpr int64_t ROOM = 16; // corners of a face cut by a near plane and the sides of a pyramid
-
-double least_depth(Vertices vertices, Array<const int64_t, Any, 3> faces,
-                   Array<const double, 4, 4> pose, Array<const double, Any, 3> sides, double near,
-                   double enough) {
+double depth_in_view(Vertices vertices, Array<const int64_t, Any, 3> faces,
+                     Array<const double, 4, 4> pose, Array<const double, Any, 3> sides, double near,
+                     double enough) {
     require_indices(faces, vertices.rows(), "faces must be rows of vertices");
-    double corners[3 * ROOM], others[3 * ROOM];
-    const Array<double, Any, 3> polygon = {corners, {ROOM, 3}}, spare = {others, {ROOM, 3}};
-    const auto along = [&](int axis, int64_t vertex) {
-        double total = 0.0;
-        for (int k = 0; k < 3; k++) total += (vertices(vertex, k) - pose(k, 3)) * pose(k, axis);
-        return total;
-    };
-    double least = enough;
-    for (int64_t f = 0; f < faces.rows(); f++) {
-        for (int corner = 0; corner < 3; corner++) polygon(corner, 2) = along(2, faces(f, corner));
-        const double a = polygon(0, 2), b = polygon(1, 2), c = polygon(2, 2);
-        if (!(std::min(std::min(a, b), c) < least && std::max(std::max(a, b), c) >= near)) continue;
-        for (int corner = 0; corner < 3; corner++)
-            for (int axis = 0; axis < 2; axis++)
-                polygon(corner, axis) = along(axis, faces(f, corner));
-        int64_t n = cut_in_space(polygon, 3, 0.0, 0.0, 1.0, near, spare);
-        for (int64_t side = 0; side < sides.rows(); side++)
-            n = cut_in_space(polygon, n, sides(side, 0), sides(side, 1), sides(side, 2), 0.0,
-                             spare);
-        for (int64_t corner = 0; corner < n; corner++) least = std::min(least, polygon(corner, 2));
+    double rotation[9], centre[3];
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) rotation[3 * i + k] = pose(i, k);
+        centre[i] = pose(i, 3);
     }
-    return least;
+    return least_depth(vertices, faces, {rotation, {3, 3}}, {centre, {3}}, sides, near, enough);
 }
 
 } // namespace
 
 void register_exact_depth(nanobind::module_ &m) {
-    def(m, "least_depth", least_depth,
+    def(m, "least_depth", depth_in_view,
         "Least depth of faces beyond `near` inside a pyramid, metres; `enough` where none is "
         "less.\n"
         "\n`sides`, (S, 3), are normals of the sides in camera axes, inwards.",

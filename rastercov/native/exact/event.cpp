@@ -10,8 +10,9 @@
 // A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 //
 // Twins: tests/exact/test_certificate.py, by the exact areas.
-#include "bind.hpp"
+#include "exact/passes.hpp"
 #include "exact/segments.hpp"
+#include "interrupt.hpp"
 #include <tuple>
 
 namespace rastercov {
@@ -37,19 +38,16 @@ bool is_of_one_side(int64_t m, const Blocks &blocks, Array<int8_t, Any> block_si
     return is_common;
 }
 
+} // namespace
+
 // Finds the edges whose two sides in the image may have different numbers of faces. They include
 // each edge of a face that is seen edge-on up to rounding, and of one that contains the camera
 // centre: the visible side of it is unknown. Out: is_event, and their indices in `events`. Returns
 // their number.
-int64_t find_event_edges(Edges edges, Projected projected, Array<bool, Any> is_event,
+int64_t find_event_edges(const Edges &edges, const Projected &projected, Array<bool, Any> is_event,
                          Array<int32_t, Any> events) {
     const auto &[side, state, blocks] = std::tie(projected.side, projected.state, projected.blocks);
     const int64_t n_edges = edges.faces.rows();
-    require(is_event.rows() == n_edges && events.rows() >= n_edges,
-            "is_event and events must have one row for each edge");
-    require(side.rows() == state.rows() && blocks.is_plain.rows() * BLOCK >= n_edges &&
-                blocks.starts.rows() == blocks.is_plain.rows() + 1,
-            "blocks must be those of the edges");
     int64_t n = 0;
     std::fill(is_event.begin(), is_event.end(), false);
     for (int64_t m = 0; m < blocks.is_plain.rows(); m++) {
@@ -68,6 +66,8 @@ int64_t find_event_edges(Edges edges, Projected projected, Array<bool, Any> is_e
     }
     return n;
 }
+
+namespace {
 
 // Adds the crossing of a face and an edge to the list of the face; returns the number of all. The
 // edge runs towards greater u, or v, whatever its vertices. Crossings beyond the room in
@@ -110,6 +110,17 @@ struct Course {
     const Crossings &crossings;
 };
 
+// True if a face of a cell of MANY faces, with bounds, is wholly before some depth.
+bool has_face_before(int64_t c, double w, const CellGrid &grid) {
+    int64_t entry = grid.starts[c];
+    const int64_t stop = grid.stops[c];
+    bool has_one = false;
+    for (; entry + GROUP_SIZE <= stop; entry += GROUP_SIZE)
+        has_one |= group_at(entry, grid).most_far >= w;
+    for (; entry < stop; entry++) has_one |= grid.bounds(W_MIN, entry) >= w;
+    return has_one;
+}
+
 // Marks the live faces of cell c that the visible parts of a segment there cross; `part` is that in
 // the cell. Returns the number of crossings.
 int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_crossings) {
@@ -125,24 +136,37 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     const double nearest = std::max(s.w0, s.w1), farthest = std::min(s.w0, s.w1);
     ranges(0, 0) = part.first, ranges(0, 1) = part.last;
     int64_t n = 1, n_found = 0, n_kept = 0;
-    lay_bounds(c, box, grid);
+    lay_bounds(c, projected, grid);
     int64_t entry = grid.starts[c];
     const int64_t stop = grid.stops[c];
+    const bool has_many = stop - entry > MANY;
+    const Line line = {s.u0, s.v0, du, dv, 0.0}; // see straddles
+    const double reach = tolerance * (std::abs(du) + std::abs(dv));
+    const auto is_beside = [&](const Range &at) { return (at.least > reach) | (at.most < -reach); };
     // Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
     const double in_front = nearest * (1 + 4 * DEPTH_TIE_REL);
-    bool is_first = true;
-    Depths depths = {farthest, in_front, INF};
+    const Depths of_others = {-INF, -INF, in_front};
+    bool is_first = !has_many || has_face_before(c, in_front, grid);
+    Depths depths = is_first ? Depths{farthest, in_front, INF} : of_others;
     // Edges beside each other are often hidden by one face.
     int64_t index = -1, m = grid.hider[c];
     for (;;) {
         if (index == n_found) {
             if (entry == stop) {
                 if (!is_first) break;
-                is_first = false, depths = {-INF, -INF, in_front}, entry = grid.starts[c];
+                is_first = false, depths = of_others, entry = grid.starts[c];
                 n_kept = 0;
             }
             const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
-            n_found = find_faces(entry, following, rectangle, depths, grid, n_kept);
+            n_found =
+                has_many
+                    ? find_in_groups(
+                          entry, following, rectangle, depths, grid, n_kept,
+                          [&](const Group &group) {
+                              return !is_beside(values_at_corners(group, line));
+                          },
+                          [&](int64_t k) { return !is_beside(values_at_corners(k, line, grid)); })
+                    : find_faces(entry, following, rectangle, depths, grid, n_kept);
             entry = following, index = n_kept;
             for (int64_t k = index; k < n_found; k++) {
                 // Without a branch: which of them straddle is not predictable.
@@ -277,14 +301,14 @@ bool project_event(int64_t e, const Edges &edges, Vertices vertices, const Pinho
     return true;
 }
 
+} // namespace
+
 // Asks for the cells around event edges; false, before the last, if one has too many. They are
 // those of its bounding box with a margin.
-bool ask_for_events(Array<const int32_t, Any> events, Edges edges, Vertices vertices,
-                    Pinhole camera, Projected projected, double tolerance, CellGrid grid,
-                    Segment segment) {
+bool ask_for_events(Array<const int32_t, Any> events, const Edges &edges, Vertices vertices,
+                    const Pinhole &camera, const Projected &projected, double tolerance,
+                    const CellGrid &grid, const Segment &segment) {
     const auto &uvw = segment.uvw;
-    require_cells(grid);
-    require_indices(events, edges.vertices.rows(), "events must be edges");
     for (const int32_t e : events) {
         if (!project_event(e, edges, vertices, camera, projected.uvw, segment)) continue;
         const double margin = MARGIN * tolerance;
@@ -299,6 +323,8 @@ bool ask_for_events(Array<const int32_t, Any> events, Edges edges, Vertices vert
     }
     return true;
 }
+
+namespace {
 
 // Fills `segment` with side p of the image of a clipped face if the near plane cut it there.
 bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clipped,
@@ -323,31 +349,25 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
     return its(START, W) >= rim && its(END, W) >= rim;
 }
 
+} // namespace
+
 // Marks the live faces crossed by a visible part of an event edge or of a rim at the near plane:
 // CROSSED is added to the states of faces and blocks, and UNFIT to those of faces where rounding
 // decides what crosses. An edge that passes a face within the tolerance, pixels, counts as crossing
 // it. `extent` and n_clipped are those of set_up. Out: `crossings`, in which there was none, and of
 // is_hidden the event edges that faces in front hide from end to end. Returns the number of
 // crossings; if it is more than `crossings` has room for, call again with more.
-int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, View view,
-                     Array<double, 7> extent, double tolerance, int64_t n_clipped, Segment segment,
-                     Crossings crossings, Array<bool, Any> is_hidden) {
+int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, const View &view,
+                     Array<double, 7> extent, double tolerance, int64_t n_clipped,
+                     const Segment &segment, const Crossings &crossings,
+                     Array<bool, Any> is_hidden) {
     const auto &[camera, projected, edges] = std::tie(view.camera, view.projected, view.edges);
     const auto &[uvw, state, clipped] = std::tie(projected.uvw, projected.state, projected.clipped);
     const int64_t n_events = events.rows();
-    require_view(view);
-    require_indices(events, edges.faces.rows(), "events must be edges");
-    require(view.is_event.rows() == edges.faces.rows() && is_hidden.rows() == edges.faces.rows(),
-            "is_event and is_hidden must have one row for each edge");
-    require(view.work.ranges.rows() > 0, "work.ranges must have room");
-    require(n_clipped >= 0 && n_clipped <= clipped.n_corners.rows(),
-            "n_clipped must be clipped faces");
-    require(crossings.last.rows() >= state.rows() &&
-                crossings.before.rows() >= crossings.edge.rows() &&
-                crossings.segments.rows() >= crossings.edge.rows(),
-            "crossings must have one row for each face, and the same room in each array");
     int64_t n_crossings = 0;
+    Poll poll(16);
     for (int64_t index = 0; index < n_events + n_clipped * CORNERS; index++) {
+        poll();
         int64_t e = NO_EDGE;
         bool is_doubtful = true;
         if (index < n_events) {
@@ -371,20 +391,5 @@ int64_t mark_crossed(Array<const int32_t, Any> events, Vertices vertices, View v
     return n_crossings;
 }
 
-} // namespace
 } // namespace exact
-
-void register_exact_event(nanobind::module_ &m) {
-    using namespace exact;
-    def(m, "find_event_edges", find_event_edges, "Event edges; their number.", "edges", "projected",
-        "is_event", "events");
-    def(m, "ask_for_events", ask_for_events,
-        "Ask for the cells around event edges; false if one has too many.", "events", "edges",
-        "vertices", "camera", "projected", "tolerance", "grid", "segment");
-    def(m, "mark_crossed", mark_crossed,
-        "Mark faces that a visible part of an event edge crosses; the number of crossings.",
-        "events", "vertices", "view", "extent", "tolerance", "n_clipped", "segment", "crossings",
-        "is_hidden");
-}
-
 } // namespace rastercov

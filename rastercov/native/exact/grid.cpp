@@ -2,26 +2,25 @@
 //
 // Twins: tests/exact/test_blocks.py.
 #include "exact/grid.hpp"
-#include "bind.hpp"
+#include "exact/passes.hpp"
+#include "interrupt.hpp"
 #include <tuple>
 
 namespace rastercov {
 namespace exact {
-namespace {
-
 // Asks for all cells.
-void ask_for_all(CellGrid grid) {
-    require_cells(grid);
+void ask_for_all(const CellGrid &grid) {
     ask_for_cells({0, grid.columns - 1, 0, grid.rows - 1}, grid);
 }
 
 // Asks for the cells that the boxes of some faces touch; true if one had not been asked for.
-bool ask_for_faces(Array<const int32_t, Any> faces, Array<double, Any, 6> box, CellGrid grid) {
-    require_cells(grid);
-    require_indices(faces, box.rows(), "faces must hold rows of box");
+bool ask_for_faces(Array<const int32_t, Any> faces, Array<double, Any, 6> box,
+                   const CellGrid &grid) {
     for (const int32_t f : faces) ask_for_cells(cells_of_box(box, f, grid), grid);
     return grid.n_fresh[0] > 0;
 }
+
+namespace {
 
 // Bits of 64-bit word `word` of a row that are those of columns first ... last.
 uint64_t bits_of_word(int64_t word, int64_t first, int64_t last) {
@@ -92,16 +91,15 @@ int64_t list_pairs(int64_t n, int64_t f, const Array<double, Any, 6> &box, const
     return n;
 }
 
+} // namespace
+
 // Lists the live and thin faces by the cells asked for; returns the number of entries.
 //
 // Cells that are listed already keep their entries, and those of the others follow. Out: `asked`,
 // `starts`, `stops`, `entries`, `is_sorted`, `has_bounds` and `hider` of these cells; `faces`,
 // `n_faces` and `is_whole`; `n_entries`. Where `entries` has too little room, none is listed, and
 // the result is more than that: call again with more. The faces that are listed have boxes.
-int64_t fill_grid(Projected projected, CellGrid grid) {
-    require_grid(grid, projected);
-    require(grid.is_whole.rows() == projected.state.rows(),
-            "a grid must have one row for each face");
+int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
     const auto &[box, block_box] = std::tie(projected.box, projected.block_box);
     const int64_t n_faces = projected.state.rows(), room = grid.entries.rows();
     const int64_t n_fresh = grid.n_fresh[0];
@@ -109,7 +107,9 @@ int64_t fill_grid(Projected projected, CellGrid grid) {
     for (int64_t index = 0; index < grid.n_faces[0]; index++)
         grid.is_whole[grid.faces[index]] = false;
     int64_t n_pairs = 0, n_listed = 0;
+    Poll poll(64);
     for (int64_t b = 0; b < block_box.rows(); b++) {
+        poll();
         if (!(block_box(b, U_MIN) <= block_box(b, U_MAX))) continue;
         if (is_all) lay_boxes_of_block(b, projected);
         else if (!has_fresh(cells_of_box(block_box, b, grid), grid)) continue;
@@ -159,19 +159,5 @@ int64_t fill_grid(Projected projected, CellGrid grid) {
     return total;
 }
 
-} // namespace
 } // namespace exact
-
-void register_exact_grid(nanobind::module_ &m) {
-    using namespace exact;
-    m.attr("BUCKETS") = BUCKETS;
-    m.attr("NOT_ASKED") = int(NOT_ASKED);
-    def(m, "ask_for_all", ask_for_all, "Ask for all cells.", "grid");
-    def(m, "ask_for_faces", ask_for_faces,
-        "Ask for the cells of some faces; true if one had not been asked for.", "faces", "box",
-        "grid");
-    def(m, "fill_grid", fill_grid,
-        "List faces by the cells asked for; the entries, or those needed.", "projected", "grid");
-}
-
 } // namespace rastercov

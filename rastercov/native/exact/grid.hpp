@@ -6,11 +6,15 @@
 // Twins: tests/exact/test_blocks.py lists faces by their boxes.
 #pragma once
 #include "exact/setup.hpp"
+#include <cstring>
 
 namespace rastercov::exact {
 
 enum : uint8_t { NOT_ASKED, ASKED, LISTED }; // states of a cell
 constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compared at a time
+constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
+enum { CORNER = 6, GROUP = 12 };             // first row of them in CellGrid.bounds, and of groups
+constexpr int64_t GROUP_SIZE = 32;           // entries of a group
 constexpr int64_t BUCKETS = 64; // ranges of 1/z by which the faces of a cell are sorted first
 
 struct Cells {
@@ -69,13 +73,126 @@ inline void ask_for_cells(const Cells &cells, const CellGrid &grid) {
     grid.n_fresh[0] = n;
 }
 
+// Bounds of GROUP_SIZE entries: their boxes, the greatest W_MIN and W_MAX and the least W_MIN, and
+// the least and greatest u and v of each of their three corners.
+struct Group {
+    Bounds box;
+    double most_far, most_near, least_far;
+    Bounds corners[3];
+};
+static_assert(sizeof(Group) <= GROUP_SIZE * sizeof(double));
+
+inline void lay_group(int64_t first, const CellGrid &grid) {
+    const auto row = [&](int64_t column) { return &grid.bounds(column, first); };
+    const auto least_in = [](const double *values) {
+        double least = values[0];
+        for (int64_t k = 1; k < GROUP_SIZE; k++) least = std::min(least, values[k]);
+        return least;
+    };
+    const auto most_in = [](const double *values) {
+        double most = values[0];
+        for (int64_t k = 1; k < GROUP_SIZE; k++) most = std::max(most, values[k]);
+        return most;
+    };
+    Group group;
+    group.box = {least_in(row(U_MIN)), most_in(row(U_MAX)), least_in(row(V_MIN)),
+                 most_in(row(V_MAX))};
+    group.most_far = most_in(row(W_MIN)), group.least_far = least_in(row(W_MIN));
+    group.most_near = most_in(row(W_MAX));
+    bool is_known = true;
+    for (int64_t k = 0; k < GROUP_SIZE; k++) is_known &= !std::isnan(row(CORNER)[k]);
+    for (int k = 0; k < 3; k++) {
+        const double *const u = row(CORNER + 2 * k), *const v = row(CORNER + 2 * k + 1);
+        group.corners[k] = {NAN, NAN, NAN, NAN};
+        if (is_known) group.corners[k] = {least_in(u), most_in(u), least_in(v), most_in(v)};
+    }
+    std::memcpy(row(GROUP), &group, sizeof(Group));
+}
+
+inline Group group_at(int64_t first, const CellGrid &grid) {
+    Group group;
+    std::memcpy(&group, &grid.bounds(GROUP, first), sizeof(Group));
+    return group;
+}
+
 // Lays the bounds of the faces of a cell one after another in memory, the first time.
-inline void lay_bounds(int64_t at, const Array<double, Any, 6> &box, const CellGrid &grid) {
+//
+// Of more than MANY faces, such as needles of one fan, the corners follow: boxes hardly separate
+// them. A face that is clipped, or whose outline is in doubt, has NaN there, which no comparison
+// excludes. Bounds of groups of them follow, those of one group where its entries would be.
+inline void lay_bounds(int64_t at, const Projected &projected, const CellGrid &grid) {
     if (grid.has_bounds[at]) return;
     grid.has_bounds[at] = true;
-    for (int64_t entry = grid.starts[at]; entry < grid.stops[at]; entry++)
+    const int64_t first = grid.starts[at], stop = grid.stops[at];
+    for (int64_t entry = first; entry < stop; entry++)
         for (int column = U_MIN; column <= W_MAX; column++)
-            grid.bounds(column, entry) = box(grid.entries[entry], column);
+            grid.bounds(column, entry) = projected.box(grid.entries[entry], column);
+    if (stop - first <= MANY) return;
+    for (int64_t entry = first; entry < stop; entry++) {
+        const int64_t f = grid.entries[entry];
+        const bool is_known = !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
+        for (int k = 0; k < 3; k++)
+            for (const int axis : {U, V})
+                grid.bounds(CORNER + 2 * k + axis, entry) =
+                    is_known ? projected.uvw(projected.faces(f, k), axis) : NAN;
+    }
+    for (int64_t entry = first; entry + GROUP_SIZE <= stop; entry += GROUP_SIZE)
+        lay_group(entry, grid);
+}
+
+// Least and greatest value of a line at the corners of an entry of a cell of MANY faces.
+inline Range values_at_corners(int64_t entry, const Line &line, const CellGrid &grid) {
+    const double *const corner = grid.bounds.data + grid.bounds.extent(1) * CORNER + entry;
+    const int64_t stride = grid.bounds.extent(1);
+    const double a = line.value(corner[0], corner[stride]),
+                 b = line.value(corner[2 * stride], corner[3 * stride]),
+                 c = line.value(corner[4 * stride], corner[5 * stride]);
+    return {least(a, b, c), greatest(a, b, c)};
+}
+
+// Bounds of those values in a group: a value rises or falls with u, and with v, as it is rounded.
+inline Range values_at_corners(const Group &group, const Line &line) {
+    double least_at[3], most_at[3];
+    for (int k = 0; k < 3; k++) {
+        const auto [u_min, u_max, v_min, v_max] = group.corners[k];
+        const double u = line.dv > 0 ? u_max : u_min, v = line.du > 0 ? v_min : v_max;
+        least_at[k] = line.value(u, v);
+        most_at[k] = line.value(line.dv > 0 ? u_min : u_max, line.du > 0 ? v_max : v_min);
+    }
+    return {least(least_at[0], least_at[1], least_at[2]),
+            greatest(most_at[0], most_at[1], most_at[2])};
+}
+
+// True if the first three of some lines have all corners of an entry on the outer side of one of
+// them, or on it; of a cell of MANY faces.
+template <class Rows>
+bool is_beyond_a_line(int64_t entry, const Rows &lines, const CellGrid &grid) {
+    return (values_at_corners(entry, line_at(lines, 0), grid).most <= 0) |
+           (values_at_corners(entry, line_at(lines, 1), grid).most <= 0) |
+           (values_at_corners(entry, line_at(lines, 2), grid).most <= 0);
+}
+template <class Rows> bool is_beyond_a_line(const Group &group, const Rows &lines) {
+    return (values_at_corners(group, line_at(lines, 0)).most <= 0) |
+           (values_at_corners(group, line_at(lines, 1)).most <= 0) |
+           (values_at_corners(group, line_at(lines, 2)).most <= 0);
+}
+
+// True if a point is surely outside of an entry of a cell of MANY faces, by more than `margin`
+// pixels along u and v.
+inline bool is_outside(int64_t entry, double u, double v, double margin, const CellGrid &grid) {
+    const double *const corner = grid.bounds.data + grid.bounds.extent(1) * CORNER + entry;
+    const int64_t stride = grid.bounds.extent(1);
+    bool is_left = false, is_right = false;
+    for (int k = 0; k < 3; k++) {
+        const int j = k < 2 ? k + 1 : 0;
+        const double from_u = corner[2 * k * stride], from_v = corner[(2 * k + 1) * stride];
+        const double du = corner[2 * j * stride] - from_u,
+                     dv = corner[(2 * j + 1) * stride] - from_v;
+        const double value = du * (v - from_v) - dv * (u - from_u);
+        const double width = margin * (std::abs(du) + std::abs(dv));
+        is_left |= value<-width, is_right |= value> width;
+    }
+    return is_left & is_right;
 }
 
 // Depths of a face that is asked for: least W_MAX, least and greatest W_MIN.
@@ -86,8 +203,12 @@ struct Depths {
 // Adds the entries first ... last - 1, of one cell with bounds and at most ENTRIES_AT_A_TIME, whose
 // boxes touch a rectangle and a range of depths, to grid.found, after the first n there; how many
 // there are then.
-inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
-                          const Depths &depths, const CellGrid &grid, int64_t n) {
+//
+// Only those are added for which `also` is true; it takes an entry.
+template <class Also>
+__attribute__((always_inline)) inline int64_t
+find_faces_if(int64_t first, int64_t last, const Bounds &rectangle, const Depths &depths,
+              const CellGrid &grid, int64_t n, Also also) {
     const double *const bounds = grid.bounds.data + first;
     const int64_t stride = grid.bounds.extent(1);
     const auto touches = [&](int64_t k) {
@@ -99,12 +220,39 @@ inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
     };
     for (int64_t at = 0; at < last - first; at += AT_A_TIME) {
         int64_t is_found[AT_A_TIME]; // SPARE_ENTRIES behind the last may be read
-        for (int k = 0; k < AT_A_TIME; k++) is_found[k] = touches(at + k);
+        for (int k = 0; k < AT_A_TIME; k++) is_found[k] = touches(at + k) & also(first + at + k);
         uint64_t bits = 0;
         for (int k = 0; k < AT_A_TIME; k++) bits |= uint64_t(is_found[k]) << k;
         if (last - first - at < AT_A_TIME) bits &= (uint64_t(1) << (last - first - at)) - 1;
         for (; bits; bits &= bits - 1)
             grid.found[n++] = grid.entries[first + at + lowest_bit(bits)];
+    }
+    return n;
+}
+inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
+                          const Depths &depths, const CellGrid &grid, int64_t n) {
+    return find_faces_if(first, last, rectangle, depths, grid, n, [](int64_t) { return true; });
+}
+
+// The same in a cell of MANY faces, but for groups whose bounds do not touch, or for which `may` is
+// false; `first` is a multiple of GROUP_SIZE entries from the start of the cell.
+template <class May, class Also>
+inline int64_t find_in_groups(int64_t first, int64_t last, const Bounds &rectangle,
+                              const Depths &depths, const CellGrid &grid, int64_t n, May may,
+                              Also also) {
+    for (; first < last; first += GROUP_SIZE) {
+        const int64_t end = std::min(first + GROUP_SIZE, last);
+        if (end - first == GROUP_SIZE) {
+            const Group group = group_at(first, grid);
+            const Bounds &box = group.box;
+            const bool touches = (box.u_min <= rectangle.u_max) & (box.u_max >= rectangle.u_min) &
+                                 (box.v_min <= rectangle.v_max) & (box.v_max >= rectangle.v_min) &
+                                 (group.most_near >= depths.least_near) &
+                                 (group.most_far >= depths.least_far) &
+                                 (group.least_far <= depths.most_far);
+            if (!touches || !may(group)) continue;
+        }
+        n = find_faces_if(first, end, rectangle, depths, grid, n, also);
     }
     return n;
 }
@@ -145,29 +293,6 @@ inline void sort_cell(int64_t at, const Array<double, Any, 6> &box, const CellGr
                 nearest[j] = nearest[j - gap], entries[j] = entries[j - gap];
             nearest[j] = w, entries[j] = f;
         }
-}
-
-inline void require_cells(const CellGrid &grid) {
-    const int64_t n = grid.columns * grid.rows;
-    require(grid.columns > 0 && grid.rows > 0 && grid.columns < (1 << 15) &&
-                grid.rows < (1 << 15) && grid.asked.rows() >= n && grid.is_near.rows() >= n &&
-                grid.fresh.rows() >= n && grid.starts.rows() >= n && grid.stops.rows() >= n &&
-                grid.is_sorted.rows() >= n && grid.has_bounds.rows() >= n && grid.hider.rows() >= n,
-            "a grid must have room for its cells");
-    require(grid.fresh_bits.extent(0) == grid.rows &&
-                grid.fresh_bits.extent(1) == (grid.columns + 63) / 64,
-            "fresh_bits must have one bit for each cell");
-}
-
-inline void require_grid(const CellGrid &grid, const Projected &projected) {
-    const int64_t faces = projected.state.rows(), listed = grid.is_whole.rows();
-    const int64_t entries = grid.entries.rows();
-    require_cells(grid);
-    require(grid.bounds.extent(1) >= entries + SPARE_ENTRIES && grid.pairs.rows() >= entries &&
-                grid.nearest.rows() >= entries && grid.buckets.rows() > BUCKETS,
-            "a grid must have the same room for its entries in each array");
-    require(grid.faces.rows() == listed && grid.found.rows() == listed && listed <= faces,
-            "a grid must have one row for each face that can be listed");
 }
 
 } // namespace rastercov::exact

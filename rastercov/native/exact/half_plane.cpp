@@ -16,8 +16,10 @@
 //
 // Twins: rastercov.reference.polygons, by Boolean operations of shapely.
 #include "exact/half_plane.hpp"
-#include "bind.hpp"
+#include "exact/passes.hpp"
+#include "interrupt.hpp"
 #include <tuple>
+#include <vector>
 
 namespace rastercov {
 namespace exact {
@@ -29,6 +31,9 @@ constexpr int64_t MOST_CELLS_OF_PART = 12;
 constexpr int64_t MOST_PIECES = 48;
 // Times that a part is halved: occluders with a common corner are not separated by any number.
 constexpr int64_t MOST_HALVINGS = 6;
+// Width of a strip in which the depth order is unknown, in roundings of a position, from which on
+// it is found in pairs of doubles.
+constexpr double WIDE_STRIP = 1024;
 constexpr int32_t MOST_NUMBERS = std::numeric_limits<int32_t>::max(); // of targets, see take_number
 
 // Lines that bound a cell of the grid; those at the border of the grid bound nothing.
@@ -44,101 +49,364 @@ void lines_of_cell(int64_t column, int64_t row, const CellGrid &grid, Lines line
 
 // What some cells leave of a part of a face.
 struct Rest {
-    enum {
-        SOME,
-        NO_ROOM,
-        ALL_HIDDEN,
-        TOO_MANY
-    } is;         // too many pieces for the memory; one face hides
-                  // all of the face; more pieces than the limit
+    // Nothing; too many pieces for the memory; one face hides all of the face; more pieces than the
+    // limit.
+    enum Is { SOME, NONE, NO_ROOM, ALL_HIDDEN, TOO_MANY } is;
     double twice; // area, px^2
     int64_t face; // the last face that hides something
 };
 
-// Twice the area that the faces listed in some cells leave of a part of face t, whose n corners
-// work.target has, and its n_own lines work.own.
-Rest visible_in_cells(int64_t t, int64_t n, int64_t n_own, Points part, int64_t n_part,
-                      const Cells &cells, int64_t limit, const View &view,
-                      Array<int32_t, Any> marks, const Pieces &pieces) {
-    const auto &[camera, projected, grid, work] =
-        std::tie(view.camera, view.projected, view.grid, view.work);
+// A convex part of the image of face t, whose n corners work.target has, and its lines work.own.
+struct PartOfFace {
+    int64_t t, n, n_own;
+    Points corners;
+    int64_t n_corners;
+    const View &view;
+    Bounds extent;
+    Plane plane;
+};
+
+PartOfFace part_of(int64_t t, const Outline &image, Points corners, int64_t n, const View &view) {
+    return {t,
+            image.n_corners,
+            image.n_lines,
+            corners,
+            n,
+            view,
+            extent_of(corners, n),
+            plane_of(t, view.camera, view.projected)};
+}
+
+// Takes the faces listed in some cells whose boxes overlap a part, each once, from front to back in
+// each cell, until `take` returns true; true if it does.
+template <class Take> bool any_near(const PartOfFace &part, const Cells &cells, Take take) {
+    const View &view = part.view;
+    const auto &[box, grid, own] = std::tie(view.projected.box, view.grid, view.work.own);
+    const auto [u_min, u_max, v_min, v_max] = part.extent;
+    const double farthest = box(part.t, W_MIN) * (1 - 2 * DEPTH_TIE_REL);
+    const Depths depths = {farthest, -INF, INF};
+    const auto is_overlapped = [&](int64_t m, int64_t row, int64_t column) {
+        const Bounds its = bounds_in(box, m);
+        if (its.u_min >= u_max || its.u_max <= u_min || m == part.t) return false;
+        if (its.v_min >= v_max || its.v_max <= v_min) return false;
+        // In the first of the cells that list it.
+        return column == std::max(column_at(its.u_min, grid), cells.left) &&
+               row == std::max(row_at(its.v_min, grid), cells.top) &&
+               !separates_box(own, part.n_own, its);
+    };
+    for (int64_t row = cells.top; row <= cells.bottom; row++)
+        for (int64_t column = cells.left; column <= cells.right; column++) {
+            const int64_t at = row * grid.columns + column, stop = grid.stops[at];
+            if (!grid.is_sorted[at]) sort_cell(at, box, grid);
+            if (stop - grid.starts[at] <= MANY) {
+                for (int64_t entry = grid.starts[at]; entry < stop; entry++) {
+                    if (grid.nearest[entry] < farthest) break;
+                    const int64_t m = grid.entries[entry];
+                    if (is_overlapped(m, row, column) && take(m)) return true;
+                }
+                continue;
+            }
+            lay_bounds(at, view.projected, grid);
+            for (int64_t entry = grid.starts[at]; entry < stop; entry += ENTRIES_AT_A_TIME) {
+                if (grid.nearest[entry] < farthest) break;
+                const int64_t n = find_in_groups(
+                    entry, std::min(entry + ENTRIES_AT_A_TIME, stop), part.extent, depths, grid, 0,
+                    [&](const Group &group) { return !is_beyond_a_line(group, own); },
+                    [&](int64_t k) { return !is_beyond_a_line(k, own, grid); });
+                for (int64_t index = 0; index < n; index++) {
+                    const int64_t m = grid.found[index];
+                    if (is_overlapped(m, row, column) && take(m)) return true;
+                }
+            }
+        }
+    return false;
+}
+
+// True if the plane of a part, where it is farthest within the box of a face, is before that face:
+// most faces that are before it somewhere are far behind it there.
+bool is_before(const PartOfFace &part, int64_t m) {
+    const auto &box = part.view.projected.box;
+    const auto &[plane, extent] = std::tie(part.plane, part.extent);
+    const double u =
+        plane.a > 0 ? std::max(box(m, U_MIN), extent.u_min) : std::min(box(m, U_MAX), extent.u_max);
+    const double v =
+        plane.b > 0 ? std::max(box(m, V_MIN), extent.v_min) : std::min(box(m, V_MAX), extent.v_max);
+    const double along_u = plane.a * (u - plane.u), along_v = plane.b * (v - plane.v);
+    const double rounding =
+        plane.error +
+        4 * DEPTH_TIE_REL * (std::abs(plane.w) + std::abs(along_u) + std::abs(along_v));
+    return box(m, W_MAX) < plane.w + along_u + along_v - rounding;
+}
+
+// Memory for the image of a face and what is beside it.
+struct Images {
+    double rows[(2 * CORNERS + CORNERS + 2 * PIECE_ROOM) * 2], lines[2 * SIDES * 5];
+    Points target() { return {rows, {2 * CORNERS, 2}}; }
+    Points corners() { return {rows + 4 * CORNERS, {CORNERS, 2}}; }
+    Points overlap() { return {rows + 6 * CORNERS, {PIECE_ROOM, 2}}; }
+    Points spare() { return {rows + 6 * CORNERS + 2 * PIECE_ROOM, {PIECE_ROOM, 2}}; }
+    Lines own() { return {lines, {SIDES, 5}}; }
+    Lines its() { return {lines + SIDES * 5, {SIDES, 5}}; }
+};
+
+// Ties that two faces are apart at most that both coincide with a third, and rounding.
+constexpr double MOST_TIES = 2.01;
+
+enum Closeness { APART, CLOSE, AMBIGUOUS }; // of two faces, see is_loose
+
+// Closeness of face m to face f.
+Closeness closeness(int64_t f, int64_t n, int64_t n_own, int64_t m, const View &view,
+                    Images &images) {
+    const auto &[camera, projected] = std::tie(view.camera, view.projected);
+    const auto &box = projected.box;
+    if (box(m, W_MAX) < box(f, W_MIN) * (1 - NEARLY_REL) ||
+        box(f, W_MAX) < box(m, W_MIN) * (1 - NEARLY_REL) || !(projected.state[m] & LIVE) ||
+        shared_corners(f, m, projected.faces) == 2)
+        return APART;
+    const auto [k, n_sides] = outline(m, projected, images.corners(), images.its());
+    if (separates(images.its(), n_sides, images.target(), n) ||
+        separates(images.own(), n_own, images.corners(), k))
+        return APART;
+    copy_polygon(images.target(), n, images.overlap());
+    const Plane plane = plane_of(f, camera, projected), its = plane_of(m, camera, projected);
+    const Gap gap =
+        gap_between(plane, its, images.overlap(), n, images.its(), n_sides, images.spare());
+    if (gap.n < 3) return APART;
+    const double most = std::max(gap.most, -gap.least);
+    if (gap.apart <= 0) return most > plane.error + its.error ? CLOSE : APART;
+    const double tie = DEPTH_TIE_REL * box(f, W_MAX);
+    const bool is_ambiguous =
+        most <= NEARLY_REL * box(f, W_MAX) && std::max(gap.least, -gap.most) <= MOST_TIES * tie;
+    return is_ambiguous ? AMBIGUOUS : APART;
+}
+
+// Appends the faces that coincide with face f, beyond rounding, to `members`, those that are not
+// there yet; true if it is ambiguous which ones these are.
+bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
     const auto &[box, state] = std::tie(projected.box, projected.state);
-    const auto &[target, own, lines, corners] =
-        std::tie(work.target, work.own, work.lines, work.corners);
-    double &area_error = view.area_error[t];
-    const double farthest = box(t, W_MIN) * (1 - 2 * DEPTH_TIE_REL);
-    const Plane plane = plane_of(t, camera, projected);
-    const auto [u_min, u_max, v_min, v_max] = extent_of(part, n_part);
-    copy_polygon(part, n_part, pieces.corners[0]);
-    pieces.n_corners[0] = n_part;
-    int64_t count = 1, last = -1;
-    const int32_t number = marks[marks.rows() - 1];
+    Images images;
+    const auto [n, n_own] = outline(f, projected, images.target(), images.own());
+    const Cells cells = cells_of_box(box, f, grid);
+    const Bounds own = bounds_in(box, f);
+    // Of two faces alone, as far apart as just counts as one, either may be in front.
+    int64_t one = -1;
+    bool is_ambiguous = false;
+    Poll poll(16);
     for (int64_t row = cells.top; row <= cells.bottom; row++)
         for (int64_t column = cells.left; column <= cells.right; column++) {
             const int64_t at = row * grid.columns + column;
-            if (!grid.is_sorted[at]) sort_cell(at, box, grid);
+            if (grid.asked[at] != LISTED) continue;
             for (int64_t entry = grid.starts[at]; entry < grid.stops[at]; entry++) {
-                if (grid.nearest[entry] < farthest) break;
                 const int64_t m = grid.entries[entry];
                 const Bounds its = bounds_in(box, m);
-                if (its.u_min >= u_max || its.u_max <= u_min || m == t) continue;
-                if (its.v_min >= v_max || its.v_max <= v_min) continue;
-                // Each face once: in the first of the cells that list it.
-                if (column != std::max(column_at(its.u_min, grid), cells.left) ||
-                    row != std::max(row_at(its.v_min, grid), cells.top))
+                if (m == f || its.u_min >= own.u_max || its.u_max <= own.u_min ||
+                    its.v_min >= own.v_max || its.v_max <= own.v_min)
                     continue;
-                if (separates_box(own, n_own, its)) continue;
-                const bool is_first = marks[m] != number;
-                const double around = common_extent(t, m, box);
-                if (state[m] & DOUBTFUL) {
-                    if (is_first) {
-                        marks[m] = number;
-                        area_error +=
-                            4 * EDGE_ON_FACTOR * around * outline_error(m, camera, projected);
-                    }
-                    if (state[m] & THIN) continue;
+                poll();
+                const Closeness found = closeness(f, n, n_own, m, view, images);
+                if (found == APART) continue;
+                if (one < 0) one = m;
+                is_ambiguous |= found == AMBIGUOUS || state[m] & LOOSE;
+                if (is_ambiguous && (m != one || members.size() > 2)) return true;
+                if (found == AMBIGUOUS) continue;
+                if (!(state[m] & HAS_LOOSE)) {
+                    state[m] |= HAS_LOOSE;
+                    members.push_back(m);
                 }
-                // The plane of t where it is farthest within the box of m: most faces that are
-                // before t somewhere are far behind it here.
-                const double u =
-                    plane.a > 0 ? std::max(its.u_min, u_min) : std::min(its.u_max, u_max);
-                const double v =
-                    plane.b > 0 ? std::max(its.v_min, v_min) : std::min(its.v_max, v_max);
-                const double along_u = plane.a * (u - plane.u), along_v = plane.b * (v - plane.v);
-                const double rounding =
-                    plane.error +
-                    4 * DEPTH_TIE_REL * (std::abs(plane.w) + std::abs(along_u) + std::abs(along_v));
-                if (box(m, W_MAX) < plane.w + along_u + along_v - rounding) continue;
-                const auto [k, n_sides] = outline(m, projected, corners, lines);
-                if (separates(lines, n_sides, target, n) || separates(own, n_own, corners, k))
-                    continue;
-                marks[m] = number;
-                Order order = depth_order(t, m, n, n_sides, view, is_first);
-                if (order == TIED) {
-                    const bool is_before =
-                        !(state[t] & TRANSPARENT) && projected.rank[m] < projected.rank[t];
-                    order = is_before ? IN_FRONT : BEHIND;
-                }
-                if (order == BEHIND) continue;
-                if (order == IN_FRONT && contains(lines, n_sides, target, n))
-                    return {Rest::ALL_HIDDEN, 0.0, m};
-                if (is_first) area_error += 4 * around * outline_error(m, camera, projected);
-                const int64_t n_lines = order == IN_FRONT_IN_PART ? n_sides + 1 : n_sides;
-                count = clip_subtract(pieces, count, lines, n_sides, n_lines, camera.pixel_error,
-                                      work.spare, work.values);
-                last = m;
-                if (count == 0) return {Rest::SOME, 0.0, last};
-                if (count < 0) return {Rest::NO_ROOM, 0.0, last};
-                if (count > limit) return {Rest::TOO_MANY, 0.0, last};
             }
         }
-    double twice = 0.0;
-    for (int64_t p = 0; p < count; p++) {
-        const double of_piece = std::max(twice_area(pieces.corners[p], pieces.n_corners[p]), 0.0);
-        twice += of_piece;
-        if (of_piece > 0) store_piece(t, pieces.corners[p], pieces.n_corners[p], work.kept);
+    return false;
+}
+
+// True if faces nearly coincide with a face, or with one that coincides with it, and so on, that do
+// not all coincide with one another. Then the lower index cannot decide which one is in front: a
+// before b, b before c and c before a would hide all three.
+bool is_loose(int64_t f, const View &view) {
+    const auto &state = view.projected.state;
+    if (state[f] & HAS_LOOSE) return state[f] & LOOSE;
+    state[f] |= HAS_LOOSE;
+    std::vector<int64_t> members = {f};
+    bool is_ambiguous = false;
+    for (size_t k = 0; k < members.size() && !is_ambiguous; k++)
+        is_ambiguous = add_members(members[k], members, view);
+    if (is_ambiguous)
+        for (const int64_t m : members) state[m] |= LOOSE;
+    return is_ambiguous;
+}
+
+// Plane n . X = d of a face in camera axes, in pairs of doubles; the largest errors of n and of d.
+struct PairPlane {
+    Pair n[3], d;
+    double n_error, d_error, n_size;
+};
+
+PairPlane pair_plane_of(int64_t f, Vertices vertices, const View &view) {
+    Corners corners;
+    double far = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const auto &at = corners.at[k];
+        to_camera(vertices[view.projected.faces(f, k)], view.camera, corners.at[k]);
+        far = std::max(far, length(at[0].high, at[1].high, at[2].high));
     }
-    return {Rest::SOME, twice, last};
+    const Normals normals = normals_of_sides(corners, UNDERFLOW_ERROR);
+    PairPlane plane = {{}, {0.0, 0.0}, normals.errors[3], 0.0, 0.0};
+    for (int k = 0; k < 3; k++) {
+        plane.n[k] = normals.face[k];
+        plane.d = plane.d + corners.at[0][k] * normals.face[k];
+        plane.n_size += std::abs(plane.n[k].high);
+    }
+    plane.d_error = far * (plane.n_error + PAIR_ERROR_REL * plane.n_size);
+    return plane;
+}
+
+// Depth order of face m relative to face t whose planes are nearly parallel, from the vertices in
+// pairs of doubles: 1/z of projected vertices leaves a wide strip undecided. Adds to area_error of
+// t what is still in doubt; work.spare has the `gap_n` corners of the overlap.
+//
+// 1/z_m - 1/z_t = (n_m / d_m - n_t / d_t) . ray, and its sign is that of
+// (n_m d_t - n_t d_m) . ray d_m d_t. It is computed in one order, so that t and m agree.
+Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, Vertices vertices,
+                     const View &view, double &in_doubt) {
+    const auto &[camera, work] = std::tie(view.camera, view.work);
+    const PairPlane a = pair_plane_of(std::min(t, m), vertices, view),
+                    b = pair_plane_of(std::max(t, m), vertices, view);
+    double normal[3];
+    const double sign = ((a.d.high > 0) == (b.d.high > 0) ? 1.0 : -1.0) * (t < m ? 1.0 : -1.0);
+    for (int k = 0; k < 3; k++) normal[k] = sign * (b.n[k] * a.d + -(a.n[k] * b.d)).high;
+    const double slope_u = normal[0] / camera.fx, slope_v = normal[1] / camera.fy;
+    const Line line = {camera.cx, camera.cy, slope_v, -slope_u, normal[2]};
+    const double far_a = std::abs(a.d.high), far_b = std::abs(b.d.high);
+    double error = b.n_error * far_a + a.n_error * far_b + b.n_size * a.d_error +
+                   a.n_size * b.d_error + PAIR_ERROR_REL * (b.n_size * far_a + a.n_size * far_b);
+    error *= camera.longest_ray;
+    double least = INF, most = -INF, size = std::abs(normal[2]);
+    for (int64_t p = 0; p < gap_n; p++) {
+        const double u = work.spare(p, U), v = work.spare(p, V), value = line.value(u, v);
+        least = std::min(least, value), most = std::max(most, value);
+        size = std::max(size, std::abs(slope_u * (u - camera.cx)) +
+                                  std::abs(slope_v * (v - camera.cy)) + std::abs(normal[2]));
+    }
+    error += UNIT_ROUNDING * size + camera.pixel_error * (std::abs(slope_u) + std::abs(slope_v));
+    const double common = std::abs(twice_area(work.spare, gap_n)) / 2;
+    if (!(a.d_error < far_a && b.d_error < far_b)) {
+        in_doubt = common;
+    } else if (least <= error && most >= -error) {
+        const Bounds box = extent_of(work.spare, gap_n);
+        const double extent = length(box.u_max - box.u_min, box.v_max - box.v_min, 0.0);
+        in_doubt = std::min(2 * error / length(slope_u, slope_v, 0.0) * extent, common);
+    } else {
+        in_doubt = 0.0;
+    }
+    if (most <= 0) return BEHIND;
+    if (least >= 0) return IN_FRONT;
+    store_line(line, work.lines, n_sides);
+    return IN_FRONT_IN_PART;
+}
+
+// Depth order of face m relative to the face of a part, see depth_order, in which one of two that
+// coincide is in front.
+Order strict_order(const PartOfFace &part, int64_t m, int64_t n_sides, Vertices vertices,
+                   bool is_first) {
+    const auto &[t, view] = std::tie(part.t, part.view);
+    const auto &[projected, work] = std::tie(view.projected, view.work);
+    double &area_error = view.area_error[t];
+    const double before = area_error;
+    area_error = 0.0; // what is in doubt, whether it was counted before or not
+    Order order = depth_order(t, m, part.n, n_sides, view, true);
+    const bool is_transparent = projected.state[t] & TRANSPARENT;
+    if (order == TIED && !is_transparent) {
+        const double of_tie = area_error;
+        area_error = 0.0;
+        order = depth_order(t, m, part.n, n_sides, view, true, true);
+        if (order == TIED || !(is_loose(t, view) || is_loose(m, view))) {
+            order = projected.rank[m] < projected.rank[t] ? IN_FRONT : BEHIND;
+            area_error = of_tie;
+        }
+    }
+    if (order == TIED) order = BEHIND;
+    double in_doubt = area_error;
+    const double around = common_extent(t, m, projected.box);
+    const auto has_vertices = [&](int64_t f) {
+        const auto &faces = projected.faces;
+        return std::max(faces(f, 0), std::max(faces(f, 1), faces(f, 2))) < vertices.rows();
+    };
+    if (in_doubt > WIDE_STRIP * view.camera.pixel_error * around && !is_transparent &&
+        (is_loose(t, view) || is_loose(m, view)) && has_vertices(t) && has_vertices(m)) {
+        copy_polygon(work.target, part.n, work.spare);
+        const int64_t n = clip(work.spare, part.n, work.lines, n_sides, work.other);
+        if (n >= 3) order = order_in_pairs(t, m, n, n_sides, vertices, view, in_doubt);
+    }
+    area_error = is_first ? before + in_doubt : before;
+    return order;
+}
+
+// What is left of a part while faces are taken from it.
+struct Left {
+    int64_t count, last; // pieces; the last face that hides something, -1 for none
+    int64_t limit;       // pieces beyond which it is given up
+    Array<int32_t, Any> marks;
+    const Pieces &pieces;
+    Vertices vertices;
+    Poll &poll;
+};
+
+// Takes from a part what face m hides of it, whose box overlaps it; SOME if it goes on.
+Rest::Is hide(const PartOfFace &part, int64_t m, Left &left) {
+    const auto &[t, view] = std::tie(part.t, part.view);
+    const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
+    const auto &[target, own, lines, corners] =
+        std::tie(work.target, work.own, work.lines, work.corners);
+    double &area_error = view.area_error[t];
+    int32_t &mark = left.marks[m];
+    const int32_t number = left.marks[left.marks.rows() - 1];
+    const double around = common_extent(t, m, projected.box);
+    const bool is_first = mark != number;
+    if (projected.state[m] & DOUBTFUL) {
+        if (is_first) {
+            mark = number;
+            area_error += 4 * EDGE_ON_FACTOR * around * outline_error(m, camera, projected);
+        }
+        if (projected.state[m] & THIN) return Rest::SOME;
+    }
+    if (is_before(part, m)) return Rest::SOME;
+    const auto [k, n_sides] = outline(m, projected, corners, lines);
+    if (separates(lines, n_sides, target, part.n) || separates(own, part.n_own, corners, k))
+        return Rest::SOME;
+    mark = number;
+    const Order order = strict_order(part, m, n_sides, left.vertices, is_first);
+    if (order == BEHIND) return Rest::SOME;
+    left.poll();
+    left.last = m;
+    if (order == IN_FRONT && contains(lines, n_sides, target, part.n)) return Rest::ALL_HIDDEN;
+    if (is_first) area_error += 4 * around * outline_error(m, camera, projected);
+    const int64_t n_lines = order == IN_FRONT_IN_PART ? n_sides + 1 : n_sides;
+    left.count = clip_subtract(left.pieces, left.count, lines, n_sides, n_lines, camera.pixel_error,
+                               work.spare, work.values);
+    if (left.count == 0) return Rest::NONE;
+    if (left.count < 0) return Rest::NO_ROOM;
+    return left.count > left.limit ? Rest::TOO_MANY : Rest::SOME;
+}
+
+// Twice the area that the faces listed in some cells leave of a part of a face.
+Rest visible_in_cells(const PartOfFace &part, const Cells &cells, Left left) {
+    const Pieces &pieces = left.pieces;
+    copy_polygon(part.corners, part.n_corners, pieces.corners[0]);
+    pieces.n_corners[0] = part.n_corners;
+    Rest::Is is = Rest::SOME;
+    any_near(part, cells, [&](int64_t m) {
+        is = hide(part, m, left);
+        return is != Rest::SOME;
+    });
+    Rest rest = {is, 0.0, left.last};
+    if (is != Rest::SOME) return rest;
+    for (int64_t p = 0; p < left.count; p++) {
+        const Points corners = pieces.corners[p];
+        const double twice = std::max(twice_area(corners, pieces.n_corners[p]), 0.0);
+        rest.twice += twice;
+        if (twice > 0) store_piece(part.t, corners, pieces.n_corners[p], part.view.work.kept);
+    }
+    return rest;
 }
 
 // Replaces the part on top of the stack by its halves; returns how many that are.
@@ -173,7 +441,8 @@ void take_number(Array<int32_t, Any> marks) {
 // Twice the visible area of face t; less than 0 if there is too little room. A large face is taken
 // apart by the cells of the grid, and parts of many pieces are halved.
 double visible_twice_area(int64_t t, const Outline &image, const View &view,
-                          Array<int32_t, Any> marks, const Pieces &pieces) {
+                          Array<int32_t, Any> marks, const Pieces &pieces, Vertices vertices,
+                          Poll &poll) {
     const auto &[grid, work] = std::tie(view.grid, view.work);
     const auto &[parts, levels] = std::tie(work.parts, work.levels);
     const auto [left, right, top_row, bottom] = cells_of_box(view.projected.box, t, grid);
@@ -195,12 +464,13 @@ double visible_twice_area(int64_t t, const Outline &image, const View &view,
             }
             levels[0] = 0;
             for (int64_t top = 1; top > 0;) {
+                poll();
                 top--;
                 const bool can_halve = levels[top] < MOST_HALVINGS && top + 2 < STACK_ROOM;
                 const int64_t limit = can_halve ? MOST_PIECES : pieces.corners.rows();
-                const Rest rest =
-                    visible_in_cells(t, n, image.n_lines, parts.corners[top], parts.n_corners[top],
-                                     cells, limit, view, marks, pieces);
+                const Rest rest = visible_in_cells(
+                    part_of(t, image, parts.corners[top], parts.n_corners[top], view), cells,
+                    {1, -1, limit, marks, pieces, vertices, poll});
                 if (rest.is == Rest::ALL_HIDDEN) {
                     grid.hider[middle] = int32_t(rest.face);
                     return 0.0;
@@ -208,12 +478,14 @@ double visible_twice_area(int64_t t, const Outline &image, const View &view,
                 if (rest.is == Rest::NO_ROOM) return -1.0;
                 if (rest.is == Rest::TOO_MANY) top += halve(top, work);
                 else twice += rest.twice;
-                if (rest.is == Rest::SOME && rest.twice == 0)
+                if (rest.is <= Rest::NONE && rest.twice == 0)
                     grid.hider[middle] = int32_t(rest.face);
             }
         }
     return twice;
 }
+
+} // namespace
 
 // Visible areas of some faces, from the one in place `first` of `targets` on; returns how many of
 // these are done. If not all are, there is too little scratch memory, or room in work.kept where
@@ -221,18 +493,12 @@ double visible_twice_area(int64_t t, const Outline &image, const View &view,
 //
 // Out: `visible` and `area_error` of the targets. `marks`, one for each face and one more, see
 // take_number, and `pieces` are scratch.
-int64_t visible_areas(Array<const int32_t, Any> targets, int64_t first, View view,
-                      Array<int32_t, Any> marks, Pieces pieces) {
+int64_t visible_areas(Array<const int32_t, Any> targets, int64_t first, Vertices vertices,
+                      const View &view, Array<int32_t, Any> marks, const Pieces &pieces) {
     const auto &[state, kept] = std::tie(view.projected.state, view.work.kept);
-    require_view(view);
-    require_indices(targets, state.rows(), "targets must be faces");
-    require(first >= 0, "first must not be negative");
-    require(marks.rows() == view.grid.is_whole.rows() + 1 && marks.rows() <= state.rows() + 1,
-            "marks must have one row for each face that can be listed, and one more");
-    require(pieces.corners.rows() > 0 && pieces.corners.extent(1) >= PIECE_ROOM &&
-                pieces.n_corners.rows() >= pieces.corners.rows(),
-            "pieces must have room for 64 corners each");
+    Poll poll(16);
     for (int64_t index = first; index < targets.rows(); index++) {
+        poll();
         const int64_t t = targets[index];
         const int64_t n_kept = kept.used[0], n_kept_corners = kept.used[1];
         view.visible[t] = view.area_error[t] = 0.0;
@@ -245,7 +511,7 @@ int64_t visible_areas(Array<const int32_t, Any> targets, int64_t first, View vie
         const Outline image = take_target(t, view);
         if (image.n_corners < 3 || is_hidden_by_one(t, image.n_corners, view)) continue;
         take_number(marks);
-        const double twice = visible_twice_area(t, image, view, marks, pieces);
+        const double twice = visible_twice_area(t, image, view, marks, pieces, vertices, poll);
         if (twice < 0 || kept.used[2]) {
             drop_pieces(kept, n_kept, n_kept_corners);
             return index;
@@ -255,15 +521,5 @@ int64_t visible_areas(Array<const int32_t, Any> targets, int64_t first, View vie
     return targets.rows();
 }
 
-} // namespace
 } // namespace exact
-
-void register_exact_half_plane(nanobind::module_ &m) {
-    using namespace exact;
-    def(m, "visible_areas", visible_areas,
-        "Visible areas of some faces; how many of the targets are done, fewer if room was too "
-        "small.",
-        "targets", "first", "view", "marks", "pieces");
-}
-
 } // namespace rastercov

@@ -10,6 +10,12 @@
 
 namespace rastercov::exact {
 
+// Relative difference of 1/z up to which two faces nearly coincide.
+constexpr double NEARLY_REL = 1e4 * DEPTH_TIE_REL;
+// Change of 1/z from a corner of one face to one of another, relative, up to which their planes are
+// compared there.
+constexpr double MOST_ALONG = 4;
+
 // Width and height together of the rectangle that the boxes of two faces share, pixels.
 inline double common_extent(int64_t t, int64_t m, const Array<double, Any, 6> &box) {
     const double across =
@@ -26,6 +32,60 @@ inline double extent_in_image(int64_t t, const View &view) {
     return width + (std::min(box(t, V_MAX), camera.height) - std::max(box(t, V_MIN), 0.0));
 }
 
+// Difference of 1/z of face m to face t, over the overlap of their images.
+struct Gap {
+    int64_t n;                 // corners of the overlap, fewer than 3 for none
+    double first, least, most; // at the first corner, and of all corners
+    double apart;              // the largest beyond DEPTH_TIE_REL of 1/z
+};
+
+// Measures the difference of the planes of faces t and m; `overlap` has the n corners of t, and
+// then those of the overlap, `lines` the n_sides lines that bound m.
+template <class Rows>
+Gap gap_between(const Plane &of_t, const Plane &of_m, Points overlap, int64_t n, const Rows &lines,
+                int64_t n_sides, Points spare) {
+    n = clip(overlap, n, lines, n_sides, spare);
+    Gap gap = {n, 0.0, INF, -INF, -INF};
+    for (int64_t p = 0; p < n; p++) {
+        const double u = overlap(p, U), v = overlap(p, V);
+        const double mine = of_t.w + of_t.a * (u - of_t.u) + of_t.b * (v - of_t.v);
+        const double its = of_m.w + of_m.a * (u - of_m.u) + of_m.b * (v - of_m.v);
+        const double nearer = its - mine, tie = DEPTH_TIE_REL * std::max(mine, its);
+        if (p == 0) gap.first = nearer;
+        gap.apart = std::max(gap.apart, std::abs(nearer) - tie);
+        gap.least = std::min(gap.least, nearer), gap.most = std::max(gap.most, nearer);
+    }
+    return gap;
+}
+
+// Number of corners that two faces share.
+inline int shared_corners(int64_t t, int64_t m, const Array<const int32_t, Any, 3> &faces) {
+    int shared = 0;
+    for (int p = 0; p < 3; p++)
+        shared +=
+            faces(m, p) == faces(t, 0) || faces(m, p) == faces(t, 1) || faces(m, p) == faces(t, 2);
+    return shared;
+}
+
+// Line of equal depth of two faces, with the part where m is in front on its inner side; (u, v) is
+// a corner of their overlap and `first` the difference there.
+//
+// Of two faces that nearly coincide, rounding moves the line by many pixels. It is then the same to
+// the bit for t and m and for m and t, so that what one face loses to it the other gains.
+inline Line line_of_equal_depth(int64_t t, int64_t m, const Plane &of_t, const Plane &of_m,
+                                const Gap &gap, double u, double v) {
+    const Plane &a = t < m ? of_t : of_m, &b = t < m ? of_m : of_t;
+    const double along_u = b.a * (a.u - b.u), along_v = b.b * (a.v - b.v);
+    const double offset = b.w + along_u + along_v - a.w;
+    const double nearly = NEARLY_REL * std::abs(a.w);
+    const double sign = t < m ? 1.0 : -1.0;
+    if (std::max(gap.most, -gap.least) <= nearly && std::abs(offset) <= nearly &&
+        std::abs(along_u) + std::abs(along_v) <= MOST_ALONG * std::abs(a.w))
+        return {a.u, a.v, sign * (b.b - a.b), sign * (a.a - b.a), sign * offset};
+    // first + (a_m - a_t)(u - u0) + (b_m - b_t)(v - v0) >= 0
+    return {u, v, of_m.b - of_t.b, of_t.a - of_m.a, gap.first};
+}
+
 // Depth order of face m relative to face t, over the overlap of their images.
 //
 // The order is unknown where w differs by less than its error, a strip along the line of equal
@@ -33,55 +93,42 @@ inline double extent_in_image(int64_t t, const View &view) {
 // added to area_error of t if is_first: the two are compared for the first time.
 //
 // work.target has the n corners of t, work.lines the n_sides lines that bound m. Where m is in
-// front in part, the line of equal depth is appended to work.lines.
+// front in part, the line of equal depth is appended to work.lines. Where the two coincide they are
+// TIED; by_depth, only up to rounding.
 inline Order depth_order(int64_t t, int64_t m, int64_t n, int64_t n_sides, const View &view,
-                         bool is_first) {
+                         bool is_first, bool by_depth = false) {
     const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
-    const auto &[faces, box, spare] = std::tie(projected.faces, projected.box, work.spare);
+    const auto &[box, spare] = std::tie(projected.box, work.spare);
     double &area_error = view.area_error[t];
     if (box(m, W_MIN) > box(t, W_MAX) * (1 + 2 * DEPTH_TIE_REL)) return IN_FRONT;
-    // The overlap, and the difference of w at its corners.
     copy_polygon(work.target, n, spare);
-    n = clip(spare, n, work.lines, n_sides, work.other);
-    if (n < 3) return BEHIND;
     const Plane of_t = plane_of(t, camera, projected), of_m = plane_of(m, camera, projected);
-    double least = INF, most = -INF, first = 0.0, apart = -INF;
-    for (int64_t p = 0; p < n; p++) {
-        const double u = spare(p, U), v = spare(p, V);
-        const double mine = of_t.w + of_t.a * (u - of_t.u) + of_t.b * (v - of_t.v);
-        const double its = of_m.w + of_m.a * (u - of_m.u) + of_m.b * (v - of_m.v);
-        const double nearer = its - mine;
-        if (p == 0) first = nearer;
-        apart = std::max(apart, std::abs(nearer) - DEPTH_TIE_REL * std::max(mine, its));
-        least = std::min(least, nearer), most = std::max(most, nearer);
-    }
+    const Gap gap = gap_between(of_t, of_m, spare, n, work.lines, n_sides, work.other);
+    if (gap.n < 3) return BEHIND;
+    const double error = of_t.error + of_m.error, most = std::max(gap.most, -gap.least);
     // The planes of two faces that share an edge meet along that edge and nowhere else.
-    int shared = 0;
-    for (int p = 0; p < 3; p++)
-        shared +=
-            faces(m, p) == faces(t, 0) || faces(m, p) == faces(t, 1) || faces(m, p) == faces(t, 2);
-    const double error = of_t.error + of_m.error;
-    const double common = std::abs(twice_area(spare, n)) / 2;
+    const int shared = shared_corners(t, m, projected.faces);
+    const double apart = by_depth ? most - error : gap.apart;
+    const double common = std::abs(twice_area(spare, gap.n)) / 2;
     if (!is_first) {
-    } else if (std::abs(apart) <= error || (apart > 0 && std::max(most, -least) <= error)) {
+    } else if ((std::abs(apart) <= error && !by_depth) || (apart > 0 && most <= error)) {
         area_error += common;
-    } else if (apart > 0 && shared < 2 && least <= error && most >= -error) {
-        const Bounds b = extent_of(spare, n);
+    } else if (apart > 0 && shared < 2 && gap.least <= error && gap.most >= -error) {
+        const Bounds b = extent_of(spare, gap.n);
         const double extent = length(b.u_max - b.u_min, b.v_max - b.v_min, 0.0);
         const double strip = error / length(of_m.a - of_t.a, of_m.b - of_t.b, 0.0) * extent;
         area_error += std::min(strip, common);
     }
     if (apart <= 0) return TIED;
-    if (shared >= 2) return most > -least ? IN_FRONT : BEHIND;
-    if (most <= 0) return BEHIND;
-    if (least >= 0) return IN_FRONT;
-    // first + (a_m - a_t)(u - u0) + (b_m - b_t)(v - v0) >= 0
-    store_line({spare(0, U), spare(0, V), of_m.b - of_t.b, of_t.a - of_m.a, first}, work.lines,
+    if (shared >= 2) return gap.most > -gap.least ? IN_FRONT : BEHIND;
+    if (gap.most <= 0) return BEHIND;
+    if (gap.least >= 0) return IN_FRONT;
+    store_line(line_of_equal_depth(t, m, of_t, of_m, gap, spare(0, U), spare(0, V)), work.lines,
                n_sides);
     return IN_FRONT_IN_PART;
 }
 
-// True if face m hides all of face t, whose n corners work.target has.
+// True if face m surely hides all of face t, whose n corners work.target has.
 inline bool hides_all(int64_t m, int64_t t, int64_t n, const View &view) {
     const auto &[projected, work] = std::tie(view.projected, view.work);
     const auto &box = projected.box;
@@ -91,8 +138,13 @@ inline bool hides_all(int64_t m, int64_t t, int64_t n, const View &view) {
         (projected.state[m] & (LIVE | DOUBTFUL)) != LIVE)
         return false;
     const int64_t n_sides = outline(m, projected, work.corners, work.lines).n_lines;
-    return contains(work.lines, n_sides, work.target, n) &&
-           depth_order(t, m, n, n_sides, view, true) == IN_FRONT;
+    if (!contains(work.lines, n_sides, work.target, n)) return false;
+    double &area_error = view.area_error[t];
+    const double before = area_error;
+    const bool hides = depth_order(t, m, n, n_sides, view, true) == IN_FRONT;
+    const bool is_sure = area_error == before;
+    area_error = before;
+    return hides && is_sure;
 }
 
 // Fills work.target and work.own with the image of a face; its own error begins the bound of the
@@ -129,25 +181,6 @@ inline void settle_area(int64_t t, double seen, const View &view, int64_t n_kept
     if (seen > tolerance) visible[t] = seen >= area[t] - tolerance ? area[t] : seen;
     if (visible[t] == 0 || visible[t] == area[t])
         drop_pieces(view.work.kept, n_kept, n_kept_corners);
-}
-
-inline void require_view(const View &view) {
-    const Projected &projected = view.projected;
-    const Work &work = view.work;
-    const int64_t n = projected.faces.rows();
-    require(projected.side.rows() == n && projected.state.rows() == n &&
-                projected.box.rows() == n && projected.area.rows() == n &&
-                projected.clipped_index.rows() == n && view.visible.rows() >= n &&
-                view.area_error.rows() >= n,
-            "the arrays of a view must have one row for each face");
-    require_grid(view.grid, projected);
-    require(work.target.rows() >= 2 * CORNERS && work.own.rows() >= SIDES &&
-                work.corners.rows() >= CORNERS && work.lines.rows() > SIDES &&
-                work.spare.rows() >= PIECE_ROOM && work.other.rows() >= PIECE_ROOM &&
-                work.values.rows() >= PIECE_ROOM && work.levels.rows() >= STACK_ROOM &&
-                work.parts.n_corners.rows() >= STACK_ROOM &&
-                work.parts.corners.extent(0) >= STACK_ROOM,
-            "work must have room for a face");
 }
 
 } // namespace rastercov::exact

@@ -12,6 +12,7 @@
 //
 // Twins: tests/exact/test_lens_measures.py, tests/exact/test_lens_solver.py.
 #include "bind.hpp"
+#include "exact/passes.hpp"
 #include "exact/places.hpp"
 #include "exact/polygon.hpp"
 #include "lens/polygons.hpp"
@@ -31,19 +32,6 @@ constexpr int64_t MOST_WINDOW_SIDES = 12;
 // to 2^-50 of the size, some ten times over.
 constexpr double EDGE_ROUNDING = 0x1p-46;
 
-// Sums over the planes of a camera: areas, px^2, and planes by the kind of their figure.
-struct Figures {
-    Array<double, Any> area, visible, area_error;
-    Array<int8_t, Any> n_certified, n_visible, n_computed;
-};
-
-void require_figures(const Figures &out, int64_t n) {
-    require(out.area.rows() == n && out.visible.rows() == n && out.area_error.rows() == n &&
-                out.n_certified.rows() == n && out.n_visible.rows() == n &&
-                out.n_computed.rows() == n,
-            "figures must have one row for each face");
-}
-
 // --- vertices and edges ---
 
 // Square of the radius of the largest disc around 0 in a window.
@@ -58,12 +46,16 @@ double inner_radius2(const lens::Corners &window) {
     return radius2;
 }
 
-void vertex_images(Vertices uvw, const PlaneRecord &plane, Array<double, Any, 4> places,
+} // namespace
+
+void vertex_images(Vertices uvw, const lens::PlaneRecord &plane, Array<double, Any, 4> places,
                    Array<bool, Any> is_inside) {
     const int64_t n = uvw.rows();
     require(places.rows() == n && is_inside.rows() == n,
             "places and is_inside must have one row for each vertex");
-    if (plane.hole.rows() > 0) {
+    const lens::Cone cone(plane.params);
+    const bool has_cone = plane.has_border();
+    if (plane.hole.rows() > 0 || (has_cone && !cone.is_convex())) {
         std::fill(places.begin(), places.end(), lens::NOT_A_NUMBER);
         std::fill(is_inside.begin(), is_inside.end(), false);
         return;
@@ -94,6 +86,10 @@ void vertex_images(Vertices uvw, const PlaneRecord &plane, Array<double, Any, 4>
                 const Line side = side_at(plane.window, n_sides, s);
                 least = min(side.du * (py - side.v0) - side.dv * (px - side.u0), least);
             }
+            if (has_cone) {
+                const auto [X, Y, Z] = lens::lanes_in_plane(plane.frame, px, py);
+                least = min(Z * cone.sine - sqrt(X * X + Y * Y) * cone.cosine, least);
+            }
             const auto is_in =
                 (Lanes::load(w + k) > 0.0) & (least >= 0.0) & (px * px + py * py <= Lanes(radius2));
             const int64_t found = bits(is_in);
@@ -110,6 +106,8 @@ void vertex_images(Vertices uvw, const PlaneRecord &plane, Array<double, Any, 4>
         }
     }
 }
+
+namespace {
 
 // Bulges of WIDTH edges, of which all have ends a and b from `lane` on, from the images of their
 // n - 1 inner nodes, node by node; see lens::bulge.
@@ -128,7 +126,9 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
     return total;
 }
 
-int64_t edge_bulges(const PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
+} // namespace
+
+int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
                     Array<const double, Any, 4> places, Array<double, Any> bulge,
                     Array<int32_t, Any> longer) {
     require(bulge.rows() == ends.rows() && longer.rows() == ends.rows(),
@@ -193,6 +193,8 @@ int64_t edge_bulges(const PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
     return n_longer;
 }
 
+namespace {
+
 // --- faces ---
 
 // Numbers of a plane by which faces are measured. `one` is the square of the length of the longest
@@ -248,21 +250,13 @@ INLINE Measured measured_faces(const Corner (&corner)[3], const Lanes (&bulge)[3
             select(is_measured, error, none), bits(left_out | (is_seen & is_out) | is_measured)};
 }
 
+} // namespace
+
 void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any, 3> sides,
-                    Array<const bool, Any> is_flat, Array<const uint16_t, Any> state,
-                    Array<const double, Any, 4> places, Array<const double, Any> bulge,
-                    const PlaneRecord &plane, Array<double, Any> own, Array<bool, Any> is_done,
-                    const Figures &out) {
+                    Array<const uint16_t, Any> state, Array<const double, Any, 4> places,
+                    Array<const double, Any> bulge, const PlaneRecord &plane,
+                    Array<double, Any> own, Array<bool, Any> is_done, const PlaneSums &out) {
     const int64_t n_opaque = faces.rows(), n_faces = state.rows();
-    lens::require_plane(plane);
-    require_figures(out, n_faces);
-    require(sides.rows() == n_opaque && n_opaque <= n_faces && is_flat.rows() == n_faces &&
-                own.rows() == n_faces && is_done.rows() == n_faces,
-            "the arrays of faces must have one row for each face");
-    require_indices(faces, places.rows(), "faces must be rows of places");
-    int32_t greatest_side = -1;
-    for (const int32_t e : sides) greatest_side = std::max(greatest_side, e < 0 ? ~e : e);
-    require(greatest_side < bulge.rows(), "sides must be rows of bulge");
     const double limit = plane.longest[lens::MOST];
     const FaceRule rule = {plane.width,
                            plane.height,
@@ -294,8 +288,7 @@ void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any
             };
             const auto left_out =
                 lanes_of<Whole<Lanes>>([&](int64_t k) __attribute__((always_inline)) {
-                    const int64_t f = face_of(lane + k);
-                    return int64_t(is_flat[f] | ((state[f] & THIN) != 0));
+                    return int64_t((state[face_of(lane + k)] & (THIN | EDGE_ON)) != 0);
                 }) > Whole<Lanes>(0);
             const Measured found =
                 measured_faces({corner_of(0), corner_of(1), corner_of(2)},
@@ -315,8 +308,10 @@ void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any
         measure_group([&](int64_t k) { return std::min(last + k, n_opaque - 1); }, last,
                       n_opaque - last);
     for (int64_t f = n_opaque; f < n_faces; f++)
-        own[f] = 0.0, is_done[f] = is_flat[f] || (state[f] & THIN);
+        own[f] = 0.0, is_done[f] = (state[f] & (THIN | EDGE_ON)) != 0;
 }
+
+namespace {
 
 // --- outlines and pieces ---
 
@@ -388,25 +383,13 @@ void to_plane(const Source &corners, int64_t n, bool is_reversed, const Pinhole 
     }
 }
 
-// Corners of piece i; no polygon has more than there is room for.
-int64_t first_corner(const VisiblePieces &pieces, int64_t i) {
-    require(i + 1 < pieces.starts.rows() && i < pieces.faces.rows() && 0 <= pieces.starts[i] &&
-                pieces.starts[i] <= pieces.starts[i + 1] &&
-                pieces.starts[i + 1] <= pieces.corners.rows(),
-            "pieces must be rows of corners");
-    return pieces.starts[i];
-}
+} // namespace
 
 int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Projected &projected,
                 const VisiblePieces &kept, const Pinhole &camera, const PlaneRecord &plane,
                 const VisiblePieces &found) {
     const auto &[faces, uvw, state] = std::tie(projected.faces, projected.uvw, projected.state);
     const int64_t n_faces = state.rows();
-    require(is_done.rows() == n_faces && faces.rows() >= n_faces &&
-                projected.area.rows() >= n_faces && projected.clipped_index.rows() >= n_faces,
-            "the arrays of faces must have one row for each face");
-    require(vertices.rows() >= uvw.rows(), "vertices must be those of the image");
-    require(found.starts.rows() > found.faces.rows(), "starts must have one row more than faces");
     PolygonScratch scratch;
     const Points polygon = {scratch.polygon, {lens::MOST_CORNERS, 2}},
                  spare = {scratch.spare, {lens::MOST_CORNERS, 2}};
@@ -439,8 +422,7 @@ int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Project
     }
     const int64_t n_outlines = found.used[0];
     for (int64_t i = 0; i < kept.used[0]; i++) {
-        const int64_t start = first_corner(kept, i), n = kept.starts[i + 1] - start;
-        require(n <= lens::MOST_CORNERS, "a piece must have MOST_CORNERS corners at most");
+        const int64_t start = kept.starts[i], n = kept.starts[i + 1] - start;
         to_plane(from(kept.corners, start), n, false, camera, polygon);
         append_cut(polygon, n, kept.faces[i], plane, spare, found);
     }
@@ -451,24 +433,13 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, Array<const doubl
                const Projected &projected, const VisiblePieces &kept,
                Array<const double, Any> visible, Array<const double, Any> area_error,
                Array<const bool, Any> is_certified, const PlaneRecord &plane,
-               Array<double, Any> own, Figures out) {
+               Array<double, Any> own, const PlaneSums &out) {
     const auto &state = projected.state;
     const int64_t n_faces = state.rows();
-    require_figures(out, n_faces);
-    require(visible.rows() == n_faces && area_error.rows() == n_faces &&
-                is_certified.rows() == n_faces && own.rows() == n_faces,
-            "the arrays of faces must have one row for each face");
-    require(images.rows() >= found.used[0] && kept.faces.rows() >= kept.used[0],
-            "images must have one row for each polygon");
     const double rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed;
-    const auto face_of = [&](const VisiblePieces &pieces, int64_t i) {
-        const int64_t f = pieces.faces[i];
-        require(0 <= f && f < n_faces, "pieces must be those of faces");
-        return f;
-    };
     // A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for (int64_t i = 0; i < found.used[0]; i++) {
-        const int64_t f = face_of(found, i), first = first_corner(found, i);
+        const int64_t f = found.faces[i], first = found.starts[i];
         const double inside = images(i, 0);
         // Twice its box is as good as the length of an outline.
         const Bounds b = extent_of(from(found.corners, first), found.starts[i + 1] - first);
@@ -480,7 +451,7 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, Array<const doubl
             out.visible[f] += inside;
         }
     }
-    for (int64_t i = 0; i < kept.used[0]; i++) own[face_of(kept, i)] = -1.0;
+    for (int64_t i = 0; i < kept.used[0]; i++) own[kept.faces[i]] = -1.0;
     for (int64_t f = 0; f < n_faces; f++) {
         if (!(state[f] & (LIVE | THIN))) continue;
         if (own[f] > 0.0 && visible[f] > 0.0) out.visible[f] += own[f];
@@ -495,8 +466,7 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, Array<const doubl
 }
 
 // A face is certified if all planes that show it certify it, with one answer.
-void settle(Figures figures, double largest, Array<bool, Any> is_certified) {
-    require_figures(figures, is_certified.rows());
+void settle(const PlaneSums &figures, double largest, Array<bool, Any> is_certified) {
     for (int64_t f = 0; f < is_certified.rows(); f++) {
         const int8_t n = figures.n_certified[f], n_visible = figures.n_visible[f];
         const bool is_one = (n_visible == 0) | (n_visible == n);
@@ -522,14 +492,7 @@ bool are_beyond(Vertices points, Array<const double, 3> eye, Array<const double,
     return true;
 }
 
-} // namespace
 } // namespace exact
-
-template <> struct Record<exact::Figures> {
-    using S = exact::Figures;
-    static constexpr auto fields = Fields<&S::area, &S::visible, &S::area_error, &S::n_certified,
-                                          &S::n_visible, &S::n_computed>();
-};
 
 void register_exact_lens(nanobind::module_ &m) {
     using namespace exact;
@@ -547,30 +510,5 @@ void register_exact_lens(nanobind::module_ &m) {
         "NaN for these, which are listed in `longer`, and for an edge with an end outside the "
         "window. `places` are those of `vertex_images`; the plane has no pole.",
         "plane", "ends", "places", "bulge", "longer");
-    def(m, "measure_simple", measure_simple,
-        "Measure the faces that are wholly inside the image or outside it, by shared edges.\n\n"
-        "Fills in `own`, (F,), the drawn area of each face in this plane, 0 for those that are not "
-        "measured, and `is_done`, (F,), faces that are measured or need not be; adds to the "
-        "figures. `faces` and `sides`, (O, 3), are those of the opaque faces.",
-        "faces", "sides", "is_flat", "state", "places", "bulge", "plane", "own", "is_done", "out");
-    def(m, "collect", collect,
-        "List the outlines of the faces that are not done, and the kept pieces, in units of an "
-        "ideal plane; the number of outlines, which come first.",
-        "vertices", "is_done", "projected", "kept", "camera", "plane", "found");
-    def(m, "add_areas", add_areas,
-        "Add the images of polygons, (M, 2), to the figures of faces.\n\n"
-        "`visible`, `area_error` and `is_certified`, (F,), are those of the pinhole; `own` is of "
-        "`measure_simple`, and lost.",
-        "found", "n_outlines", "images", "projected", "kept", "visible", "area_error",
-        "is_certified", "plane", "own", "out");
-    def(m, "settle", settle,
-        "Fill in the faces that are certified, (F,), from the figures of all planes, and limit "
-        "bounds to `largest`, px^2.",
-        "figures", "largest", "is_certified");
-    def(m, "are_beyond", are_beyond,
-        "True where all points, (N, 3), are on the outer side of one plane through the eye.\n\n"
-        "`sides` are inner normals, and `margin` is the distance from a plane that is no rounding, "
-        "relative to that of the farthest point so far.",
-        "points", "eye", "sides", "margin");
 }
 } // namespace rastercov

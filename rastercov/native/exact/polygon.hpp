@@ -272,9 +272,10 @@ inline int64_t limit_corners(const Pieces &pieces, int64_t at, int64_t count) {
 //
 // Each line of the occluder slices off the part of a piece beyond it; these parts stay, the rest is
 // hidden. `lines` have the occluder on their inner side: first its n_sides sides, then, where it is
-// in front only in part, the line of equal depth. Up to `tolerance` pixels from a line a corner is
-// on it: without that the slivers that rounding leaves along the common side of two occluders are
-// split by every line near them, and double with each.
+// in front only in part, the line of equal depth, which cuts first: what is left of slivers along a
+// common border then follows one after another, and later occluders cut few of them. Up to
+// `tolerance` pixels from a line a corner is on it: without that the slivers that rounding leaves
+// along the common side of two occluders are split by every line near them, and double with each.
 template <class Rows>
 int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, int64_t n_sides,
                       int64_t n_lines, double tolerance, Points spare, Array<double, Any> values) {
@@ -298,7 +299,7 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
                 const double value = line.value(corners(i, p, U), corners(i, p, V));
                 least = std::min(least, value), most = std::max(most, value);
             }
-            if (most <= slack && s < n_sides) {
+            if (most <= slack) {
                 missed = true;
                 break;
             }
@@ -310,7 +311,8 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
         }
         if (count + 4 * n_lines + 4 > corners.rows()) return -1;
         bool is_hidden = true;
-        for (int64_t s = 0; s < n_lines; s++) {
+        for (int64_t k = 0; k < n_lines; k++) {
+            const int64_t s = k < n_lines - n_sides ? n_sides + k : k - (n_lines - n_sides);
             if (!(splitting >> s & 1)) continue;
             const Line line = line_at(lines, s);
             n = n_corners[i];

@@ -5,13 +5,10 @@
 // line is (u0, v0, du, dv, offset), and its inner side is where du (v - v0) - dv (u - u0) + offset
 // >= 0.
 //
-// Invariants: faces, edges and blocks are those of a surface that check_surface has seen; a grid, a
-// forest, crossings and pieces are what these kernels have written. Lengths are checked each time.
+// Invariants: faces, edges and blocks are those of an engine::Surface; a grid, a forest, crossings
+// and pieces are what these kernels have written, in memory of engine/. Nothing is checked again.
 //
-// Each record is a named tuple of rastercov.exact.records, where its attributes are described; its
-// arrays are written by some kernels and read by others.
-//
-// Twin: rastercov.exact.records.
+// Twins: tests/exact/test_exactness.py.
 #pragma once
 #include "array.hpp"
 
@@ -45,10 +42,13 @@ enum : uint16_t {
     UNFIT = 64,       // its visibility may change elsewhere than at event edges
     IN_CONTACT = 128, // another face touches or cuts it
     TRANSPARENT =
-        256,       // it is of a target, which hides nothing and which nothing at its depth hides
-    ABSENT = 512,  // of a block only: not all of its faces are live
-    UNEVEN = 1024, // of a block only: its faces were measured one by one, so that any may be
-                   // clipped, doubtful or thin
+        256,          // it is of a target, which hides nothing and which nothing at its depth hides
+    ABSENT = 512,     // of a block only: not all of its faces are live
+    UNEVEN = 1024,    // of a block only: its faces were measured one by one, so that any may be
+                      // clipped, doubtful or thin
+    EDGE_ON = 2048,   // the camera centre is exactly in its plane: nothing of it is seen or hides
+    HAS_LOOSE = 4096, // LOOSE is known
+    LOOSE = 8192,     // faces nearly coincide with it that do not all coincide with one another
 };
 
 // Kinds of edges: one face, or two that run along it in opposite directions; two that run in the
@@ -72,6 +72,10 @@ using Points = Array<double, Any, 2>; // corners of a polygon
 using Vertices = Array<const double, Any, 3>;
 using Extent7 = Array<double, 7>;
 
+// Camera and pose. Beyond u_min ... v_max, px, well outside the image, faces are clipped in space
+// before they are projected. `longest_ray` is the greatest length of a ray to the plane z = 1,
+// through the image and half as far around it; `pixel_error` the largest error of a projected
+// position, px; `w_error_rel` that of 1/z, relative; `border` the sides of the image.
 struct Pinhole {
     Array<const double, 3, 3> rotation; // world_from_camera
     Array<const double, 3> centre;
@@ -80,14 +84,23 @@ struct Pinhole {
     Array<const double, 4, 5> border;
 };
 
+// Blocks of BLOCK faces of a surface, and of BLOCK consecutive edges. A patch is a part of a block
+// whose faces are joined by edges that two of them use in opposite directions.
 struct Blocks {
-    Array<const bool, Any> has_flat;
-    Array<const int32_t, Any> patch, patch_starts, of_patch, lowest;
-    Array<const int32_t, Any, 2> joins;
-    Array<const bool, Any> is_plain;
-    Array<const int32_t, Any> starts, of_edges;
+    Array<const bool, Any> has_flat;            // blocks with a face without area
+    Array<const int32_t, Any> patch;            // of each face
+    Array<const int32_t, Any> patch_starts;     // first patch of each block, and their number
+    Array<const int32_t, Any> of_patch, lowest; // block, and lowest face, of each patch
+    Array<const int32_t, Any, 2> joins;         // patches with a common edge of two faces, lower
+                                                // first; ~c where both run along it one way
+    Array<const bool, Any> is_plain;            // blocks of edges that all have two faces which
+                                                // run along them in opposite directions
+    Array<const int32_t, Any> starts, of_edges; // of those, blocks of faces:
+                                                // of_edges[starts[m]] ... [starts[m + 1] - 1]
 };
 
+// Images of the faces that are clipped in space: corners, clockwise, lines that bound each, and
+// 1/z: a point (u, v, w), slopes and errors.
 struct Clipped {
     Array<double, Any, CORNERS, 2> polygons;
     Array<int32_t, Any> n_corners;
@@ -95,52 +108,64 @@ struct Clipped {
     Array<double, Any, 7> planes;
 };
 
+// Image of a surface. w of a vertex is 0 where it lies before the near plane or too far outside the
+// image to be projected, so that faces and edges that use it must be clipped in space.
 struct Projected {
     Array<const int32_t, Any, 3> faces;
-    Array<const int32_t, Any> rank;
+    Array<const int32_t, Any> rank; // place of each opaque face in the mesh: of two that tie, the
+                                    // lower one is in front
     Array<double, Any, 3> uvw;
-    Array<int8_t, Any> side;
+    Array<int8_t, Any> side; // 1 seen from the front, -1 from behind, 0 left out; exact
     Array<uint16_t, Any> state;
-    Array<double, Any, 6> box;
-    Array<double, Any> area;
-    Array<int32_t, Any> clipped_index;
+    Array<double, Any, 6> box;         // of the live and thin faces of blocks that have boxes
+    Array<double, Any> area;           // inside the image, px^2
+    Array<int32_t, Any> clipped_index; // row in `clipped`, of clipped faces
     Clipped clipped;
     Blocks blocks;
-    Array<double, Any, 4> block_box;
-    Array<uint16_t, Any> block_state;
-    Array<int8_t, Any> block_side;
-    Array<bool, Any> has_boxes;
+    Array<double, Any, 4> block_box;  // of live and thin faces; from inf to -inf for none
+    Array<uint16_t, Any> block_state; // bits that any face of a block has after set_up, and ABSENT
+                                      // and UNEVEN
+    Array<int8_t, Any> block_side;    // of all faces of a block, or MIXED
+    Array<bool, Any> has_boxes;       // blocks of which `box` is filled in: where one is needed
 };
 
+// Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
+// Arrays of cells have a row for each, or more.
 struct CellGrid {
-    double left, top, per_u, per_v;
+    double left, top, per_u, per_v; // least u and v; columns and rows a pixel
     int64_t columns, rows;
-    Array<uint8_t, Any> asked;
-    Array<bool, Any> is_near;
-    Array<uint64_t, Any, Any> fresh_bits;
-    Array<int32_t, Any> fresh;
+    Array<uint8_t, Any> asked; // NOT_ASKED, ASKED or LISTED: faces are listed in the last only
+    Array<bool, Any> is_near;  // that cell, the next, or one of these two in the next row is asked
+                               // for and not listed
+    Array<uint64_t, Any, Any> fresh_bits; // bits of these cells by row, of the first columns lowest
+    Array<int32_t, Any> fresh;            // the same cells, and their number
     Array<int64_t, 1> n_fresh;
-    Array<int64_t, Any> starts, stops;
-    Array<int32_t, Any> entries;
+    Array<int64_t, Any> starts, stops; // entries[starts[c]] ... entries[stops[c] - 1] of a cell
+    Array<int32_t, Any> entries;       // by index until the cell is sorted
     Array<int64_t, 1> n_entries;
-    Array<double, Any> nearest;
-    Array<bool, Any> is_sorted;
-    Array<double, 6, Any> bounds;
+    Array<double, Any> nearest;    // greatest 1/z of the faces of sorted cells
+    Array<bool, Any> is_sorted;    // by their nearest depth, from front to back
+    Array<double, 13, Any> bounds; // boxes of the faces of cells with bounds, u, v of their three
+                                   // corners, and bounds of groups in cells of many
     Array<bool, Any> has_bounds;
-    Array<int32_t, Any> hider;
-    Array<int64_t, Any> buckets;
-    Array<int32_t, Any> faces;
+    Array<int32_t, Any> hider;   // a face that hid something there, looked at first; -1 for none
+    Array<int64_t, Any> buckets; // scratch
+    Array<int32_t, Any> faces;   // those that are listed, and their number
     Array<int64_t, 1> n_faces;
-    Array<int32_t, Any> found;
-    Array<int32_t, Any, 2> pairs;
-    Array<bool, Any> is_whole;
+    Array<int32_t, Any> found;    // scratch: faces that are found in a cell
+    Array<int32_t, Any, 2> pairs; // scratch: cells, and faces to be listed there
+    Array<bool, Any> is_whole;    // faces that are listed in all cells that their boxes touch
 };
 
+// Convex polygons, clockwise.
 struct Pieces {
     Array<double, Any, Any, 2> corners;
     Array<int64_t, Any> n_corners;
 };
 
+// Visible parts of faces that are partly visible; no rows where no caller asks. Piece p has
+// corners[starts[p]] ... corners[starts[p + 1] - 1]; those of a face follow one another. `used` are
+// pieces and corners so far, also where there is no room for them, and 1 if there was none.
 struct VisiblePieces {
     Points corners;
     Array<int64_t, Any> starts;
@@ -148,6 +173,10 @@ struct VisiblePieces {
     Array<int64_t, 3> used;
 };
 
+// Scratch for one face: its image and lines; those of an occluder, with the line of equal depth;
+// two polygons, and values at corners; parts of an edge; lines of a cell; a stack of convex parts
+// of the face, and how often each was halved; lines along which faces in contact pass through it,
+// as Crossings.segments; pieces that are handed out.
 struct Work {
     Points target;
     Lines own;
@@ -163,99 +192,36 @@ struct Work {
     VisiblePieces kept;
 };
 
+// Edge in the image: both ends, and the vertices there, -1 for none; 1 if it is not wholly hidden.
 struct Segment {
     Array<double, 2, 4> uvw;
     Array<int64_t, 3> ends;
 };
 
+// Edges of a surface: vertices, the lower one first; two of its faces, -1 for no second one; the
+// edge from each corner of a face to the next.
 struct Edges {
     Array<const int32_t, Any, 2> vertices, faces;
     Array<const int8_t, Any> kind;
     Array<const int32_t, Any, 3> of_face;
 };
 
+// Parts of event edges that cross faces in the image, as a linked list for each face: the last
+// crossing of each, -1 for none, the one before, -1 for the first, and its edge, -1 for a rim.
 struct Crossings {
     Array<int32_t, Any> last, before, edge;
     Array<double, Any, 7> segments;
 };
 
+// Pose of a surface, with what is found of it; `area_error` bounds the errors of both areas, px^2.
 struct View {
     Pinhole camera;
     Projected projected;
     CellGrid grid;
     Edges edges;
-    Array<bool, Any> is_event;
+    Array<bool, Any> is_event; // unused by half planes
     Work work;
     Array<double, Any> visible, area_error;
 };
 
 } // namespace rastercov::exact
-
-namespace rastercov {
-
-template <> struct Record<exact::Pinhole> {
-    using S = exact::Pinhole;
-    static constexpr auto fields =
-        Fields<&S::rotation, &S::centre, &S::near, &S::fx, &S::fy, &S::cx, &S::cy, &S::width,
-               &S::height, &S::u_min, &S::u_max, &S::v_min, &S::v_max, &S::longest_ray,
-               &S::pixel_error, &S::w_error_rel, &S::border>();
-};
-template <> struct Record<exact::Blocks> {
-    using S = exact::Blocks;
-    static constexpr auto fields =
-        Fields<&S::has_flat, &S::patch, &S::patch_starts, &S::of_patch, &S::lowest, &S::joins,
-               &S::is_plain, &S::starts, &S::of_edges>();
-};
-template <> struct Record<exact::Clipped> {
-    using S = exact::Clipped;
-    static constexpr auto fields = Fields<&S::polygons, &S::n_corners, &S::lines, &S::planes>();
-};
-template <> struct Record<exact::Projected> {
-    using S = exact::Projected;
-    static constexpr auto fields =
-        Fields<&S::faces, &S::rank, &S::uvw, &S::side, &S::state, &S::box, &S::area,
-               &S::clipped_index, &S::clipped, &S::blocks, &S::block_box, &S::block_state,
-               &S::block_side, &S::has_boxes>();
-};
-template <> struct Record<exact::CellGrid> {
-    using S = exact::CellGrid;
-    static constexpr auto fields =
-        Fields<&S::left, &S::top, &S::per_u, &S::per_v, &S::columns, &S::rows, &S::asked,
-               &S::is_near, &S::fresh_bits, &S::fresh, &S::n_fresh, &S::starts, &S::stops,
-               &S::entries, &S::n_entries, &S::nearest, &S::is_sorted, &S::bounds, &S::has_bounds,
-               &S::hider, &S::buckets, &S::faces, &S::n_faces, &S::found, &S::pairs,
-               &S::is_whole>();
-};
-template <> struct Record<exact::Pieces> {
-    using S = exact::Pieces;
-    static constexpr auto fields = Fields<&S::corners, &S::n_corners>();
-};
-template <> struct Record<exact::VisiblePieces> {
-    using S = exact::VisiblePieces;
-    static constexpr auto fields = Fields<&S::corners, &S::starts, &S::faces, &S::used>();
-};
-template <> struct Record<exact::Work> {
-    using S = exact::Work;
-    static constexpr auto fields =
-        Fields<&S::target, &S::own, &S::corners, &S::lines, &S::spare, &S::other, &S::values,
-               &S::ranges, &S::cell, &S::parts, &S::levels, &S::intersections, &S::kept>();
-};
-template <> struct Record<exact::Segment> {
-    using S = exact::Segment;
-    static constexpr auto fields = Fields<&S::uvw, &S::ends>();
-};
-template <> struct Record<exact::Edges> {
-    using S = exact::Edges;
-    static constexpr auto fields = Fields<&S::vertices, &S::faces, &S::kind, &S::of_face>();
-};
-template <> struct Record<exact::Crossings> {
-    using S = exact::Crossings;
-    static constexpr auto fields = Fields<&S::last, &S::before, &S::edge, &S::segments>();
-};
-template <> struct Record<exact::View> {
-    using S = exact::View;
-    static constexpr auto fields = Fields<&S::camera, &S::projected, &S::grid, &S::edges,
-                                          &S::is_event, &S::work, &S::visible, &S::area_error>();
-};
-
-} // namespace rastercov

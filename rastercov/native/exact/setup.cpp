@@ -6,13 +6,11 @@
 // space before they are projected. Boxes of plain blocks are made by `lay_boxes` where they are
 // needed, which is near event edges.
 //
-// The patches of blocks depend on no camera: parts of a block whose faces are joined by edges that
-// two of them use in opposite directions.
-//
 // Twins: rastercov.reference.polygons for the images of faces; tests/exact/test_blocks.py.
 #include "exact/setup.hpp"
 #include "bind.hpp"
-#include "exact/forest.hpp"
+#include "exact/orientation.hpp"
+#include "exact/passes.hpp"
 #include <nanobind/stl/pair.h>
 #include <tuple>
 
@@ -24,53 +22,11 @@ namespace {
 // rounding is measured by itself: more than three times THIN_TOLERANCE_REL of certificates.
 constexpr double NARROW_FACTOR = 0x1p25;
 
-// Fills `lowest` with the lowest face of the patch of each face.
-void find_patches(Edges edges, Array<int32_t, Any> lowest) {
-    require(edges.kind.rows() == edges.faces.rows(), "edges must have one kind each");
-    for (int64_t f = 0; f < lowest.rows(); f++) lowest[f] = int32_t(f);
-    for (int64_t e = 0; e < edges.kind.rows(); e++) {
-        const int64_t f = edges.faces(e, 0), g = edges.faces(e, 1);
-        require(0 <= f && std::max(f, g) < lowest.rows(), "edges must hold faces of lowest");
-        if (g >= 0 && edges.kind[e] == CONSISTENT && f / BLOCK == g / BLOCK) join(f, g, lowest);
-    }
-    for (int64_t f = 0; f < lowest.rows(); f++) lowest[f] = root_of(lowest, f);
-}
-
-// ValueError unless faces, edges and blocks are those of one surface: rows, faces, edges and
-// patches are where they are looked for. Asked once, when a surface is made; the kernels of poses,
-// which take the same arrays, do not ask again.
-void check_surface(int64_t n_vertices, Array<const int32_t, Any, 3> faces, Edges edges,
-                   Blocks blocks) {
-    const int64_t n = faces.rows(), n_edges = edges.kind.rows(), patches = blocks.lowest.rows();
-    const int64_t of_faces = (n + BLOCK - 1) / BLOCK, of_edges = (n_edges + BLOCK - 1) / BLOCK;
-    require_indices(faces, n_vertices, "faces must hold vertices");
-    require(edges.faces.rows() == n_edges && edges.vertices.rows() == n_edges,
-            "edges must have one row in each array");
-    require_indices(edges.vertices, n_vertices, "edges must hold vertices");
-    require_indices(edges.of_face, n_edges, "of_face must hold edges");
-    for (int64_t e = 0; e < n_edges; e++)
-        require(0 <= edges.faces(e, 0) && std::max(edges.faces(e, 0), edges.faces(e, 1)) < n,
-                "edges must hold faces");
-    require(blocks.has_flat.rows() == of_faces && blocks.patch.rows() == n &&
-                blocks.patch_starts.rows() == of_faces + 1 && blocks.of_patch.rows() == patches &&
-                blocks.is_plain.rows() == of_edges && blocks.starts.rows() == of_edges + 1,
-            "blocks must be those of the faces and edges");
-    require_indices(blocks.patch, patches, "patch must hold patches");
-    require_indices(blocks.patch_starts, patches + 1, "patch_starts must hold patches");
-    require_indices(blocks.of_patch, of_faces, "of_patch must hold blocks");
-    require_indices(blocks.of_edges, of_faces, "of_edges must hold blocks");
-    require_indices(blocks.starts, blocks.of_edges.rows() + 1, "starts must hold rows of of_edges");
-    for (int64_t k = 0; k < blocks.joins.rows(); k++) {
-        const int64_t one = blocks.joins(k, 0), other = blocks.joins(k, 1);
-        require(0 <= one && std::max(one, other < 0 ? ~other : other) < patches,
-                "joins must hold patches");
-    }
-}
+} // namespace
 
 // Projects world points to `uvw`, pixels and 1/z. w is 0 for a vertex before the near plane or
 // beyond camera.u_min ... camera.v_max; returns the number of these.
-int64_t project(Vertices vertices, Pinhole camera, Array<double, Any, 3> uvw) {
-    require(uvw.rows() == vertices.rows(), "uvw must have one row for each vertex");
+int64_t project(Vertices vertices, const Pinhole &camera, Array<double, Any, 3> uvw) {
     const auto &[r, eye] = std::tie(camera.rotation, camera.centre);
     int64_t n_out = 0;
     for (int64_t i = 0; i < vertices.rows(); i++) {
@@ -91,14 +47,11 @@ int64_t project(Vertices vertices, Pinhole camera, Array<double, Any, 3> uvw) {
     return n_out;
 }
 
-void lay_boxes(Array<const int32_t, Any> faces, Projected projected) {
-    const int64_t n = projected.blocks.patch.rows();
-    require_indices(faces, n, "faces must be of the image");
-    require(projected.faces.rows() >= n && projected.box.rows() >= n &&
-                projected.has_boxes.rows() * BLOCK >= n,
-            "an image must have one row for each face");
+void lay_boxes(Array<const int32_t, Any> faces, const Projected &projected) {
     for (const int32_t f : faces) lay_boxes_of_block(f / BLOCK, projected);
 }
+
+namespace {
 
 // --- blocks ---
 
@@ -202,36 +155,35 @@ Two determinant(double a, double d, double b, double c) {
 
 // --- set-up ---
 
-void require_image(const Projected &projected, Array<double, Any> area_error) {
-    const int64_t n = projected.faces.rows(), blocks = (n + BLOCK - 1) / BLOCK;
-    require(projected.side.rows() == n && projected.state.rows() == n &&
-                projected.box.rows() == n && projected.area.rows() == n &&
-                projected.clipped_index.rows() == n && area_error.rows() == n &&
-                projected.blocks.patch.rows() == n,
-            "the arrays of an image must have one row for each face");
-    require(projected.blocks.has_flat.rows() == blocks && projected.block_box.rows() == blocks &&
-                projected.block_state.rows() == blocks && projected.block_side.rows() == blocks &&
-                projected.has_boxes.rows() == blocks,
-            "the blocks of an image must have one row for each 64 faces");
-    const Clipped &clipped = projected.clipped;
-    require(clipped.n_corners.rows() == clipped.polygons.rows() &&
-                clipped.lines.rows() == clipped.polygons.rows() &&
-                clipped.planes.rows() == clipped.polygons.rows(),
-            "clipped faces must have one row in each array");
+// Side of a face from which a point sees it, for tests.
+int64_t side_seen(Array<const double, 3> a, Array<const double, 3> b, Array<const double, 3> c,
+                  Array<const double, 3> centre) {
+    return exact_side(a, b, c, centre);
 }
+
+// True if the camera centre is exactly in the plane of a face, or the face has no area. If not,
+// `side` becomes the side that it sees, where the numbers are such that it can be found.
+bool is_edge_on(Vertices vertices, const int64_t (&face)[3], const Pinhole &camera, int8_t &side) {
+    const auto [i, j, k] = face;
+    if (i == j || j == k || k == i) return true;
+    const int8_t seen = exact_side(vertices[i], vertices[j], vertices[k], camera.centre);
+    if (seen != SIDE_NOT_KNOWN) side = seen;
+    return seen == EDGE_ON_EXACTLY;
+}
+
+} // namespace
 
 // Measures the faces of blocks that lie wholly inside or wholly outside the image; n_out is that of
 // `project`. Out: what `set_up` fills in, of these blocks, and in `rest` the others, which `set_up`
 // is for. Returns the live faces, and the number of the other blocks.
-std::pair<int64_t, int64_t> set_up_plain(Pinhole camera, bool front_only, int64_t n_out,
-                                         Projected projected, Array<double, Any> area_error,
+std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only, int64_t n_out,
+                                         const Projected &projected, Array<double, Any> area_error,
                                          Array<double, 7> extent, Array<int32_t, Any> rest) {
-    require_image(projected, area_error);
     const auto &[side, state, area] = std::tie(projected.side, projected.state, projected.area);
     const Blocks &blocks = projected.blocks;
-    require(rest.rows() == blocks.has_flat.rows(), "rest must have one row for each block");
     const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
     const double narrow = NARROW_FACTOR * pixel_error, most_error = 2 * width * height;
+    const double rounding = 2 * OUTLINE_ERROR_FACTOR * pixel_error;
     for (double &value : extent) value = 0.0;
     clear_box(extent);
     int64_t n_live = 0, n_rest = 0;
@@ -260,17 +212,14 @@ std::pair<int64_t, int64_t> set_up_plain(Pinhole camera, bool front_only, int64_
         const double some = is_out ? 0.0 : 0.5;
         for (int64_t k = 0; k < BLOCK; k++) {
             side[first + k] = common, state[first + k] = flags;
-            area_error[first + k] = 0.0;
+            const double error = rounding * block.extent[k] * some;
+            area_error[first + k] = error < most_error ? error : most_error;
             area[first + k] = std::abs(block.twice[k]) * some;
         }
         if (is_mixed)
             for (int64_t k = 0; k < BLOCK; k++) side[first + k] = block.twice[k] < 0 ? 1 : behind;
         if (front_only && block.most > 0 && !is_out)
-            for (int64_t k = 0; k < BLOCK; k++) {
-                const double error = OUTLINE_ERROR_FACTOR * block.extent[k] * pixel_error;
-                area_error[first + k] = block.twice[k] > 0 ? std::min(error, most_error) : 0.0;
-                state[first + k] = block.twice[k] < 0 ? LIVE : 0;
-            }
+            for (int64_t k = 0; k < BLOCK; k++) state[first + k] = block.twice[k] < 0 ? LIVE : 0;
         const bool has_all = is_live && !(is_mixed && front_only);
         projected.block_state[b] = has_all ? flags : uint16_t(flags | ABSENT);
         projected.block_side[b] = is_mixed ? MIXED : common;
@@ -292,20 +241,17 @@ std::pair<int64_t, int64_t> set_up_plain(Pinhole camera, bool front_only, int64_
 // live, and how many clipped. If more are clipped than projected.clipped has room for, nothing is
 // added to `extent`: call again with more room.
 //
-// `is_flat` are faces without area, which neither hide anything nor are visible. front_only leaves
-// out faces that are certainly seen from behind: they hide nothing. Out: all of `projected` but its
-// first arrays, `area` also of faces that are left out; area_error, px^2, of faces that are left
-// out, also where only rounding leaves them out, 0 for all others; extent, in and out, bounds of u
+// A face whose plane has the camera centre in it, exactly, as that of one without area has, neither
+// hides anything nor is visible; in all others the sign of the rounded image gives way to the exact
+// one. front_only leaves out faces that are seen from behind: they hide nothing. Out: all of
+// `projected` but its first arrays, `area` also of faces that are left out; area_error, px^2, the
+// rounding of the outline, also of faces that rounding leaves out; extent, in and out, bounds of u
 // and v of all live faces, within the image, and the sums of the widths, heights and areas of their
 // boxes.
-std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_flat,
-                                   Array<const int32_t, Any> rest, Pinhole camera, bool front_only,
-                                   Projected projected, Array<double, Any> area_error,
+std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> rest,
+                                   const Pinhole &camera, bool front_only,
+                                   const Projected &projected, Array<double, Any> area_error,
                                    Array<double, 7> extent) {
-    require_image(projected, area_error);
-    require(is_flat.rows() >= projected.blocks.patch.rows(),
-            "is_flat must have one row for each face");
-    require_indices(rest, projected.block_box.rows(), "rest must hold blocks");
     const auto &[faces, uvw, side, state] =
         std::tie(projected.faces, projected.uvw, projected.side, projected.state);
     const auto &[box, area, clipped] = std::tie(projected.box, projected.area, projected.clipped);
@@ -336,22 +282,28 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_
                           std::min(std::min(v0, v1), v2), std::max(std::max(v0, v1), v2),
                           std::min(std::min(w0, w1), w2), std::max(std::max(w0, w1), w2)};
                 const auto [u_min, u_max, v_min, v_max, w_min, w_max] = around;
+                const bool is_doubtful = std::abs(twice) <= EDGE_ON_FACTOR * pixel_error *
+                                                                (u_max - u_min + v_max - v_min);
+                const int8_t of_image = twice < 0 ? 1 : twice > 0 ? -1 : 0;
+                int8_t seen = of_image;
+                if (is_doubtful && is_edge_on(vertices, face, camera, seen)) {
+                    state[f] = EDGE_ON;
+                    continue;
+                }
                 const bool is_out = u_max <= 0 || v_max <= 0 || u_min >= width || v_min >= height;
-                if ((is_out || is_flat[f]) &&
-                    !(u_max <= -pixel_error || v_max <= -pixel_error ||
-                      u_min >= width + pixel_error || v_min >= height + pixel_error)) {
-                    // Rounding may have moved it out of the image, or made it flat.
+                if (is_out && !(u_max <= -pixel_error || v_max <= -pixel_error ||
+                                u_min >= width + pixel_error || v_min >= height + pixel_error)) {
+                    // Rounding may have moved it out of the image.
                     const double inner = std::min(u_max, width) - std::max(u_min, 0.0) +
                                          std::min(v_max, height) - std::max(v_min, 0.0);
                     area_error[f] = 4 * EDGE_ON_FACTOR * (inner + 2 * pixel_error) * pixel_error;
                 }
-                if (is_flat[f]) continue;
-                const bool is_doubtful = std::abs(twice) <= EDGE_ON_FACTOR * pixel_error *
-                                                                (u_max - u_min + v_max - v_min);
-                is_culled = front_only && twice > 0 && !is_doubtful;
-                if (!is_culled) side[f] = twice < 0 ? 1 : twice > 0 ? -1 : 0;
+                is_culled = front_only && seen < 0;
+                if (!is_culled) side[f] = seen;
                 if (is_out) continue;
-                inside = std::abs(twice) / 2, outline_error = pixel_error;
+                // An image of the wrong side is one that rounds to nothing.
+                inside = seen == of_image ? std::abs(twice) / 2 : 0.0;
+                outline_error = pixel_error;
                 flags = is_doubtful ? LIVE | DOUBTFUL : LIVE;
                 if (inside > 0 && (u_min < 0 || v_min < 0 || u_max > width || v_max > height)) {
                     flags |= PARTLY;
@@ -365,11 +317,6 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_
                 }
             } else {
                 Side seen = {0, side_if_out_of_sight(vertices, face, camera)};
-                if (is_flat[f]) {
-                    if (seen.front == 0)
-                        area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error;
-                    continue;
-                }
                 if (seen.front == 0) {
                     Corners corners;
                     for (int s = 0; s < 3; s++) to_camera(vertices[face[s]], camera, corners.at[s]);
@@ -377,9 +324,10 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_
                 }
                 if (seen.front == 0) {
                     // The camera centre is on its plane to 2^-98: nothing of it is wide enough to
-                    // count.
-                    state[f] = DOUBTFUL;
-                    area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error;
+                    // count, unless it is exactly so: then there is nothing.
+                    state[f] = is_edge_on(vertices, face, camera, side[f]) ? EDGE_ON : DOUBTFUL;
+                    if (state[f] == DOUBTFUL)
+                        area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error;
                     continue;
                 }
                 is_culled = front_only && seen.front < 0;
@@ -398,12 +346,11 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_
                 }
             }
             auto [u_min, u_max, v_min, v_max, w_min, w_max] = around;
+            const double around_it = std::max(u_max - u_min + v_max - v_min, 2 * outline_error);
+            const double error = OUTLINE_ERROR_FACTOR * around_it * outline_error;
+            area_error[f] = std::min(error, 2 * width * height);
             if (is_culled) {
                 area[f] = inside;
-                const double extent_of_face =
-                    std::max(u_max - u_min + v_max - v_min, 2 * outline_error);
-                const double error = OUTLINE_ERROR_FACTOR * extent_of_face * outline_error;
-                area_error[f] = std::min(error, 2 * width * height);
                 continue;
             }
             box(f, U_MIN) = u_min, box(f, U_MAX) = u_max;
@@ -434,32 +381,19 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const bool, Any> is_
     return {n_live, n_clipped};
 }
 
-} // namespace
 } // namespace exact
 
 void register_exact_setup(nanobind::module_ &m) {
     using namespace exact;
-    m.attr("CLIP_MARGIN") = CLIP_MARGIN;
-    m.attr("UNIT_ROUNDING") = UNIT_ROUNDING;
-    m.attr("OUTLINE_ERROR_FACTOR") = OUTLINE_ERROR_FACTOR;
     def(m, "exact_sum", sum_of, "Sum of two doubles, as a pair.", "a", "b");
     def(m, "exact_product", product_of, "Product of two doubles, as a pair.", "a", "b");
     def(m, "add", add, "Sum of two pairs.", "a", "b");
     def(m, "multiply", multiply, "Product of two pairs.", "a", "b");
     def(m, "minor", determinant, "a d - b c, as a pair.", "a", "d", "b", "c");
-    def(m, "find_patches", find_patches, "Lowest face of the patch of each face.", "edges",
-        "lowest");
-    def(m, "check_surface", check_surface, "Hold that faces, edges and blocks are of one surface.",
-        "n_vertices", "faces", "edges", "blocks");
-    def(m, "project", project, "Pixels and 1/z of vertices; how many have no image.", "vertices",
-        "camera", "uvw");
-    def(m, "set_up_plain", set_up_plain,
-        "Measure blocks wholly inside or outside the image: live faces, and blocks in `rest`.",
-        "camera", "front_only", "n_out", "projected", "area_error", "extent", "rest");
-    def(m, "set_up", set_up, "Measure the faces of some blocks: how many are live, and clipped.",
-        "vertices", "is_flat", "rest", "camera", "front_only", "projected", "area_error", "extent");
-    def(m, "lay_boxes", lay_boxes,
-        "Fill in the boxes of some faces, and of others of their blocks.", "faces", "projected");
+    def(m, "side_seen", side_seen,
+        "Side of a face from which a point sees it, exactly: 1 front, -1 back, 0 edge-on; 2 where "
+        "products underflow.",
+        "a", "b", "c", "centre");
 }
 
 } // namespace rastercov

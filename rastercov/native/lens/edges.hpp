@@ -42,8 +42,11 @@ constexpr int64_t MOST_NODES = 512, MOST_PARTS = 128;
 // Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v.
 enum CutKind : int64_t { NO_LEVEL, LEVEL_U, LEVEL_V };
 
+// A line from (ax, ay) to (bx, by); or, where `border` is a plane, an arc along the border of the
+// valid region in it, from the turn ax to the turn bx.
 struct Edge {
     double ax, ay, bx, by;
+    const PlaneRecord *border = nullptr;
 };
 
 // Scratch for one edge, and for the parts of all edges of a polygon: they have `ends` and `rules`,
@@ -61,6 +64,7 @@ struct EdgeScratch {
 
 // Point of an edge with the weights s and t of its ends.
 inline Point<double> point_of(const Edge &edge, double s, double t) {
+    if (edge.border) return border_point(*edge.border, s * edge.ax + t * edge.bx);
     return {s * edge.ax + t * edge.bx, s * edge.ay + t * edge.by};
 }
 
@@ -71,12 +75,19 @@ inline Point<double> node_of(const Edge &edge, int64_t n, int64_t k) {
 
 // Part of an edge from one place to another one, 0 to 1.
 inline Edge part_of_edge(const Edge &edge, double start, double end) {
+    const double turn = edge.bx - edge.ax;
+    if (edge.border) return {edge.ax + start * turn, 0.0, edge.ax + end * turn, 0.0, edge.border};
     const auto a = point_of(edge, 1.0 - start, start), b = point_of(edge, 1.0 - end, end);
     return {a.x, a.y, b.x, b.y};
 }
 
 inline double length2_of(const Edge &edge) {
     return (edge.bx - edge.ax) * (edge.bx - edge.ax) + (edge.by - edge.ay) * (edge.by - edge.ay);
+}
+
+// Distance, px, by which the image of an edge leaves its chord at most.
+inline double stray_of(const PlaneRecord &plane, const Edge &edge) {
+    return (edge.border ? plane.arc_bend : plane.bend) * length2_of(edge) / 8;
 }
 
 // Pixel (u, v) of node k of the n + 1 nodes of an edge.

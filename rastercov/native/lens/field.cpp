@@ -15,6 +15,7 @@
 // Twin: tests/lenses/test_field.py, by points.
 #include "lens/field.hpp"
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include "lens/polygons.hpp"
 #include <memory>
 #include <nanobind/stl/pair.h>
@@ -321,7 +322,9 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
         return Straight{given(s, 0), given(s, 1), given(s, 2)};
     };
     int64_t top = push(box, 4, -1, ALL_BORDERS + (work.n_hole > 0 ? HOLE : 0), 0, work, 0);
+    Poll poll(16);
     while (top > 0) {
+        poll();
         top--;
         Entry &entry = work.stack[top];
         int64_t n = entry.n, owner = entry.owner, borders = entry.borders;
@@ -425,14 +428,15 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
     return {out.root, out.n_nodes};
 }
 
-std::pair<double, double> bounds_in_box(const Slopes &slopes, double low_x, double high_x,
-                                        double low_y, double high_y) {
-    const auto [second, third] = bounds_within(slopes, low_x, high_x, low_y, high_y);
-    return {second, third};
+using Pair = std::pair<double, double>;
+std::pair<Pair, std::pair<Pair, Pair>> bounds_in_box(const Slopes &slopes, double low_x,
+                                                     double high_x, double low_y, double high_y) {
+    const Bends bends = bounds_within(slopes, low_x, high_x, low_y, high_y);
+    return {{bends.second, bends.third},
+            {{bends.inverse_1, bends.inverse_2}, {bends.log_det_1, bends.log_det_2}}};
 }
 
-std::pair<double, double> sizes_in_box(const Slopes &slopes, double low_x, double high_x,
-                                       double low_y, double high_y) {
+Pair sizes_in_box(const Slopes &slopes, double low_x, double high_x, double low_y, double high_y) {
     const auto [least, most] = sizes_within(slopes, low_x, high_x, low_y, high_y);
     return {least, most};
 }
@@ -455,11 +459,11 @@ void register_lens_field(nanobind::module_ &m) {
         "`tolerance` is the mean width of undecided cells, in units of the plane.",
         "plane", "box", "region_lines", "hole_lines", "tolerance", "lines", "children", "kinds");
     def(m, "bounds_within", bounds_in_box,
-        "Bounds of the second and third derivatives in the region within a box of a plane.",
+        "Bounds of derivatives in the region within a box of a plane: second and third of pixels; "
+        "first and second of A^-1 near an axis, and of log |det A|, A the first of pixels.",
         "slopes", "low_x", "high_x", "low_y", "high_y");
     def(m, "sizes_within", sizes_in_box,
-        "Least and greatest `Slopes.sizes` in the region within a box of a plane; from 0 on at a "
-        "pole.",
-        "slopes", "low_x", "high_x", "low_y", "high_y");
+        "Least and greatest `Slopes.sizes` in the region within a box of a plane.", "slopes",
+        "low_x", "high_x", "low_y", "high_y");
 }
 } // namespace rastercov

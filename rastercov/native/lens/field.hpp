@@ -33,18 +33,18 @@ struct Tree {
 // Cells of a side of the grid for balls, and parts of the side of a cell.
 constexpr int64_t CELLS = 32, PARTS = 4;
 
-// Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
+// Bounds of derivatives along lines of a plane, px per unit^2 and unit^3; A is the first derivative
+// of pixels.
 struct Slopes {
     double low_x, low_y, per_x, per_y; // corner of the grid, and parts a unit
-    // By row (y) and column (x); 0 beyond the region.
+    // By row (y) and column (x); 0 beyond the region, infinite where nothing is known.
     Array<const double, CELLS * PARTS, CELLS * PARTS> second, third;
-    // Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell; infinite
-    // and 0 beyond the region; 0 and infinite where nothing is known.
+    // Least and greatest |det A|, px^2, of each cell; infinite and 0 beyond the region; 0 and
+    // infinite where nothing is known.
     Array<const double, 2, CELLS, CELLS> sizes;
-    // The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers, over
-    // d^2 and d^3.
-    bool is_graded;
-    double near_pole_2, near_pole_3;
+    // Bounds of |(A^-1)'| d, |(A^-1)''| d^2, |L'| d and |L''| d^2, L = log |det A|, at a distance d
+    // from (0, 0), where the plane has a pole or the ray opposite to the axis; infinite elsewhere.
+    Array<const double, 4> near_axis;
 };
 
 struct Range {
@@ -67,19 +67,18 @@ inline GridParts parts_within(const Slopes &slopes, double low_x, double high_x,
             part(low_y, slopes.low_y, slopes.per_y), part(high_y, slopes.low_y, slopes.per_y)};
 }
 
-// Bounds of derivatives in the region within a box of a plane.
+// Bounds of derivatives in the region within a box of a plane: second and third of pixels, first
+// and second of A^-1 and of log |det A|.
 struct Bends {
-    double second, third;
+    double second, third, inverse_1, inverse_2, log_det_1, log_det_2;
 };
 inline Bends bounds_within(const Slopes &slopes, double low_x, double high_x, double low_y,
                            double high_y) {
-    if (slopes.is_graded) {
-        const double x = std::max(std::max(low_x, -high_x), 0.0);
-        const double y = std::max(std::max(low_y, -high_y), 0.0);
-        const double d2 = x * x + y * y;
-        return {slopes.near_pole_2 / d2, slopes.near_pole_3 / (d2 * std::sqrt(d2))};
-    }
-    Bends most = {0.0, 0.0};
+    const double x = std::max(std::max(low_x, -high_x), 0.0);
+    const double y = std::max(std::max(low_y, -high_y), 0.0);
+    const double d2 = x * x + y * y, d = std::sqrt(d2);
+    const auto &near = slopes.near_axis;
+    Bends most = {0.0, 0.0, near[0] / d, near[1] / d2, near[2] / d, near[3] / d2};
     const auto [left, right, top, bottom] = parts_within(slopes, low_x, high_x, low_y, high_y);
     for (int64_t row = top; row <= bottom; row++)
         for (int64_t column = left; column <= right; column++) {
@@ -89,11 +88,10 @@ inline Bends bounds_within(const Slopes &slopes, double low_x, double high_x, do
     return most;
 }
 
-// Least and greatest of `sizes` in the region within a box of a plane; from 0 on at a pole.
+// Least and greatest of `sizes` in the region within a box of a plane.
 inline Range sizes_within(const Slopes &slopes, double low_x, double high_x, double low_y,
                           double high_y) {
     constexpr double INF = std::numeric_limits<double>::infinity();
-    if (slopes.is_graded) return {0.0, INF};
     Range all = {INF, 0.0};
     const auto [left, right, top, bottom] = parts_within(slopes, low_x, high_x, low_y, high_y);
     for (int64_t row = top / PARTS; row <= bottom / PARTS; row++)
@@ -112,9 +110,8 @@ template <> struct Record<lens::Tree> {
 };
 template <> struct Record<lens::Slopes> {
     using S = lens::Slopes;
-    static constexpr auto fields =
-        Fields<&S::low_x, &S::low_y, &S::per_x, &S::per_y, &S::second, &S::third, &S::sizes,
-               &S::is_graded, &S::near_pole_2, &S::near_pole_3>();
+    static constexpr auto fields = Fields<&S::low_x, &S::low_y, &S::per_x, &S::per_y, &S::second,
+                                          &S::third, &S::sizes, &S::near_axis>();
 };
 
 } // namespace rastercov

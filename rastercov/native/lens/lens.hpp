@@ -8,7 +8,7 @@
 
 namespace rastercov::lens {
 
-constexpr int64_t SECTORS = 128; // sides of the polygon that replaces the disc of the valid region
+constexpr int64_t SECTORS = 128; // sides of the polygon around the valid region
 
 using Frame = Array<const double, 3, 3>; // lens_from_plane
 
@@ -59,25 +59,27 @@ inline PlaneSlopes plane_slopes(int64_t code, const Params &p, const Frame &fram
     return {u[0], u[1], v[0], v[1]};
 }
 
-// True for a ray of the valid region, a cone with SECTORS flat sides around the z axis.
-//
-// m is the greatest product of (X, Y) with the normals of the sides. Where SLOPE > 0, the cone
-// m <= SLOPE Z is valid; where SLOPE <= 0, all but the cone m < SLOPE Z around -z.
+// The valid region: rays within a cone around the z axis whose border is at an angle from it.
+struct Cone {
+    double sine, cosine;
+    explicit Cone(const Params &p) {
+        const double size = std::hypot(1.0, p[SLOPE]), sign = p[SLOPE] > 0.0 ? 1.0 : -1.0;
+        sine = std::abs(p[SLOPE]) / size, cosine = sign / size;
+    }
+    // The cone holds no ray backwards, and is convex.
+    bool is_convex() const { return cosine > 0.0; }
+    Ray on_border(double turn) const {
+        return {sine * std::cos(turn), sine * std::sin(turn), cosine};
+    }
+};
+
+// True for a ray of the valid region: within r <= SLOPE Z where SLOPE > 0; where SLOPE <= 0, all
+// but the cone r < SLOPE Z around -z.
 inline bool is_valid(const Params &p, double X, double Y, double Z) {
-    constexpr double PI = std::numbers::pi;
     const double r = std::hypot(X, Y);
     if (!(r < INFINITE && std::abs(Z) < INFINITE)) return false;
-    const double border = p[SLOPE] * Z, lowest = r * std::cos(PI / SECTORS);
-    if (p[SLOPE] > 0.0) {
-        if (!(lowest <= border) || !(Z > 0.0)) return false;
-        if (r <= border) return true;
-    } else {
-        if (!(r >= border) || (r == 0.0 && Z == 0.0)) return false;
-        if (lowest >= border) return true;
-    }
-    const double turn = std::atan2(Y, X) * (SECTORS / (2.0 * PI));
-    const double m = r * std::cos((turn - std::floor(turn) - 0.5) * (2.0 * PI / SECTORS));
-    return p[SLOPE] > 0.0 ? m <= border : m >= border;
+    if (p[SLOPE] > 0.0) return r <= p[SLOPE] * Z && Z > 0.0;
+    return r >= p[SLOPE] * Z && (r > 0.0 || Z != 0.0);
 }
 
 } // namespace rastercov::lens

@@ -27,6 +27,10 @@ struct PlaneRecord {
     int64_t parts_of;
     bool is_graded;
     double width, height, bend, stretch, speed, tolerance;
+    // Of arcs along the border of the valid region, by the turn around its axis, radians: half the
+    // longest part of one, 0 where the image does not show the border, and the bend, px.
+    double arc_half, arc_bend;
+    bool has_border() const { return arc_half > 0; }
 };
 
 inline void require_plane(const PlaneRecord &plane) {
@@ -36,6 +40,15 @@ inline void require_plane(const PlaneRecord &plane) {
 // Columns of the places of vertices: in a plane, in its units, and in the image, px.
 enum { X, Y, U, V };
 constexpr int64_t GROUP = 8; // rays of a vector: lists have room for a multiple of it
+
+// Rays of points (x, y, 1) of a plane.
+struct RayLanes {
+    Lanes X, Y, Z;
+};
+INLINE RayLanes lanes_in_plane(const Frame &f, Lanes x, Lanes y) {
+    return {f(0, 0) * x + f(0, 1) * y + f(0, 2), f(1, 0) * x + f(1, 1) * y + f(1, 2),
+            f(2, 0) * x + f(2, 1) * y + f(2, 2)};
+}
 
 // Images of m points (x, y) of a plane, into u and v; all have room for a multiple of GROUP.
 template <class Code>
@@ -82,6 +95,16 @@ inline void project_lanes(const PlaneRecord &plane, const double *x, const doubl
         project_group(BaseIs<PINHOLE>(), plane.params, plane.frame, x, y, m, u, v);
 }
 
+// Point of a plane on the border of the valid region, at a turn around its axis.
+inline Point<double> border_point(const PlaneRecord &plane, double turn) {
+    const auto [X, Y, Z] = Cone(plane.params).on_border(turn);
+    const auto along = [&](int axis) {
+        return X * plane.frame(0, axis) + Y * plane.frame(1, axis) + Z * plane.frame(2, axis);
+    };
+    const double z = along(2);
+    return {along(0) / z, along(1) / z};
+}
+
 // Pixel (u, v) of a point of a plane.
 inline Pixel<double> plane_value(const PlaneRecord &plane, double x, double y) {
     const Ray ray = ray_in_plane(plane.frame, x, y);
@@ -95,7 +118,8 @@ template <> struct Record<lens::PlaneRecord> {
     static constexpr auto fields =
         Fields<&S::code, &S::params, &S::frame, &S::fx, &S::fy, &S::cx, &S::cy, &S::region,
                &S::hole, &S::window, &S::longest, &S::parts_of, &S::is_graded, &S::width,
-               &S::height, &S::bend, &S::stretch, &S::speed, &S::tolerance>();
+               &S::height, &S::bend, &S::stretch, &S::speed, &S::tolerance, &S::arc_half,
+               &S::arc_bend>();
 };
 
 } // namespace rastercov

@@ -5,8 +5,7 @@
 #include "bind.hpp"
 
 namespace rastercov {
-namespace {
-using namespace lens;
+namespace lens {
 
 // Corners of polygon i are rows starts[i] ... starts[i + 1] - 1. Without the first of three columns
 // of `out` the whole area is not found.
@@ -30,10 +29,6 @@ void measure_polygons(const PlaneRecord &plane, Corners corners, Array<const int
 void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
                      Array<const int32_t, Any, 2> ends, Array<const double, Any, 4> places,
                      Array<double, Any> bulge) {
-    require_plane(plane);
-    require(bulge.rows() == ends.rows(), "bulge must have one row for each edge");
-    require_indices(edges, ends.rows(), "edges must be rows of ends");
-    require_indices(ends, places.rows(), "ends must be rows of places");
     if (plane.is_graded) return;
     EdgeScratch scratch;
     double *const u = scratch.u, *const v = scratch.v;
@@ -47,7 +42,7 @@ void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
         for (int64_t part = 0; part < parts; part++)
             lay_part(
                 part_of_edge(edge, double(part) / double(parts), double(part + 1) / double(parts)),
-                n, listed, scratch);
+                n, 0.0, listed, scratch);
         for (int64_t k = listed.nodes; k < listed.nodes + GROUP; k++)
             scratch.x[k] = b[X], scratch.y[k] = b[Y];
         project_lanes(plane, scratch.x, scratch.y, listed.nodes + 1, u, v);
@@ -58,20 +53,15 @@ void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
     }
 }
 
-} // namespace
+} // namespace lens
 
 void register_lens_polygons(nanobind::module_ &m) {
-    def(m, "measure_polygons", measure_polygons,
+    def(m, "measure_polygons", lens::measure_polygons,
         "Fill `out`, (M, 3), with the whole area, the area inside the image, px^2, and the edges "
         "of "
         "polygons of a plane.\n\n"
         "The corners of polygon i are rows starts[i] ... starts[i + 1] - 1, in units of the plane "
         "and within its region. Without the first column, (M, 2), the whole area is not found.",
         "plane", "corners", "starts", "out");
-    def(m, "bulges_by_parts", bulges_by_parts,
-        "Fill in what `exact_lens.edge_bulges` left: edges, by their rows, too long for one "
-        "rule.\n\n"
-        "NaN remains for an edge of too many parts, and on a plane with a pole.",
-        "plane", "edges", "ends", "places", "bulge");
 }
 } // namespace rastercov

@@ -52,7 +52,7 @@ inline Integral part_inside(const PlaneRecord &plane, int64_t part, int64_t at,
     const double *const u = scratch.u + at, *const v = scratch.v + at;
     const Edge edge = scratch.ends[part];
     const int64_t n = scratch.rules[part];
-    const double stray = plane.bend * length2_of(edge) * GAP[n] * GAP[n] / 8;
+    const double stray = stray_of(plane, edge) * GAP[n] * GAP[n];
     const auto [is_in, is_out, is_right] = where_is(plane, u, v, n, stray);
     if (is_right) {
         const double H = plane.height;
@@ -65,21 +65,23 @@ inline Integral part_inside(const PlaneRecord &plane, int64_t part, int64_t at,
     return clamped_edge(plane, edge, n, stray, scratch);
 }
 
-// Parts of edges that are listed in scratch, and all their nodes.
+// Parts of edges that are listed in scratch, all their nodes, and the greatest distance by which
+// the image of one leaves its chord, px.
 struct Listed {
     int64_t parts, nodes;
-    double longest;
+    double stray;
 };
 
 // Lists a part of an edge, and its nodes but the last, behind those that are listed.
-inline void lay_part(const Edge &edge, int64_t n, Listed &listed, EdgeScratch &scratch) {
+inline void lay_part(const Edge &edge, int64_t n, double stray, Listed &listed,
+                     EdgeScratch &scratch) {
     scratch.ends[listed.parts] = edge;
     scratch.rules[listed.parts] = n;
     for (int64_t k = 0; k < n; k++) {
         const auto point = node_of(edge, n, k);
         scratch.x[listed.nodes + k] = point.x, scratch.y[listed.nodes + k] = point.y;
     }
-    listed.parts++, listed.nodes += n;
+    listed.parts++, listed.nodes += n, listed.stray = std::max(listed.stray, stray);
 }
 
 // Integrals along the parts of edges that are listed. `is_all` says that they are a whole polygon.
@@ -87,13 +89,13 @@ inline void lay_part(const Edge &edge, int64_t n, Listed &listed, EdgeScratch &s
 // areas.
 inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_all,
                        bool is_whole_asked, EdgeScratch &scratch) {
-    const auto [parts, nodes, longest] = listed;
+    const auto [parts, nodes, stray] = listed;
     double *const u = scratch.u, *const v = scratch.v;
-    for (int64_t k = nodes; k < nodes + GROUP; k++)
-        scratch.x[k] = scratch.ends[parts - 1].bx, scratch.y[k] = scratch.ends[parts - 1].by;
+    const Point<double> end = point_of(scratch.ends[parts - 1], 0.0, 1.0);
+    for (int64_t k = nodes; k < nodes + GROUP; k++) scratch.x[k] = end.x, scratch.y[k] = end.y;
     project_lanes(plane, scratch.x, scratch.y, is_all ? nodes : nodes + 1, u, v);
     if (is_all) u[nodes] = u[0], v[nodes] = v[0];
-    const Where all = where_is(plane, u, v, nodes, plane.bend * longest * longest / 8);
+    const Where all = where_is(plane, u, v, nodes, stray);
     double whole = NOT_A_NUMBER;
     if (all.is_in || is_whole_asked || !is_all) {
         whole = 0.0;
@@ -113,14 +115,79 @@ inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_a
 
 // True where an edge of a plane with a pole is short for its distance from the pole.
 inline bool is_short(const Edge &edge, double longest, int64_t top) {
-    const auto [ax, ay, bx, by] = edge;
+    const auto [ax, ay, bx, by, _] = edge;
     const double half = 0.5 * std::hypot(bx - ax, by - ay);
     const double distance = 0.5 * std::hypot(ax + bx, ay + by);
     return half <= longest * distance || half < 1e-15 || top >= MOST_WAITING - 2;
 }
 
+// Edges of a polygon within the valid region: at most three, those outside of it moved to its
+// border along the meridians of its axis.
+//
+// That moves nothing across a point inside, and so the border of a polygon becomes one around its
+// valid part and pieces of no area.
+struct Within {
+    int64_t n;
+    Edge edges[3];
+};
+inline Within edges_within(const PlaneRecord &plane, const Edge &edge) {
+    const Cone cone(plane.params);
+    const Ray a = ray_in_plane(plane.frame, edge.ax, edge.ay);
+    const Ray b = ray_in_plane(plane.frame, edge.bx, edge.by);
+    const double dX = b.X - a.X, dY = b.Y - a.Y, dZ = b.Z - a.Z;
+    const double s = cone.sine, c = cone.cosine;
+    // s^2 Z^2 - c^2 (X^2 + Y^2) along the edge, which is 0 on the cone and on its mirror image.
+    const double first =
+        (s * a.Z - c * std::hypot(a.X, a.Y)) * (s * a.Z + c * std::hypot(a.X, a.Y));
+    const double slope = 2 * (s * s * a.Z * dZ - c * c * (a.X * dX + a.Y * dY));
+    const double square = s * s * dZ * dZ - c * c * (dX * dX + dY * dY);
+    double cuts[4] = {0.0, 1.0, 1.0, 1.0};
+    int64_t n = 1;
+    const double under = slope * slope - 4 * first * square;
+    if (under > 0) {
+        const double root = -0.5 * (slope + std::copysign(std::sqrt(under), slope));
+        for (const double t : {root / square, first / root})
+            if (0 < t && t < 1) cuts[n++] = t;
+        if (n == 3 && cuts[1] > cuts[2]) std::swap(cuts[1], cuts[2]);
+    }
+    cuts[n] = 1.0;
+    Within found = {0, {}};
+    const auto ray_at = [&](double t) { return Ray{a.X + t * dX, a.Y + t * dY, a.Z + t * dZ}; };
+    for (int64_t k = 0; k < n; k++) {
+        if (!(cuts[k] < cuts[k + 1])) continue;
+        // An edge may touch the cone: of some places the farthest from it decides.
+        double away = 0.0;
+        for (const double part : {0.25, 0.5, 0.75}) {
+            const Ray ray = ray_at(cuts[k] + part * (cuts[k + 1] - cuts[k]));
+            const double own = s * ray.Z - c * std::hypot(ray.X, ray.Y);
+            if (std::abs(own) > std::abs(away)) away = own;
+        }
+        if (away >= 0) {
+            const bool is_all = cuts[k] == 0.0 && cuts[k + 1] == 1.0;
+            found.edges[found.n++] = is_all ? edge : part_of_edge(edge, cuts[k], cuts[k + 1]);
+            continue;
+        }
+        const Ray begin = ray_at(cuts[k]), end = ray_at(cuts[k + 1]);
+        const double turn = std::atan2(begin.Y, begin.X);
+        double by = std::atan2(end.Y, end.X) - turn;
+        by -= 2 * std::numbers::pi * std::round(by / (2 * std::numbers::pi));
+        found.edges[found.n++] = {turn, 0.0, turn + by, 0.0, &plane};
+    }
+    return found;
+}
+
+// Rule for an edge of a length, and the number of its parts.
+inline EdgeRule rule_of(const PlaneRecord &plane, const Edge &edge, double length) {
+    if (plane.is_graded) return {plane.parts_of, 1};
+    if (!edge.border) return nodes_for(0.5 * length, plane.longest, plane.parts_of);
+    const double parts = std::ceil(0.5 * length / plane.arc_half);
+    return {MOST, parts < double(MOST_EDGE_PARTS) ? std::max(int64_t(parts), int64_t(1))
+                                                  : MOST_EDGE_PARTS};
+}
+
 // Image of the polygon corners[first] ... corners[last - 1], in units of a plane, within its
-// region. Unless it is asked for, `whole` may be NaN at the border of the image and beyond it.
+// region, as far as it is valid. Unless it is asked for, `whole` may be NaN at the border of the
+// image and beyond it.
 inline Image polygon_image(const PlaneRecord &plane, const Corners &corners, int64_t first,
                            int64_t last, EdgeScratch &scratch, bool is_whole_asked) {
     auto &waiting = scratch.waiting;
@@ -131,14 +198,10 @@ inline Image polygon_image(const PlaneRecord &plane, const Corners &corners, int
         const Image own = sum_parts(plane, listed, is_all, is_whole_asked, scratch);
         all = {all.whole + own.whole, all.inside + own.inside, all.rules + own.rules};
     };
-    for (int64_t i = first; i < last; i++) {
-        const int64_t j = i + 1 < last ? i + 1 : first;
-        const Edge edge = {corners(i, 0), corners(i, 1), corners(j, 0), corners(j, 1)};
+    const auto lay = [&](const Edge &edge) {
         const double length = std::sqrt(length2_of(edge));
-        if (length == 0.0) continue;
-        const auto [n, parts] = plane.is_graded
-                                    ? EdgeRule{plane.parts_of, 1}
-                                    : nodes_for(0.5 * length, plane.longest, plane.parts_of);
+        if (length == 0.0) return;
+        const auto [n, parts] = rule_of(plane, edge, length);
         for (int64_t part = 0, n_laid = 0; part < parts; part++) {
             int64_t top = 1;
             waiting[0][0] = double(part) / double(parts);
@@ -157,12 +220,23 @@ inline Image polygon_image(const PlaneRecord &plane, const Corners &corners, int
                 }
                 if (listed.parts == MOST_PARTS || listed.nodes + n > MOST_NODES) {
                     sum_up(false);
-                    listed.parts = listed.nodes = 0, is_first = false;
+                    listed = {0, 0, 0.0}, is_first = false;
                 }
-                lay_part(piece, n, listed, scratch);
-                listed.longest = std::max(listed.longest, (e - s) * length), n_laid++;
+                const double own = (e - s) * length;
+                const double bend = edge.border ? plane.arc_bend : plane.bend;
+                lay_part(piece, n, bend * own * own / 8, listed, scratch), n_laid++;
             }
         }
+    };
+    for (int64_t i = first; i < last; i++) {
+        const int64_t j = i + 1 < last ? i + 1 : first;
+        const Edge edge = {corners(i, 0), corners(i, 1), corners(j, 0), corners(j, 1)};
+        if (!plane.has_border()) {
+            lay(edge);
+            continue;
+        }
+        const Within within = edges_within(plane, edge);
+        for (int64_t k = 0; k < within.n; k++) lay(within.edges[k]);
     }
     if (listed.parts > 0) sum_up(is_first);
     return all;
@@ -204,5 +278,15 @@ inline int64_t beyond_side_of(Points polygon, int64_t n, const Corners &region, 
     const exact::Line side = side_at(region, region.rows(), i);
     return keep_inside(polygon, n, {side.u0, side.v0, -side.du, -side.dv, 0.0}, out);
 }
+
+// Fills `out` with the whole area, the area inside the image, px^2, and the edges of polygons of a
+// plane, in its units and within its region; without the first column the whole area is not found.
+void measure_polygons(const PlaneRecord &plane, Corners corners, Array<const int64_t, Any> starts,
+                      Array<double, Any, Any> out);
+// Fills in what exact::edge_bulges left: edges, by their rows, too long for one rule. NaN remains
+// for an edge of too many parts, and on a plane with a pole.
+void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
+                     Array<const int32_t, Any, 2> ends, Array<const double, Any, 4> places,
+                     Array<double, Any> bulge);
 
 } // namespace rastercov::lens

@@ -9,6 +9,7 @@
 //
 // Twins: rastercov.camera.lenses.formulas; tests/lenses/test_lens.py.
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include "lens/lens.hpp"
 
 namespace rastercov {
@@ -179,13 +180,16 @@ void store_ray(const Ray &ray, Array<double, Any, 3> out, int64_t i) {
 
 void unproject_many(int64_t code, Params p, Pixels pixels, Array<double, Any, 3> out) {
     require_rows(pixels, out);
+    Poll poll;
     for (int64_t i = 0; i < pixels.rows(); i++)
-        store_ray(unproject(code, p, pixels(i, 0), pixels(i, 1)), out, i);
+        poll(), store_ray(unproject(code, p, pixels(i, 0), pixels(i, 1)), out, i);
 }
 
 void base_points(Params p, Pixels pixels, Array<double, Any, 2> out) {
     require_rows(pixels, out);
+    Poll poll;
     for (int64_t i = 0; i < pixels.rows(); i++) {
+        poll();
         const auto [a, b] = sensor_point(p, pixels(i, 0), pixels(i, 1));
         const auto [x, y] = undo_distortion(p, a, b);
         out(i, 0) = x, out(i, 1) = y;

@@ -10,6 +10,7 @@
 //
 // Twin: tests/mesh/test_collisions.py compares all pairs of triangles.
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include "mesh/triangles.hpp"
 
 namespace rastercov {
@@ -117,7 +118,9 @@ double distance_of(const Body &one, const Body &other, Pose pose, double reach) 
     };
     double best = reach * reach;
     Pair stack[2 * STACK_SIZE] = {{1, 1, 0.0}};
+    Poll poll;
     for (int64_t depth = 1; depth;) {
+        poll();
         const Pair pair = stack[--depth];
         if (!(pair.bound < best)) continue;
         const bool is_leaf = pair.one >= one.leaves(), is_other_leaf = pair.other >= other.leaves();
@@ -161,8 +164,9 @@ void distances(Corners corners, Nodes nodes, Corners other_corners, Nodes other_
     require_tree(corners, nodes);
     require_tree(other_corners, other_nodes);
     const Body one = {corners, nodes}, other = {other_corners, other_nodes};
+    Poll poll(16);
     for (int64_t i = 0; i < poses.rows(); i++)
-        if (distance[i] > 0.0) distance[i] = distance_of(one, other, poses[i], distance[i]);
+        if (poll(); distance[i] > 0.0) distance[i] = distance_of(one, other, poses[i], distance[i]);
 }
 
 } // namespace

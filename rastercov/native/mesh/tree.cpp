@@ -7,73 +7,13 @@
 // Twins: tests/mesh/test_triangle_tree.py asks single triangles; rastercov.reference.regions and
 // rastercov.reference.models.line_of_sight trace segments without a tree.
 #include "bind.hpp"
+#include "interrupt.hpp"
+#include "mesh/grow.hpp"
 #include "mesh/triangles.hpp"
 
 namespace rastercov {
 namespace mesh {
 namespace {
-
-constexpr double CELLS = 1048575.0; // 2^20 - 1: highest cell of the curve along each axis
-
-template <class I> using Faces = Array<const I, Any, 3>;
-
-// Moves bit i of a number below 2^21 to bit 3 i.
-uint64_t spread_bits(uint64_t v) {
-    v = (v | v << 32) & 0x001F00000000FFFF;
-    v = (v | v << 16) & 0x001F0000FF0000FF;
-    v = (v | v << 8) & 0x100F00F00F00F00F;
-    v = (v | v << 4) & 0x10C30C30C30C30C3;
-    return (v | v << 2) & 0x1249249249249249;
-}
-
-template <class I> double box_centre(Points points, Faces<I> faces, int64_t f, int k) {
-    const double p = points(faces(f, 0), k), q = points(faces(f, 1), k), r = points(faces(f, 2), k);
-    return 0.5 * (least(p, q, r) + greatest(p, q, r));
-}
-
-template <class I> void order_keys(Points points, Faces<I> faces, Array<uint64_t, Any> keys) {
-    require(keys.rows() == faces.rows(), "keys must have one row for each face");
-    require_indices(faces, points.rows(), "faces must hold rows of points");
-    double low[3] = {INF, INF, INF}, high[3] = {-INF, -INF, -INF};
-    for (int64_t f = 0; f < faces.rows(); f++)
-        for (int k = 0; k < 3; k++) {
-            const double centre = box_centre(points, faces, f, k);
-            low[k] = std::min(low[k], centre), high[k] = std::max(high[k], centre);
-        }
-    const double size = std::max(std::numeric_limits<double>::min(),
-                                 greatest(high[0] - low[0], high[1] - low[1], high[2] - low[2]));
-    for (int64_t f = 0; f < faces.rows(); f++) {
-        uint64_t key = 0;
-        for (int k = 0; k < 3; k++) {
-            const double cell = (box_centre(points, faces, f, k) - low[k]) / size * CELLS;
-            key |= spread_bits(cell >= 0.0 && cell <= CELLS ? uint64_t(cell) : 0) << k;
-        }
-        keys[f] = key;
-    }
-}
-
-template <class I, class B>
-void grow_boxes(Points points, Faces<I> faces, double margin, Array<B, Any, 6> boxes,
-                Array<B, Any, 6> nodes) {
-    const int64_t leaves = nodes.rows() / 2;
-    require(boxes.rows() == faces.rows(), "boxes must have one row for each face");
-    require(nodes.rows() >= 2 && nodes.rows() % 2 == 0 && faces.rows() <= leaves * LEAF,
-            "nodes must have two rows for each leaf, of 4 triangles");
-    require_indices(faces, points.rows(), "faces must hold rows of points");
-    std::fill(nodes.begin(), nodes.end(), B(INF));
-    for (int64_t f = 0; f < faces.rows(); f++) {
-        const int64_t leaf = leaves + f / LEAF;
-        for (int k = 0; k < 3; k++) {
-            const double p = points(faces(f, 0), k), q = points(faces(f, 1), k),
-                         r = points(faces(f, 2), k);
-            boxes(f, k) = B(least(p, q, r) - margin);
-            boxes(f, 3 + k) = B(-greatest(p, q, r) - margin);
-        }
-        for (int k = 0; k < 6; k++) nodes(leaf, k) = std::min(nodes(leaf, k), boxes(f, k));
-    }
-    for (int64_t n = leaves - 1; n > 0; n--)
-        for (int k = 0; k < 6; k++) nodes(n, k) = std::min(nodes(2 * n, k), nodes(2 * n + 1, k));
-}
 
 void first_hits(Points origins, Points directions, Array<const double, Any> reaches,
                 Array<const int64_t, Any> own, bool is_nearest, Corners corners, Nodes nodes,
@@ -83,7 +23,9 @@ void first_hits(Points origins, Points directions, Array<const double, Any> reac
             "directions, reaches, own and hit must have one row for each origin");
     require_tree(corners, nodes);
     Hits hits = {corners, nodes, is_nearest};
+    Poll poll;
     for (int64_t i = 0; i < n; i++) {
+        poll();
         hit[i] = -1;
         if (!(reaches[i] > 0.0)) continue;
         hit[i] = hits.first({{origins(i, 0), origins(i, 1), origins(i, 2)},
@@ -111,7 +53,9 @@ void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squ
     require(squared.rows() == n && triangle.rows() == n && where.rows() == n,
             "squared, triangle and where must have one row for each point");
     require_tree(corners, nodes);
+    Poll poll;
     for (int64_t i = 0; i < n; i++) {
+        poll();
         const Point p = points[i];
         double best = INF, found[3];
         int64_t stack[STACK_SIZE] = {1};
@@ -187,8 +131,10 @@ void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes,
     require(turns.rows() == points.rows(), "turns must have one row for each point");
     require(nodes.rows() >= 2, "nodes must have a root");
     require_indices(faces, vertices.rows(), "faces must hold rows of vertices");
+    Poll poll;
     for (int64_t i = 0; i < points.rows(); i++)
-        turns[i] = turns_about(points(i, 0), points(i, 1), points(i, 2), vertices, faces, nodes);
+        poll(), turns[i] =
+                    turns_about(points(i, 0), points(i, 1), points(i, 2), vertices, faces, nodes);
 }
 
 template <class I> void register_of_index(nanobind::module_ &m) {

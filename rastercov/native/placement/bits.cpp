@@ -10,6 +10,7 @@
 //
 // Twins: tests/placement/test_bits.py, by dense arrays.
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include "simd.hpp"
 
 namespace rastercov {
@@ -54,7 +55,9 @@ void sums(Words words, Rows rows, Words masks, Array<const int64_t, Any, Any> va
     require(masks.extent(1) == n_words, "masks must have as many words as rows");
     require_values(n_values ? values.extent(1) : BITS * n_words, n_words);
     require_indices(rows, words.rows(), "rows must hold rows of words");
+    Poll poll(64);
     for (int64_t n = 0; n < rows.rows(); n++) {
+        poll();
         const auto row = words[rows[n]];
         for (int64_t k = 0; k < n_values; k++) {
             const auto mask = masks[k];
@@ -77,7 +80,9 @@ void add(Words words, Rows rows, Array<const int64_t, Any, Any> amounts,
             "amounts must have a row for each row, and a column for each row of totals");
     require_values(n_totals ? totals.extent(1) : BITS * n_words, n_words);
     require_indices(rows, words.rows(), "rows must hold rows of words");
+    Poll poll(64);
     for (int64_t n = 0; n < rows.rows(); n++) {
+        poll();
         const auto row = words[rows[n]];
         for (int64_t k = 0; k < n_totals; k++) {
             const Long amount(amounts(n, k));
@@ -97,7 +102,9 @@ void count_up(Words words, Array<uint64_t, Any, Any> planes) {
     require(planes.rows() == 0 || planes.extent(1) == n_words,
             "planes must have as many words as rows");
     if (planes.rows() == 0) return;
+    Poll poll(64);
     for (int64_t n = 0; n < words.rows(); n++) {
+        poll();
         const uint64_t *row = words[n].data;
         for (int64_t k = planes.rows() - 1; k > 0; k--) {
             const uint64_t *below = planes[k - 1].data;

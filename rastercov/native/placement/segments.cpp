@@ -14,6 +14,7 @@
 //
 // Twin: tests/placement/test_segments.py compares all normals of a segment.
 #include "bind.hpp"
+#include "interrupt.hpp"
 #include <algorithm>
 #include <cmath>
 
@@ -124,7 +125,9 @@ int64_t grow_segments(Array<const double, Any, 3> normals, Array<const uint8_t, 
     std::fill(labels.begin(), labels.end(), -1);
     Hull hull;
     int64_t n_segments = 0;
+    Poll poll(64);
     for (int64_t seed = 0; seed < n_faces; seed++) {
+        poll();
         if (role[seed] != TASK || labels[seed] >= 0) continue;
         const Normal n = normals[seed];
         const auto [u, v] = Tangents(n);
@@ -133,6 +136,7 @@ int64_t grow_segments(Array<const double, Any, 3> normals, Array<const uint8_t, 
         labels[seed] = n_segments;
         queue[0] = seed;
         for (size_t begin = 0, end = 1; begin < end; begin++) {
+            poll();
             const int64_t face = queue[begin];
             for (int64_t at = starts[face]; at < starts[face + 1]; at++) {
                 const int64_t other = neighbours[at];

@@ -18,6 +18,7 @@
 // Twins: tests/placement/test_selection.py and test_lazy_selection.py, by dense arrays.
 #include "bind.hpp"
 #include "coverage/spread.hpp"
+#include "interrupt.hpp"
 #include <algorithm>
 #include <array>
 
@@ -139,7 +140,9 @@ void first_gains(const Lists &lists, const Faces &faces, const Rays &rays,
     const int64_t n_faces = lists.n_faces();
     require_lists(lists);
     require_faces(faces, n_faces);
+    Poll poll(64);
     for (int64_t f = 0; f < n_faces; f++) {
+        poll();
         const bool is_angled = faces.need[f] > faces.views[f];
         if (is_angled) require_rays(rays, lists.n_cameras(), n_faces);
         require(is_below(faces.kind[f], gain.extent(1)), "kind must hold columns of gain");
@@ -357,7 +360,9 @@ void missing_directions(Limits starts, Indices cameras, Indices owner,
     };
     int64_t n_found = 0;
     ends[0] = 0;
+    Poll poll(64);
     for (int64_t f = 0; f < n_faces; f++) {
+        poll();
         close.clear();
         const auto add = [&](int64_t first, int64_t last) {
             for (int64_t i = first; i < last; i++) close.push_back(cameras[i]);

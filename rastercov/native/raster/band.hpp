@@ -2,24 +2,14 @@
 //
 // Twin: tests/raster/test_cpu.py, by whole numbers.
 #pragma once
+#include "interrupt.hpp"
+#include "raster/buffer.hpp"
 #include "raster/cull.hpp"
 #include "raster/fill.hpp"
 #include <memory>
 #include <tuple>
 
 namespace rastercov::raster {
-
-// Memory that starts at a cache line, so that no block of samples crosses into a second one.
-template <class T> struct Buffer {
-    struct Free {
-        void operator()(T *data) const { ::operator delete[](data, std::align_val_t(CACHE_LINE)); }
-    };
-    std::unique_ptr<T[], Free> memory;
-    Array<T, Any> all;
-
-    explicit Buffer(int64_t n)
-        : memory(new (std::align_val_t(CACHE_LINE)) T[size_t(n)]()), all{memory.get(), {n}} {}
-};
 
 // Memory of one thread: of the stages, which is as long for any image and mesh; of an image in
 // strips and cells; of the clusters of a mesh.
@@ -41,10 +31,21 @@ struct Memory {
     Buffer<double> down, forward;
     Buffer<int32_t> kept, safe, seen, ordered;
 
-    Memory(int64_t n_marks, int64_t n_cells, int64_t stride)
-        : depth(n_marks * STRIP_SAMPLES), face(n_marks * STRIP_SAMPLES), cell_depth(n_cells),
-          marks(n_marks), down(stride), forward(stride), kept(stride / LANES), safe(stride / LANES),
+    explicit Memory(int64_t stride)
+        : down(stride), forward(stride), kept(stride / LANES), safe(stride / LANES),
           seen(stride + LANES), ordered(stride) {}
+    // Room for a band of an image.
+    void fit(int64_t n_marks, int64_t n_cells) {
+        if (n_marks > marks.all.rows()) {
+            marks = Buffer<uint8_t>(); // given back first
+            depth = Buffer<float>();
+            face = Buffer<int32_t>();
+            depth = Buffer<float>(n_marks * STRIP_SAMPLES);
+            face = Buffer<int32_t>(n_marks * STRIP_SAMPLES);
+            marks = Buffer<uint8_t>(n_marks);
+        }
+        if (n_cells > cell_depth.all.rows()) cell_depth = Buffer<float>(n_cells);
+    }
 };
 
 // Clears the strips of blocks that a range of samples reaches; false where it is empty.
@@ -92,6 +93,17 @@ template <class T> INLINE void prefetch(const Array<T, Any> &array, int64_t begi
         __builtin_prefetch(array.data + begin);
 }
 
+// Requests the places of scattered samples, which are not in the cache, for a small cluster.
+INLINE void prefetch_offsets(const Range &samples, const Window &window) {
+    const int left = samples.first_x >> SIDE_BITS, right = samples.last_x >> SIDE_BITS;
+    const int top = window.top >> SIDE_BITS;
+    const int first = samples.first_y >> SIDE_BITS, last = samples.last_y >> SIDE_BITS;
+    if ((right - left + 1) * (last - first + 1) > MOST_PREFETCHED) return;
+    for (int y = first - top; y <= last - top; y++)
+        for (int x = left; x <= right; x++)
+            __builtin_prefetch(&window.offsets.data[(int64_t(y) * window.columns + x) * LANES]);
+}
+
 // How many samples were empty, the faces that were tried (LANES for each wide one), and the number
 // of those in bins.clipped.
 struct Drawn {
@@ -105,13 +117,15 @@ inline Drawn draw_cluster(const Clusters &clusters, const Cluster &cluster, Targ
     const Counts &counts = target.counts;
     Window &window = target.window;
     if (counts.with_drawn) prefetch_counts(counts.drawn, clusters, cluster);
-    Box box = project_vertices(clusters, cluster, scratch.camera, scratch.vertices);
+    Box box = project_vertices(clusters, cluster, scratch.camera, 1 << window.step_bits(),
+                               scratch.vertices);
     if (box.low_x == BEHIND && box.high_x == BEHIND) return {};
     bool is_plain = std::max(box.high_x - box.low_x, box.high_y - box.low_y) < LARGE;
     if (box.high_x >= BEHIND) {
         is_plain = target.tests_cells = false;
-        box = {0, int64_t(window.right + 1) << STEP_BITS, int64_t(window.top) << STEP_BITS,
-               int64_t(window.bottom + 1) << STEP_BITS};
+        const int shift = window.step_bits();
+        box = {0, int64_t(window.right + 1) << shift, int64_t(window.top) << shift,
+               int64_t(window.bottom + 1) << shift};
     }
     const Range samples = samples_in_box(box, window);
     if (!clear(samples, window, target.image)) return {};
@@ -123,6 +137,7 @@ inline Drawn draw_cluster(const Clusters &clusters, const Cluster &cluster, Targ
         if (is_behind && !counts.with_drawn) return {};
     }
     window = uncut(box, window);
+    if (window.is_scattered()) prefetch_offsets(samples, window);
     const auto &[samples_2x2, hidden_samples_2x2, larger, hidden_larger, wide, clipped] =
         scratch.bins;
     const Faces faces = {clusters.corners.data + cluster.first_slot,
@@ -195,7 +210,7 @@ inline int64_t draw_band(const Clusters &clusters, const Window &window, double 
     Scratch &scratch = *memory.scratch;
     const Camera &camera = scratch.camera;
     const double off_centre = std::max(std::abs(camera.cx), std::abs(camera.cy));
-    const bool is_centred = off_centre < GUARD_BAND >> STEP_BITS >> 1;
+    const bool is_centred = off_centre < GUARD_BAND >> window.step_bits() >> 1;
     put_frustum(camera, width, window.top, window.bottom + 1, scratch.frustum);
     const int64_t n_seen = find_clusters(clusters, window, is_only_band, memory);
     const int64_t n_rows = ((window.bottom - window.top) >> SIDE_BITS) + 1;
@@ -215,7 +230,9 @@ inline int64_t draw_band(const Clusters &clusters, const Window &window, double 
         std::tie(clusters.vertex_starts, clusters.face_starts, clusters.line_starts);
     Target target = {window, image, counts, has_bounds};
     int64_t filled = 0, in_vain = 0, filled_when_bounded = 0;
+    Poll poll;
     for (int64_t i = 0; i < n_seen; i++) {
+        poll();
         if (i + PREFETCH_DISTANCE < n_seen) {
             const int ahead = memory.ordered.all[i + PREFETCH_DISTANCE];
             prefetch(clusters.points, 3ll * starts[ahead], 3ll * starts[ahead + 1]);

@@ -12,8 +12,8 @@
 
 namespace rastercov::raster {
 
-// Samples from the origin of the canvas beyond which faces are clipped.
-constexpr double REACH = 0.99 * GUARD_BAND / STEPS;
+// Samples from the origin of the canvas beyond which faces are clipped, by the steps of each.
+INLINE double reach_of(int steps) { return 0.99 * GUARD_BAND / steps; }
 
 // A convex polygon in camera axes.
 struct Polygon {
@@ -62,21 +62,22 @@ inline Polygon clip(const Polygon &in, const double (&normal)[3], double offset)
 // The part beyond the near plane.
 inline Polygon clip_to_near(const Polygon &in, double near) { return clip(in, {0, 0, 1}, near); }
 
-// The part with |u| and |v| of at most REACH samples.
-inline Polygon clip_to_guard_band(const Polygon &in, const Lens &lens) {
+// The part with |u| and |v| of at most reach_of(steps) samples.
+inline Polygon clip_to_guard_band(const Polygon &in, const Lens &lens, int steps) {
+    const double reach = reach_of(steps);
     bool is_far = false;
     for (int axis = 0; axis < 2; axis++)
         for (int i = 0; i < in.n; i++) {
             const auto &p = in.corners[i];
             const double position = lens.focal[axis] * p[axis] + lens.centre[axis] * p[2];
-            is_far |= std::abs(position) > REACH * p[2];
+            is_far |= std::abs(position) > reach * p[2];
         }
     Polygon out = in;
     for (int side = 0; side < (is_far ? 4 : 0); side++) {
-        // |u| <= REACH, |v| <= REACH: +-(f x + c z) <= REACH z
+        // |u| <= reach, |v| <= reach: +-(f x + c z) <= reach z
         const double sign = 1.0 - 2.0 * (side & 1);
         const int axis = side >> 1;
-        double normal[3] = {0.0, 0.0, sign * lens.centre[axis] + REACH};
+        double normal[3] = {0.0, 0.0, sign * lens.centre[axis] + reach};
         normal[axis] = sign * lens.focal[axis];
         out = clip(out, normal, 0.0);
     }
@@ -143,12 +144,13 @@ inline void clip_and_triangulate(const Clusters &clusters, const Cluster &cluste
         }
         if (n_below == part.n || n_above == part.n) return;
     }
-    part = clip_to_guard_band(part, lens);
+    const int steps = 1 << window.step_bits();
+    part = clip_to_guard_band(part, lens, steps);
     for (int i = 0; i < part.n; i++) {
         const auto &[x, y, z] = part.corners[i];
         const double w = 1.0 / z;
-        const double u = (lens.focal[0] * x * w + lens.centre[0]) * STEPS;
-        const double v = (lens.focal[1] * y * w + lens.centre[1]) * STEPS;
+        const double u = (lens.focal[0] * x * w + lens.centre[0]) * steps;
+        const double v = (lens.focal[1] * y * w + lens.centre[1]) * steps;
         const int at = VERTICES + i;
         vertices.u[at] = u, vertices.v[at] = v, vertices.w[at] = w;
         vertices.places.put(at, to_step(u), to_step(v));

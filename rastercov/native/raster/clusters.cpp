@@ -1,27 +1,37 @@
 // Clusters: groups of up to 64 faces that lie close together and face the same way.
 //
-// rastercov.raster.cpu.clusters calls these loops one after the other. Faces are in an order;
-// `starts` has the first place of each cluster in it, and the place after the last. `marks` has a
-// number for each vertex: -1 at first, then the last cluster that had it.
+// A pose culls a whole cluster that is outside the image or back-facing without reading its faces.
+// Each cluster has its own consecutive copy of its vertices, which fits the level-1 cache.
 //
+// Faces are grouped by the main direction of their normals, then by median splits of their
+// centroids. They are in an order; `starts` has the first place of each cluster in it, and the
+// place after the last. `marks` has a number for each vertex: -1 at first, then the last cluster
+// that had it.
+//
+// A. Kubisch. Introduction to Turing Mesh Shaders. 2018, for the data layout.
 // C. A. R. Hoare. Algorithm 65: Find. 1961, for the splits at medians.
 //
 // Twins: tests/raster/test_clusters.py.
-#include "bind.hpp"
-#include "raster/records.hpp"
+#include "raster/clusters.hpp"
+#include "engine/room.hpp"
+#include "interrupt.hpp"
+#include <cmath>
+#include <limits>
 
 namespace rastercov {
 namespace raster {
 namespace {
 
-// The vertices of a cluster are padded to a multiple of this, by the last one.
-constexpr int64_t VERTEX_STEP = 8;
-
-using Points = Array<const double, Any, 3>;
-using Triples = Array<const int32_t, Any, 3>;
+using engine::Room;
 using Order = Array<const int32_t, Any>;
 using Starts = Array<const int32_t, Any>;
 using Words = Array<int32_t, Any>;
+
+// Metres: faces of a smaller mesh are not split by position.
+constexpr double MIN_EXTENT = 1e-290;
+constexpr int DIRECTIONS = 6;
+// So that slots of 32 bits number the vertices of all clusters.
+constexpr int64_t MOST_FACES = INT32_MAX / (3 * 8);
 
 int64_t padded(int64_t n, int64_t step) { return (n + step - 1) / step * step; }
 
@@ -36,12 +46,12 @@ Vector difference(const Points &vertices, int32_t p, int32_t q) {
 }
 
 // Centroids of faces, 0 to 1, and main directions of normals, 0 to 5.
-void face_centroids(Points vertices, Triples faces, Array<const double, 3> low, double scale,
-                    bool is_wound, Array<float, 3, Any> centroids, Array<uint8_t, Any> directions) {
-    require(centroids.extent(1) == faces.rows() && directions.rows() == faces.rows(),
-            "centroids and directions must have one element for each face");
-    require_indices(faces, vertices.rows(), "faces must hold rows of vertices");
+void face_centroids(const Points &vertices, const Triples &faces, const double (&low)[3],
+                    double scale, bool is_wound, const Array<float, 3, Any> &centroids,
+                    const Array<uint8_t, Any> &directions) {
+    Poll poll(1 << 16);
     for (int64_t f = 0; f < faces.rows(); f++) {
+        poll();
         const int32_t a = faces(f, 0), b = faces(f, 1), c = faces(f, 2);
         double widest = -1.0;
         directions[f] = 0;
@@ -56,6 +66,7 @@ void face_centroids(Points vertices, Triples faces, Array<const double, 3> low, 
             }
             const double centroid = (vertices(a, k) + vertices(b, k) + vertices(c, k)) / 3;
             centroids(k, f) = float((centroid - low[k]) * scale);
+            require(std::isfinite(centroids(k, f)), "vertices must be finite");
         }
     }
 }
@@ -113,36 +124,33 @@ int longest_axis(const Words &order, int64_t begin, int64_t end,
     return axis;
 }
 
-// Splits groups of faces into clusters; writes the number of clusters and of face slots to `sizes`.
+// Numbers of clusters, of face slots and of padded vertices.
+struct Sizes {
+    int64_t n, n_slots, n_points;
+};
+// Splits groups of faces into clusters.
 //
 // Median splits across the longest side, at multiples of a cluster or of a vector of faces.
-void split_at_medians(Triples faces, Words order, Array<const int64_t, Any> direction_starts,
-                      Array<const float, 3, Any> centroids, Words marks, Words starts,
-                      Array<int64_t, 2> sizes) {
-    const int64_t n_faces = faces.rows(), groups = direction_starts.rows() - 1;
-    require(order.rows() == n_faces && centroids.extent(1) == n_faces &&
-                starts.rows() == n_faces + 1,
-            "order and centroids must have one element for each face, and starts one more");
-    require(groups >= 0 && direction_starts[0] == 0 && direction_starts[groups] == n_faces,
-            "direction_starts must be from 0 to the number of faces");
-    for (int64_t group = 0; group < groups; group++)
-        require(direction_starts[group] <= direction_starts[group + 1],
-                "direction_starts must rise");
-    require_indices(order, n_faces, "order must hold faces");
-    require_indices(faces, marks.rows(), "faces must hold rows of marks");
-    for (const float c : centroids) require(std::isfinite(c), "centroids must be finite");
-    int64_t n = 0, n_slots = 0, stack[64][2];
+Sizes split_at_medians(const Triples &faces, const Words &order,
+                       const int64_t (&direction_starts)[DIRECTIONS + 1],
+                       const Array<float, 3, Any> &centroids, const Words &marks,
+                       const Words &starts) {
+    Sizes sizes = {};
+    int64_t stack[64][2];
     int32_t mark = 0;
-    for (int64_t group = 0; group < groups; group++) {
+    for (int group = 0; group < DIRECTIONS; group++) {
         stack[0][0] = direction_starts[group], stack[0][1] = direction_starts[group + 1];
         int n_left = stack[0][0] < stack[0][1];
         while (n_left) {
+            poll_interrupt();
             const auto [begin, end] = stack[--n_left];
             const int64_t size = end - begin;
-            if (size <= FACES &&
-                n_vertices_of(faces, order, begin, end, marks, ++mark) <= VERTICES) {
-                starts[n++] = int32_t(begin);
-                n_slots += padded(size, LANES);
+            const int64_t n_vertices =
+                size <= FACES ? n_vertices_of(faces, order, begin, end, marks, ++mark) : INT32_MAX;
+            if (n_vertices <= VERTICES) {
+                starts[sizes.n++] = int32_t(begin);
+                sizes.n_slots += padded(size, LANES);
+                sizes.n_points += padded(n_vertices, VERTEX_STEP);
                 continue;
             }
             const int64_t whole = size > FACES ? FACES : LANES;
@@ -153,40 +161,23 @@ void split_at_medians(Triples faces, Words order, Array<const int64_t, Any> dire
             stack[n_left][0] = begin, stack[n_left++][1] = begin + first;
         }
     }
-    starts[n] = int32_t(order.rows());
-    sizes[0] = n, sizes[1] = n_slots;
+    starts[sizes.n] = int32_t(order.rows());
+    return sizes;
 }
 
-// Clusters of at most FACES faces, of VERTICES vertices each.
-void require_clusters(const Triples &faces, const Order &order, const Starts &starts,
-                      int64_t n_vertices) {
+// Indexes the vertices of each cluster from 0, in bytes, and copies their positions in that order.
+void fill_clusters(const Points &vertices, const Triples &faces, const Order &order,
+                   const Starts &starts, const Words &marks, ClusterMemory &out) {
     const int64_t n = starts.rows() - 1;
-    require(n >= 0 && starts[0] == 0 && starts[n] == order.rows(),
-            "starts must be from 0 to the length of order");
-    for (int64_t k = 0; k < n; k++)
-        require(starts[k] < starts[k + 1] && starts[k + 1] - starts[k] <= FACES,
-                "starts must rise by 1 to 64");
-    require_indices(order, faces.rows(), "order must hold faces");
-    require_indices(faces, n_vertices, "faces must hold rows of vertices");
-}
-
-// Indexes the vertices of each cluster from 0, in bytes.
-void index_local_vertices(Triples faces, Order order, Starts starts, Words marks,
-                          Array<uint8_t, Any> local, Words corners, Words face_of,
-                          Words face_starts, Words vertex_starts, Words lines, Words line_starts) {
-    const int64_t n = starts.rows() - 1;
-    require(local.rows() == marks.rows(), "marks and local must have one row for each vertex");
-    require_clusters(faces, order, starts, marks.rows());
-    int64_t n_slots = 0;
-    for (int64_t k = 0; k < n; k++) n_slots += padded(starts[k + 1] - starts[k], LANES);
-    require(corners.rows() >= n_slots && face_of.rows() >= n_slots && lines.rows() == order.rows(),
-            "corners and face_of must have one row for each slot, lines one for each face");
-    require(face_starts.rows() == n + 1 && vertex_starts.rows() == n + 1 &&
-                line_starts.rows() == n + 1,
-            "starts must have one row for each cluster, and one more");
+    const Room<uint8_t> memory(marks.rows());
+    const Array<uint8_t, Any> local = memory.all();
+    Room<int32_t> lines(order.rows());
+    const auto &[corners, face_of] = std::tie(out.corners.all, out.faces.all);
+    const auto &[face_starts, vertex_starts, line_starts] =
+        std::tie(out.face_starts.all, out.vertex_starts.all, out.line_starts.all);
     int64_t slot = 0, vertex = 0, line = 0;
-    face_starts[0] = vertex_starts[0] = line_starts[0] = 0;
     for (int64_t k = 0; k < n; k++) {
+        int32_t held[VERTICES];
         int count = 0;
         for (int64_t i = starts[k]; i < starts[k + 1]; i++) {
             const int32_t f = order[i], own = f >> LINE_BITS;
@@ -197,66 +188,33 @@ void index_local_vertices(Triples faces, Order order, Starts starts, Words marks
             for (int j = 0; j < 3; j++) {
                 const int32_t v = faces(f, j);
                 if (marks[v] != k) {
-                    require(count < VERTICES, "clusters must have at most 64 vertices");
                     marks[v] = int32_t(k);
-                    local[v] = uint8_t(count++);
+                    held[count] = v, local[v] = uint8_t(count++);
                 }
                 packed |= int32_t(local[v]) << 8 * j;
             }
             corners[slot] = packed;
             face_of[slot++] = f;
         }
-        slot = padded(slot, LANES), vertex += padded(count, VERTEX_STEP);
+        const int64_t width = padded(count, VERTEX_STEP);
+        for (int axis = 0; axis < 3; axis++)
+            for (int64_t i = 0; i < width; i++)
+                out.points.all[3 * vertex + axis * width + i] =
+                    vertices(held[std::min<int64_t>(i, count - 1)], axis);
+        slot = padded(slot, LANES), vertex += width;
         line_starts[k + 1] = int32_t(line);
         face_starts[k + 1] = int32_t(slot), vertex_starts[k + 1] = int32_t(vertex);
     }
-}
-
-void require_vertex_starts(const Starts &vertex_starts, const Starts &starts, int64_t n_points) {
-    const int64_t n = starts.rows() - 1;
-    require(vertex_starts.rows() == n + 1 && vertex_starts[0] == 0 &&
-                3ll * vertex_starts[n] <= n_points,
-            "vertex_starts must have one row for each cluster, and one more, within points");
-    for (int64_t k = 0; k < n; k++)
-        require(vertex_starts[k] < vertex_starts[k + 1], "vertex_starts must rise");
-}
-
-// Copies vertex positions to their clusters, in the order of the local indices.
-void gather_positions(Points vertices, Triples faces, Order order, Starts starts, Words marks,
-                      Starts vertex_starts, Array<double, Any> points) {
-    require(marks.rows() == vertices.rows(), "marks must have one row for each vertex");
-    require_clusters(faces, order, starts, vertices.rows());
-    require_vertex_starts(vertex_starts, starts, points.rows());
-    for (int64_t k = 0; k + 1 < starts.rows(); k++) {
-        const int64_t begin = 3ll * vertex_starts[k];
-        const int64_t width = vertex_starts[k + 1] - vertex_starts[k];
-        int64_t count = 0;
-        for (int64_t i = starts[k]; i < starts[k + 1]; i++)
-            for (int j = 0; j < 3; j++) {
-                const int32_t v = faces(order[i], j);
-                if (marks[v] == k) continue;
-                require(count < width, "vertex_starts must leave room for the vertices");
-                marks[v] = int32_t(k);
-                for (int axis = 0; axis < 3; axis++)
-                    points[begin + axis * width + count] = vertices(v, axis);
-                count++;
-            }
-        for (; count > 0 && count < width; count++)
-            for (int axis = 0; axis < 3; axis++) {
-                const int64_t at = begin + axis * width + count;
-                points[at] = points[at - 1];
-            }
-    }
+    out.lines = Buffer<int32_t>(line);
+    std::copy_n(lines.data(), line, out.lines.all.data);
 }
 
 // Sphere, cone of normals, planes and altitudes of clusters, see Clusters.bounds.
-void cluster_bounds(Points vertices, Triples faces, Order order, Starts starts,
-                    Starts vertex_starts, Array<const double, Any> points,
-                    Array<double, BOUNDS_OF_CLUSTER, Any> bounds) {
+void cluster_bounds(const Points &vertices, const Triples &faces, const Order &order,
+                    const Starts &starts, const Starts &vertex_starts,
+                    const Array<double, Any> &points,
+                    const Array<double, BOUNDS_OF_CLUSTER, Any> &bounds) {
     constexpr double INF = std::numeric_limits<double>::infinity();
-    require_clusters(faces, order, starts, vertices.rows());
-    require_vertex_starts(vertex_starts, starts, points.rows());
-    require(bounds.extent(1) >= starts.rows() - 1, "bounds must have one column for each cluster");
     Vector normals[FACES];
     for (int64_t k = 0; k + 1 < starts.rows(); k++) {
         const int64_t begin = 3ll * vertex_starts[k];
@@ -310,33 +268,66 @@ void cluster_bounds(Points vertices, Triples faces, Order order, Starts starts,
     }
 }
 
-} // namespace
-} // namespace raster
-
-void register_raster_clusters(nanobind::module_ &m) {
-    using namespace raster;
-    m.attr("VERTEX_STEP") = VERTEX_STEP;
-    m.attr("FACES") = FACES;
-    m.attr("VERTICES") = VERTICES;
-    m.attr("LANES") = LANES;
-    m.attr("LINE_BITS") = LINE_BITS;
-    m.attr("BOUNDS_OF_CLUSTER") = int(BOUNDS_OF_CLUSTER);
-    m.attr("RADIUS") = int(RADIUS);
-    m.attr("ALTITUDE") = int(ALTITUDE);
-    def(m, "face_centroids", face_centroids,
-        "Centroids of faces, (3, F), 0 to 1, and main directions of normals, 0 to 5.", "vertices",
-        "faces", "low", "scale", "is_wound", "centroids", "directions");
-    def(m, "split_at_medians", split_at_medians,
-        "Split groups of faces into clusters; `sizes` gets the numbers of clusters and of slots.",
-        "faces", "order", "direction_starts", "centroids", "marks", "starts", "sizes");
-    def(m, "index_local_vertices", index_local_vertices,
-        "Index the vertices of each cluster from 0.", "faces", "order", "starts", "marks", "local",
-        "corners", "face_of", "face_starts", "vertex_starts", "lines", "line_starts");
-    def(m, "gather_positions", gather_positions, "Copy vertex positions to their clusters.",
-        "vertices", "faces", "order", "starts", "marks", "vertex_starts", "points");
-    def(m, "cluster_bounds", cluster_bounds,
-        "Sphere, cone of normals, planes and altitudes of clusters.", "vertices", "faces", "order",
-        "starts", "vertex_starts", "points", "bounds");
+// Faces by direction, those of one in their order; the first place of each direction.
+Room<int32_t> ordered_by(const Array<uint8_t, Any> &directions, int64_t (&starts)[DIRECTIONS + 1]) {
+    std::fill_n(starts, DIRECTIONS + 1, 0);
+    for (const uint8_t direction : directions) starts[direction + 1]++;
+    for (int k = 0; k < DIRECTIONS; k++) starts[k + 1] += starts[k];
+    int64_t next[DIRECTIONS];
+    std::copy_n(starts, DIRECTIONS, next);
+    Room<int32_t> order(directions.rows());
+    for (int64_t f = 0; f < directions.rows(); f++) order[next[directions[f]]++] = int32_t(f);
+    return order;
 }
 
+// Places of vertices from a centre; their least place, and the longest side of their box.
+struct Moved {
+    Room<double> memory;
+    double low[3], extent = 0;
+
+    Moved(const Points &vertices, const Array<const double, 3> &centre) : memory(vertices.size()) {
+        for (int k = 0; k < 3; k++) {
+            low[k] = INFINITY;
+            double high = -INFINITY;
+            for (int64_t v = 0; v < vertices.rows(); v++) {
+                const double x = memory[3 * v + k] = vertices(v, k) - centre[k];
+                low[k] = std::min(low[k], x), high = std::max(high, x);
+            }
+            extent = std::max(extent, high - low[k]);
+        }
+    }
+};
+
+} // namespace
+
+ClusterMemory group_faces(const Points &given, const Triples &faces,
+                          const Array<const double, 3> &centre, bool is_wound) {
+    const int64_t n_faces = faces.rows(), n_vertices = given.rows();
+    require(n_faces > 0 && n_faces <= MOST_FACES, "there must be 1 to 89,478,485 faces");
+    require_indices(faces, n_vertices, "faces must hold rows of vertices");
+    const Moved moved(given, centre);
+    const Points vertices = moved.memory.rows<3>(n_vertices);
+    Room<int32_t> order, starts(n_faces + 1), marks(n_vertices, -1);
+    Sizes sizes;
+    {
+        const Room<float> centroids(3 * n_faces);
+        const Room<uint8_t> directions(n_faces);
+        const Array<float, 3, Any> rows = {centroids.data(), {3, n_faces}};
+        const double scale = moved.extent > MIN_EXTENT ? 1 / moved.extent : 0.0;
+        face_centroids(vertices, faces, moved.low, scale, is_wound, rows, directions.all());
+        int64_t direction_starts[DIRECTIONS + 1];
+        order = ordered_by(directions.all(), direction_starts);
+        sizes =
+            split_at_medians(faces, order.all(), direction_starts, rows, marks.all(), starts.all());
+    }
+    ClusterMemory out(sizes.n, sizes.n_slots, sizes.n_points);
+    const Starts used = starts.first(sizes.n + 1);
+    marks.fill(-1);
+    fill_clusters(vertices, faces, order.all(), used, marks.all(), out);
+    cluster_bounds(vertices, faces, order.all(), used, out.vertex_starts.all, out.points.all,
+                   out.bounds_of());
+    return out;
+}
+
+} // namespace raster
 } // namespace rastercov

@@ -107,7 +107,7 @@ INLINE Binned bin_faces(const Faces &faces, int at, const Window &window, bool i
     const Bounds<int32_t> b = sample_bounds(p, window);
     const Int columns = b.last_x - b.first_x, rows = b.last_y - b.first_y, area = area_of(p);
     const int64_t can_cover = bits((columns | rows) >= Int(0));
-    const int64_t is_2x2 = bits(max<int32_t>(columns, rows) <= Int(1));
+    const int64_t is_2x2 = window.is_scattered() ? 0 : bits(max<int32_t>(columns, rows) <= Int(1));
     int64_t wide = 0, clipped = 0, rest = can_cover;
     if (!is_plain) [[unlikely]] {
         const Int low = least_of(p.x), high = greatest_of(p.x);
@@ -135,7 +135,7 @@ inline void cover_samples_2x2(const Faces &faces, const Window &window, SmallLis
         const Places<int32_t> p = places_of<int32_t>(packed, faces.vertices);
         const Bounds<int32_t> b = sample_bounds(p, window);
         Edge<int32_t> edges[3];
-        edge_functions(p, area_of(p), b.first_x, b.first_y, edges);
+        edge_functions(p, area_of(p), b.first_x, b.first_y, window, edges);
         Int missed(0);
         unroll<4>([&](auto m) __attribute__((always_inline)) {
             constexpr int k = 3 - m, i = k & 1, j = k >> 1;

@@ -21,23 +21,33 @@ INLINE void depth_of_samples(int k, const Window &window, Triangles &t) {
 }
 
 // Blocks of start_blocks where 1/z of triangle k is less than a bound throughout.
-INLINE int64_t hidden_blocks(int k, float bound, const Triangles &t) {
-    const float right = std::max(0.0f, t.step_x[k] * (SIDE - 1)),
-                down = std::max(0.0f, t.step_y[k] * (SIDE - 1)); // 0 where it is NaN
+INLINE int64_t hidden_blocks(int k, float bound, const Window &window, const Triangles &t) {
+    const float span = float(window.span());
+    const float right = std::max(0.0f, t.step_x[k] * span),
+                down = std::max(0.0f, t.step_y[k] * span); // 0 where it is NaN
     Float highest = Float::load(t.depth) + Float(right + down);
     highest = min(max(highest, Float(t.least[k])), Float(t.greatest[k]));
     return bits(highest < Float(bound));
 }
 
 // Least 1/z of triangle k at the samples of the blocks of start_blocks.
-INLINE float least_in_tile(int k, const Triangles &t) {
-    const auto least_step = [](float step) {
-        const float last = step * (SIDE - 1), first = step * 0;
+INLINE float least_in_tile(int k, const Window &window, const Triangles &t) {
+    const auto least_step = [&](float step) {
+        const float last = step * window.span(), first = step * 0;
         return last < first ? last : first;
     };
     const Float step(least_step(t.step_x[k]) + least_step(t.step_y[k]));
     const Float lowest = max(Float::load(t.depth) + step, Float(t.least[k]));
     return least(min(lowest, Float(t.greatest[k])));
+}
+
+// Differences of 1/z of triangle k between the scattered samples of a block, at memory index
+// `sample`, and its corner.
+INLINE Float beyond_corner(int k, int64_t sample, const Window &window, const Triangles &t) {
+    const Int offsets = load(window.offsets, sample);
+    constexpr float STEP = 1.0f / (1 << FINE_STEP_BITS); // exact
+    return Float(t.step_x[k] * STEP) * to<float>(offsets & Int(0xFFFF)) +
+           Float(t.step_y[k] * STEP) * to<float>(offsets >> 16);
 }
 
 // 1/z of a triangle in a block: beyond that of its first sample, and its extremes.
@@ -80,31 +90,9 @@ inline float least_depth(const Array<float, Any> &depth, int64_t block, int colu
     return least(found);
 }
 
-// Sum of the 16 bytes whose bits are set.
-INLINE int64_t sum_of_bytes(const uint8_t *bytes, int64_t bits) {
-    typedef uint64_t Words __attribute__((vector_size(LANES)));
-    typedef uint8_t Bytes __attribute__((vector_size(LANES)));
-    constexpr uint64_t EACH_BYTE = 0x0101010101010101, EVEN = 0x00FF00FF00FF00FF;
-    constexpr uint8_t OWN[LANES] = {1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128};
-    Bytes own, values;
-    std::memcpy(&own, OWN, LANES);
-    std::memcpy(&values, bytes, LANES);
-    const Words lanes = {uint64_t(bits & 255) * EACH_BYTE, uint64_t(bits >> 8 & 255) * EACH_BYTE};
-    const Words kept = Words(values & Bytes((Bytes(lanes) & own) == own));
-    const Words pairs = (kept & EVEN) + (kept >> 8 & EVEN);
-    return int64_t((pairs[0] + pairs[1]) * 0x0001000100010001 >> 48);
-}
-
-// Number of the samples of a block in a mask, by their weights if they have any.
+// Number of the samples of a block in a mask that count.
 INLINE int64_t count_block(int64_t bits, int64_t at, const Counts &counts) {
-    if (!counts.is_weighted) return count(bits);
-    check_index(at + LANES - 1, counts.weights.rows());
-    return sum_of_bytes(&counts.weights[at], bits);
-}
-
-// Weight of a sample, 1 where there are none.
-INLINE int weight_of(int64_t sample, const Counts &counts) {
-    return counts.is_weighted ? counts.weights[sample] : 1;
+    return count(counts.used.rows() ? bits & counts.used[at / LANES] : bits);
 }
 
 // Adds to the samples of a face.

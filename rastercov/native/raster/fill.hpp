@@ -30,24 +30,24 @@ INLINE int64_t fill_samples_2x2(int64_t chosen, Int coverage, const Target &targ
         if (covered >> k * LANES & ALL_LANES) depth_of_samples(k, window, t);
     for (; covered; covered = without_lowest(covered)) {
         const int k = lowest(covered), lane = k & (LANES - 1);
-        const int face = t.face[lane], sample = t.sample[k], n = weight_of(sample, counts);
+        const int face = t.face[lane], sample = t.sample[k];
         if (window.full_x == 0) {
             const int x = t.first_x[lane] + (k >> 4 & 1), y = t.first_y[lane] + (k >> 5);
             if (x < window.first[y] || x >= window.last[y]) continue;
         }
-        if (counts_drawn) add(n, face, counts.drawn);
+        if (counts_drawn) add(1, face, counts.drawn);
         const float depth = t.depth[k], old = image.depth[sample];
         if (depth > old || (depth == old && image.face[sample] > face)) {
-            if (old > 0) add(-n, image.face[sample], counts.visible);
+            if (old > 0) add(-1, image.face[sample], counts.visible);
             else filled++;
-            add(n, face, counts.visible);
+            add(1, face, counts.visible);
             image.depth[sample] = depth, image.face[sample] = face;
         }
     }
     return filled;
 }
 
-// Samples of a block that a face won, by their weights, and how many of them were empty.
+// Samples of a block that a face won, of those that count, and how many of them were empty.
 struct Won {
     int64_t n, n_new;
 };
@@ -101,14 +101,39 @@ INLINE int64_t fill_blocks_2x2(int64_t chosen, const Sides &sides, const Target 
     return filled;
 }
 
+// The same of scattered samples.
+INLINE int64_t fill_scattered(int64_t chosen, const Sides &sides, const Target &target,
+                              Setup<int32_t> &t) {
+    const auto &[window, image, counts, _] = target;
+    int64_t filled = 0;
+    for (int64_t found = reach_2x2(chosen, sides.wide, sides.tall, window, t); found;
+         found = without_lowest(found)) {
+        const int k = lowest(found), lane = k & (LANES - 1), face = t.face[lane];
+        const int64_t covered = cover_reached(k, window, t), at = t.sample[k];
+        if (covered == 0) continue;
+        if (counts.with_drawn) add(count_block(covered, at, counts), face, counts.drawn);
+        BlockPlane plane = block_plane(lane, t);
+        plane.beyond = beyond_corner(lane, at, window, t);
+        const int x = ((t.first_x[lane] >> SIDE_BITS) + (k >> 4 & 1)) << SIDE_BITS;
+        const int y = ((t.first_y[lane] >> SIDE_BITS) + (k >> 5)) << SIDE_BITS;
+        const double start = t.origin[lane] + t.slope_y[lane] * y + t.slope_x[lane] * x;
+        const Won won = fill_block(at, covered, plane, float(start), face, target);
+        add(won.n, face, counts.visible);
+        filled += won.n_new;
+    }
+    return filled;
+}
+
 // Samples of a triangle: covered, and won; and how many of these were empty.
 struct Filled {
     int64_t covered = 0, gained = 0, n_new = 0;
 };
-// Fills a block of start_blocks.
-INLINE void fill_lane(int lane, int64_t covered, const Triangles &t, const BlockPlane &plane,
-                      int face, const Target &target, Filled &filled) {
-    const Won won = fill_block(t.sample[lane], covered, plane, t.depth[lane], face, target);
+// Fills a block of triangle k, of start_blocks.
+INLINE void fill_lane(int k, int lane, int64_t covered, const Triangles &t, BlockPlane plane,
+                      const Target &target, Filled &filled) {
+    const int64_t at = t.sample[lane];
+    if (target.window.is_scattered()) plane.beyond = beyond_corner(k, at, target.window, t);
+    const Won won = fill_block(at, covered, plane, t.depth[lane], t.face[k], target);
     filled.gained += won.n, filled.n_new += won.n_new;
 }
 INLINE int64_t add_filled(const Filled &filled, int face, const Counts &counts) {
@@ -127,39 +152,43 @@ template <class T> int64_t fill_cells(int k, const Target &target, Setup<int64_t
     const BlockPlane plane = block_plane(k, t);
     const int face = t.face[k];
     TileEdges<T> tile;
-    start_tiles(k, t, tile);
+    start_tiles(k, t, window, tile);
     Filled filled;
     for (int y = first_y; y <= reached.last_y; y += SIDE)
         for (int x = reached.first_x & -SIDE; x <= reached.last_x; x += SIDE) {
-            int64_t blocks = blocks_of_tile(k, x, y, reached, t, tile);
+            if (x + SIDE <= reached.last_x) prefetch_places(x + SIDE, y, window);
+            int64_t blocks = blocks_of_tile(k, x, y, reached, t, window, tile);
             if (!blocks) continue;
             const int64_t cells = int64_t((y - top) >> SIDE_BITS) * (window.columns >> SIDE_BITS);
             float &bound = image.cell_depth[cells + (x >> SIDE_BITS)];
             start_blocks(k, x, y, window, t);
-            int64_t shown = blocks & ~hidden_blocks(k, bound, t);
+            int64_t shown = blocks & ~hidden_blocks(k, bound, window, t);
             const bool is_used = bound < std::numeric_limits<float>::infinity();
             if (!shown && !(counts.with_drawn && is_used)) continue;
             const bool is_cut = x + SIDE > window.full_x || y + SIDE > window.full_y;
-            if (blocks == ALL_LANES && !is_cut && whole_blocks(k, t, tile) == ALL_LANES) {
+            if (blocks == ALL_LANES && !is_cut && whole_blocks(k, t, window, tile) == ALL_LANES) {
                 if (counts.with_drawn)
                     for (int lane = 0; lane < LANES; lane++)
                         filled.covered += count_block(ALL_LANES, t.sample[lane], counts);
-                const float least = least_in_tile(k, t);
+                const float least = least_in_tile(k, window, t);
                 for (; shown; shown = without_lowest(shown))
-                    fill_lane(lowest(shown), ALL_LANES, t, plane, face, target, filled);
+                    fill_lane(k, lowest(shown), ALL_LANES, t, plane, target, filled);
                 bound = std::max(bound, least);
                 continue;
             }
             if (!counts.with_drawn) blocks = shown;
+            const int64_t whole = whole_scattered(k, t, window, tile);
             for (; blocks; blocks = without_lowest(blocks)) {
                 const int lane = lowest(blocks);
-                int64_t covered = cover_block(lane, tile);
+                int64_t covered = whole >> lane & 1
+                                      ? ALL_LANES
+                                      : cover_block<int64_t>(lane, tile, t.sample[lane], window);
                 if (is_cut)
                     covered = mask_in_image(covered, x + (lane & (SIDE - 1)),
                                             y + (lane >> SIDE_BITS), window);
                 filled.covered += count_block(covered, t.sample[lane], counts);
                 if (covered && shown >> lane & 1)
-                    fill_lane(lane, covered, t, plane, face, target, filled);
+                    fill_lane(k, lane, covered, t, plane, target, filled);
             }
         }
     return add_filled(filled, face, counts);
@@ -176,22 +205,26 @@ inline int64_t fill_tiles(int64_t chosen, const Target &target, Setup<int32_t> &
         const bool is_cut = reached.last_x >= window.full_x || reached.last_y >= window.full_y;
         const BlockPlane plane = block_plane(k, t);
         const int face = t.face[k];
-        start_tiles(k, t, tile);
+        start_tiles(k, t, window, tile);
         Filled filled;
         for (int y = reached.first_y; y <= reached.last_y; y += SIDE)
             for (int x = reached.first_x; x <= reached.last_x; x += SIDE) {
-                int64_t blocks = blocks_of_tile(k, x, y, reached, t, tile);
+                int64_t blocks = blocks_of_tile(k, x, y, reached, t, window, tile);
+                const int64_t whole = whole_scattered(k, t, window, tile);
                 start_blocks(k, x, y, window, t);
                 for (; blocks; blocks = without_lowest(blocks)) {
                     const int lane = lowest(blocks);
-                    int64_t covered = cover_block(lane, tile);
+                    int64_t covered =
+                        whole >> lane & 1
+                            ? ALL_LANES
+                            : cover_block<int32_t>(lane, tile, t.sample[lane], window);
                     if (is_cut)
                         covered = mask_in_image(covered, x + (lane & (SIDE - 1)),
                                                 y + (lane >> SIDE_BITS), window);
                     if (covered == 0) continue;
                     if (counts.with_drawn)
                         filled.covered += count_block(covered, t.sample[lane], counts);
-                    fill_lane(lane, covered, t, plane, face, target, filled);
+                    fill_lane(k, lane, covered, t, plane, target, filled);
                 }
             }
         n_new += add_filled(filled, face, counts);
@@ -231,7 +264,8 @@ inline int64_t fill_small(Bins &bins, const Faces &faces, const Target &target, 
             filled += fill_samples_2x2(small, coverage, target, t);
         }
         int64_t in_blocks = sides.in_2x2 & others;
-        if (count(in_blocks) < MIN_VECTOR_FACES) in_blocks = 0;
+        if (target.window.is_scattered()) filled += fill_scattered(in_blocks, sides, target, t);
+        else if (count(in_blocks) < MIN_VECTOR_FACES) in_blocks = 0;
         else filled += fill_blocks_2x2(in_blocks, sides, target, t);
         const int64_t in_tiles = others & ~in_blocks;
         if (in_tiles) filled += fill_tiles(in_tiles, target, t);
@@ -249,19 +283,23 @@ inline int64_t fill_any(const int32_t *slots, int n, const Faces &faces, const T
         const Sides sides = set_up<true>(slots + i, true, faces, target.window, t);
         for (int k = 0; k < (has_plane ? std::min(n - i, LANES) : 0); k++) {
             t.origin[k] = plane.origin;
+            if (target.window.is_scattered()) t.origin[k] -= 0.5 * (plane.slope_x + plane.slope_y);
             t.slope_x[k] = plane.slope_x, t.step_x[k] = float(plane.slope_x);
             t.slope_y[k] = plane.slope_y, t.step_y[k] = float(plane.slope_y);
         }
         const int64_t valid = first_lanes(n - i);
         for (int64_t shown = sides.shown & valid; shown; shown = without_lowest(shown)) {
             const int k = lowest(shown);
-            filled += fits_32_bits(k, t) ? fill_cells<int32_t>(k, target, t)
-                                         : fill_cells<int64_t>(k, target, t);
+            filled += fits_32_bits(k, t, target.window) ? fill_cells<int32_t>(k, target, t)
+                                                        : fill_cells<int64_t>(k, target, t);
         }
         int64_t hidden = target.counts.with_drawn ? sides.hidden & valid : 0;
         for (; hidden; hidden = without_lowest(hidden)) {
             const int k = lowest(hidden);
-            add(count_covered(k, target, t), t.face[k], target.counts.drawn);
+            const int64_t covered = fits_32_bits(k, t, target.window)
+                                        ? count_covered<int32_t>(k, target, t)
+                                        : count_covered<int64_t>(k, target, t);
+            add(covered, t.face[k], target.counts.drawn);
         }
     }
     return filled;

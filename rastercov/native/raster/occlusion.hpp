@@ -36,10 +36,11 @@ inline void order_by_depth(const Clusters &clusters, const Array<int32_t, Any> &
 }
 
 INLINE Range samples_in_box(const Box &box, const Window &window) {
-    return {int(std::max<int64_t>((box.low_x + HALF_SAMPLE - 1) >> STEP_BITS, 0)),
-            int(std::min<int64_t>((box.high_x - HALF_SAMPLE) >> STEP_BITS, window.right)),
-            int(std::max<int64_t>((box.low_y + HALF_SAMPLE - 1) >> STEP_BITS, window.top)),
-            int(std::min<int64_t>((box.high_y - HALF_SAMPLE) >> STEP_BITS, window.bottom))};
+    const int shift = window.step_bits(), half = window.half(), before = std::max(half - 1, 0);
+    return {int(std::max<int64_t>((box.low_x + before) >> shift, 0)),
+            int(std::min<int64_t>((box.high_x - half) >> shift, window.right)),
+            int(std::max<int64_t>((box.low_y + before) >> shift, window.top)),
+            int(std::min<int64_t>((box.high_y - half) >> shift, window.bottom))};
 }
 
 // True where the first sample of a block and the last one before another are not empty.

@@ -1,12 +1,13 @@
 // Records and constants of the CPU rasteriser, which its stages read and write.
 //
-// Positions are integers, 1/256 sample each; depths are 1/z, 0 where a sample is empty. What is
-// set up of triangles is short and in rows of LANES values, so that it stays in the level-1 cache.
-// The image is in blocks of 4 x 4 samples, which are one vector each; 4 x 4 blocks are a tile, and
-// a tile whose depth is bounded a cell; 16 blocks in a row are a strip, cleared at once.
+// Positions are integers, 1/256 sample each, or 1/1024 where samples are scattered; depths are 1/z,
+// 0 where a sample is empty. What is set up of triangles is short and in rows of LANES values, so
+// that it stays in the level-1 cache. The image is in blocks of 4 x 4 samples, which are one vector
+// each; 4 x 4 blocks are a tile, and a tile whose depth is bounded a cell; 16 blocks in a row are a
+// strip, cleared at once.
 //
 // Invariants: a cluster has 1 to 64 vertices and at most 64 faces, whose corners are among them; a
-// face is one of the mesh; see Scene in loops.cpp, which looks at them once.
+// face is one of the mesh; see clusters.cpp, which groups them.
 //
 // Twin: rastercov.reference.raster_stages.
 #pragma once
@@ -17,6 +18,8 @@ namespace rastercov::raster {
 
 // Steps in a sample, as many as graphics devices have.
 constexpr int STEP_BITS = 8, STEPS = 1 << STEP_BITS, HALF_SAMPLE = STEPS / 2;
+// The same where samples are scattered: the lanes of a block are any 16 places in it.
+constexpr int FINE_STEP_BITS = 10;
 // Steps from the image origin beyond which a vertex is clipped: edge functions then fit 64 bits.
 constexpr int GUARD_BAND = 1 << 29;
 // Image position of a vertex beyond the guard band, and of one before the near plane.
@@ -49,6 +52,8 @@ constexpr int FACES_IN_VAIN = 192;
 constexpr int DEPTH_BUCKETS = 64;
 // Clusters between the one that is drawn and the one whose vertices and faces are prefetched.
 constexpr int PREFETCH_DISTANCE = 2;
+// Most blocks whose places are prefetched: half of the level-1 cache.
+constexpr int MOST_PREFETCHED = 256;
 // Bytes of a cache line, and face counts in one, as a power of 2.
 constexpr int CACHE_LINE = 64, LINE_BITS = 4;
 
@@ -65,7 +70,11 @@ enum {
 };
 enum { LEFT, RIGHT, TOP, BOTTOM, FORWARD, FRUSTUM_PLANES };
 
-// A mesh in clusters, rastercov.raster.cpu.clusters.Clusters.
+// A mesh in clusters: the x of the vertices of each, their y, and their z; the corners of each
+// face, by index within the cluster: a + 256 b + 65536 c, where 0 is padding, and its index in the
+// mesh; cache lines of the counts of a cluster's faces, indices / 16, without repetition; first
+// entries of the clusters; of each the rows above, where the least altitude of a face is 0 if no
+// cone contains the normals; their number, and columns of `bounds`.
 struct Clusters {
     Array<const double, Any> points;
     Array<const int32_t, Any> corners, faces, lines, vertex_starts, face_starts, line_starts;
@@ -107,15 +116,20 @@ struct Bins {
     SmallList samples_2x2, hidden_samples_2x2;
     List larger, hidden_larger, wide, clipped;
 };
-// Edge functions in units of STEPS. Of each triangle of a vector: the value at the first sample of
-// its first block, the step to the next column, and to the next row.
+// Edge functions in units of STEPS, of 1 for scattered samples. Of each triangle of a vector: the
+// value at the first sample of its first block, the step to the next column, and to the next row.
 template <class E> struct Edges {
     alignas(CACHE_LINE) E value[3][LANES], dx[3][LANES], dy[3][LANES];
 };
-// Of one triangle: the values at the first samples of the blocks of a tile, and the differences
-// between the samples of a block and its first sample.
+// Of one triangle: the values at the first samples of the blocks of a tile, or at the corners of
+// blocks of scattered samples, and the differences between the samples of a block and its first.
+// Scattered samples of edges in 64 bits have them in units of 2^FINE_STEP_BITS, rounded down, where
+// 32 bits hold that: `rest` is what is left, `steps` and `low_steps` are the steps to the next step
+// divided by 2^SPLIT_BITS, and what is left of these, in 16 bits each, y above x.
 template <class E> struct TileEdges {
     alignas(CACHE_LINE) E first[3][LANES], block[3][LANES];
+    E step_x[3], step_y[3]; // to the next step, of scattered samples
+    int32_t steps[3], low_steps[3], rest[3];
 };
 // What else is set up of a vector of triangles: the samples in reach, the face; the plane of 1/z,
 // with its steps in float32 and the least and greatest 1/z of a corner. And for each of 2 x 2
@@ -128,6 +142,9 @@ struct Triangles {
     alignas(CACHE_LINE) float step_x[LANES], step_y[LANES], least[LANES], greatest[LANES];
     alignas(CACHE_LINE) int32_t sample[4 * LANES], masks[4 * LANES];
     alignas(CACHE_LINE) float depth[4 * LANES];
+    // Of scattered samples: edge functions at the corners of 2 x 2 blocks, and steps as in
+    // TileEdges.
+    alignas(CACHE_LINE) int32_t corner[3][4 * LANES], steps[3][LANES];
 };
 template <class E> struct Setup : Triangles, Edges<E> {};
 // Faces in slots: corners and indices of slot 0 and on, and the vertices.
@@ -135,7 +152,8 @@ struct Faces {
     const int32_t *corners, *faces;
     const Vertices &vertices;
 };
-// Plane of 1/z of a face: at the first sample of the image, its steps to the next column and row.
+// Plane of 1/z of a face: at the first sample of the image (at its corner
+// where samples are scattered), its steps to the next column and row.
 struct Plane {
     double origin, slope_x, slope_y;
 };
@@ -151,6 +169,17 @@ struct Window {
     int columns, height, full_x, full_y;
     Array<const int64_t, Any, 2> inner;
     Array<const int32_t, Any> first, last;
+    // Of the lanes of each block of the band, x + 65536 y from the corner of the block, in fine
+    // steps; empty where they are the centres of its samples. Whole cells are then inside the
+    // image.
+    Array<const int32_t, Any> offsets = {};
+
+    bool is_scattered() const { return offsets.rows() > 0; }
+    int step_bits() const { return is_scattered() ? FINE_STEP_BITS : STEP_BITS; }
+    // Steps from the side of a sample to where it may be covered from.
+    int half() const { return is_scattered() ? 0 : HALF_SAMPLE; }
+    // Samples from the first to the last place of a block.
+    int span() const { return is_scattered() ? SIDE : SIDE - 1; }
 };
 // Blocks of samples: 1/z, and the nearest face; lower bounds of 1/z in each cell; marks of strips
 // that are cleared; and whether all are.
@@ -161,12 +190,12 @@ struct Image {
     Array<uint8_t, Any> marks;
     bool is_clear;
 };
-// Samples of each face, added to; `drawn` is empty where it is not wanted; and how often each
-// sample of the band counts, empty where each counts once.
+// Samples of each face, added to; `drawn` is empty where it is not wanted; and the lanes of each
+// block of the band that count, empty where all do.
 struct Counts {
     Array<int32_t, Any> visible, drawn;
-    Array<const uint8_t, Any> weights;
-    bool with_drawn, is_weighted;
+    Array<const uint16_t, Any> used;
+    bool with_drawn;
 };
 // What a band is drawn to, and whether faces are compared with the bounds of depth in cells first.
 struct Target {
@@ -175,8 +204,8 @@ struct Target {
     const Counts &counts;
     bool tests_cells;
 
-    // Samples count by their places: at the border of the image, and where they have weights.
-    bool counts_in_blocks() const { return window.full_x == 0 || counts.is_weighted; }
+    // Samples count by their places: at the border of the image, and where they are scattered.
+    bool counts_in_blocks() const { return window.full_x == 0 || window.is_scattered(); }
 };
 
 // First and last column, first and last row, of samples or blocks.

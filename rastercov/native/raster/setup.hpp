@@ -46,10 +46,12 @@ template <class E> INLINE Bounds<E> sample_bounds(const Places<E> &p, const Wind
     using V = Vec<E>;
     const V low_x = least_of(p.x), high_x = greatest_of(p.x);
     const V low_y = least_of(p.y), high_y = greatest_of(p.y);
-    return {max<E>((low_x + V(HALF_SAMPLE - 1)) >> STEP_BITS, V(0)),
-            min<E>((high_x - V(HALF_SAMPLE)) >> STEP_BITS, V(window.right)),
-            max<E>((low_y + V(HALF_SAMPLE - 1)) >> STEP_BITS, V(window.top)),
-            min<E>((high_y - V(HALF_SAMPLE)) >> STEP_BITS, V(window.bottom)),
+    const int shift = window.step_bits(), half = window.half();
+    const V before(std::max(half - 1, 0)), behind(half);
+    return {max<E>((low_x + before) >> shift, V(0)),
+            min<E>((high_x - behind) >> shift, V(window.right)),
+            max<E>((low_y + before) >> shift, V(window.top)),
+            min<E>((high_y - behind) >> shift, V(window.bottom)),
             high_x - low_x,
             high_y - low_y};
 }
@@ -60,10 +62,10 @@ template <class E> INLINE Vec<E> area_of(const Places<E> &p) {
 }
 
 // Edge functions at samples, in units of STEPS, rounded down: not negative inside and on left and
-// upper edges.
+// upper edges. Those at the corner of a sample, in units of 1, where samples are scattered.
 template <class E>
 INLINE void edge_functions(const Places<E> &p, Vec<E> area, Vec<E> column, Vec<E> row,
-                           Edge<E> (&out)[3]) {
+                           const Window &window, Edge<E> (&out)[3]) {
     using V = Vec<E>;
     constexpr int BITS = 8 * sizeof(E);
     const auto is_turned = area < V(0);
@@ -71,7 +73,9 @@ INLINE void edge_functions(const Places<E> &p, Vec<E> area, Vec<E> column, Vec<E
     const V qx = select<E>(is_turned, p.x[1], p.x[2]), qy = select<E>(is_turned, p.y[1], p.y[2]);
     const V from_x[3] = {p.x[0], px, qx}, from_y[3] = {p.y[0], py, qy};
     const V to_x[3] = {px, qx, p.x[0]}, to_y[3] = {py, qy, p.y[0]};
-    const V x = (column << STEP_BITS) + V(HALF_SAMPLE), y = (row << STEP_BITS) + V(HALF_SAMPLE);
+    const int step_bits = window.step_bits(), half = window.half();
+    const int unit_bits = half ? step_bits : 0, scale_bits = step_bits - unit_bits;
+    const V x = (column << step_bits) + V(half), y = (row << step_bits) + V(half);
     V rest = select<E>(is_turned, -area, area); // the sum of the three
     unroll<3>([&](auto k) __attribute__((always_inline)) {
         const V dx = to_x[k] - from_x[k], dy = to_y[k] - from_y[k];
@@ -79,7 +83,8 @@ INLINE void edge_functions(const Places<E> &p, Vec<E> area, Vec<E> column, Vec<E
         rest = rest - value;
         // -1 on a left or an upper edge, where y falls, or stays while x grows; else 0.
         const V is_left_or_upper = ((dy << BITS / 2) - dx) >> (BITS - 1);
-        out[k] = {(value - V(1) - is_left_or_upper) >> STEP_BITS, -dy, dx};
+        out[k] = {(value - V(1) - is_left_or_upper) >> unit_bits, -dy << scale_bits,
+                  dx << scale_bits};
     });
 }
 
@@ -87,7 +92,8 @@ INLINE void edge_functions(const Places<E> &p, Vec<E> area, Vec<E> column, Vec<E
 // is too thin.
 template <class E>
 INLINE void put_planes(const int32_t *packed, const Vertices &vertices, const Places<E> &p,
-                       Vec<E> area, Triangles &out) {
+                       Vec<E> area, const Window &window, Triangles &out) {
+    const double steps = double(1 << window.step_bits()), half = window.half();
     Double u[3], v[3], w[3];
     unroll<3>([&](auto k) __attribute__((always_inline)) {
         u[k] = find<IN_CLUSTER<E>, k>(vertices.u, packed);
@@ -105,12 +111,11 @@ INLINE void put_planes(const int32_t *packed, const Vertices &vertices, const Pl
         });
     const Double ab_x = u[1] - u[0], ab_y = v[1] - v[0], ac_x = u[2] - u[0], ac_y = v[2] - v[0];
     const Double w_ab = w[1] - w[0], w_ac = w[2] - w[0];
-    const Double scale = Double(STEPS) / (ab_x * ac_y - ac_x * ab_y);
+    const Double scale = Double(steps) / (ab_x * ac_y - ac_x * ab_y);
     const Double slope_x = (w_ab * ac_y - w_ac * ab_y) * scale;
     const Double slope_y = (w_ac * ab_x - w_ab * ac_x) * scale;
-    const Double shift =
-        slope_x * (Double(HALF_SAMPLE) - u[0]) + slope_y * (Double(HALF_SAMPLE) - v[0]);
-    (w[0] + shift * (1.0 / STEPS)).store(out.origin);
+    const Double shift = slope_x * (Double(half) - u[0]) + slope_y * (Double(half) - v[0]);
+    (w[0] + shift * (1.0 / steps)).store(out.origin);
     slope_x.store(out.slope_x), slope_y.store(out.slope_y);
     to<float>(slope_x).store(out.step_x), to<float>(slope_y).store(out.step_y);
     // Rounding puts samples slightly outside the triangle; their depth stays within the corners'.
@@ -137,7 +142,7 @@ INLINE Sides set_up(const int32_t *slots, bool wants_edges, const Faces &faces,
     const V area = area_of(p);
     if (wants_edges) {
         Edge<E> edges[3];
-        edge_functions(p, area, b.first_x & V(-SIDE), b.first_y & V(-SIDE), edges);
+        edge_functions(p, area, b.first_x & V(-SIDE), b.first_y & V(-SIDE), window, edges);
         unroll<3>([&](auto k) __attribute__((always_inline)) {
             edges[k].value.store(out.value[k]);
             edges[k].dx.store(out.dx[k]), edges[k].dy.store(out.dy[k]);
@@ -148,7 +153,7 @@ INLINE Sides set_up(const int32_t *slots, bool wants_edges, const Faces &faces,
     if constexpr (!PLANES) {
         return {};
     } else {
-        put_planes(packed, faces.vertices, p, area, out);
+        put_planes(packed, faces.vertices, p, area, window, out);
         const V columns = (b.last_x >> SIDE_BITS) - (b.first_x >> SIDE_BITS);
         const V rows = (b.last_y >> SIDE_BITS) - (b.first_y >> SIDE_BITS);
         const int64_t in_reach = bits((b.last_x >= b.first_x) & (b.last_y >= b.first_y));

@@ -53,7 +53,7 @@ void project(Array<const double, Any> points, int64_t first, int64_t n, const Ca
     clusters.points = points;
     Vertices vertices;
     const Cluster cluster = {first, first + n, 0, 0, 0, 0, is_safe};
-    const Box found = project_vertices(clusters, cluster, camera_of(camera), vertices);
+    const Box found = project_vertices(clusters, cluster, camera_of(camera), STEPS, vertices);
     std::copy_n(vertices.u, n, exact[0].data), std::copy_n(vertices.v, n, exact[1].data);
     std::copy_n(vertices.w, n, exact[2].data);
     for (int64_t at = 0; at < n; at += LANES) {
@@ -140,7 +140,7 @@ void bin(const Positions &positions, Lane<const int32_t> corners, const Frame &f
     const Slots slots(corners, corners);
     const auto vertices = vertices_of(positions);
     const Image image = {};
-    const Counts counts = {{}, {}, {}, true, false};
+    const Counts counts = {{}, {}, {}, true};
     const Target target = {window_of(frame), image, counts, false};
     require(frame.full_x > 0, "full_x must not be 0");
     auto bins = std::make_unique<Bins>();
@@ -244,18 +244,20 @@ float tile(Stages<E> &stages, int64_t lane, double bound, Array<int64_t, 3> foun
     const int k = checked_lane(lane);
     Setup<E> &t = *stages.setup;
     start_blocks(k, t.first_x[k] >> SIDE_BITS, t.first_y[k] >> SIDE_BITS, stages.window, t);
-    found[2] = hidden_blocks(k, float(bound), t);
+    found[2] = hidden_blocks(k, float(bound), stages.window, t);
     put_blocks(t, 0, out);
     const auto cover = [&](auto tile) {
-        start_tiles(k, t, tile);
-        found[0] = reach_blocks(k, 0, 0, t, tile), found[1] = whole_blocks(k, t, tile);
-        for (int i = 0; i < LANES; i++) out.masks[i] = int32_t(cover_block(i, tile));
+        start_tiles(k, t, stages.window, tile);
+        found[0] = reach_blocks(k, 0, 0, t, stages.window, tile);
+        found[1] = whole_blocks(k, t, stages.window, tile);
+        for (int i = 0; i < LANES; i++)
+            out.masks[i] = int32_t(cover_block<E>(i, tile, 0, stages.window));
     };
     if constexpr (sizeof(E) == 8)
-        if (fits_32_bits(k, t)) cover(TileEdges<int32_t>());
+        if (fits_32_bits(k, t, stages.window)) cover(TileEdges<int32_t>());
         else cover(TileEdges<int64_t>());
     else cover(TileEdges<int32_t>());
-    return least_in_tile(k, t);
+    return least_in_tile(k, stages.window, t);
 }
 
 // Tests depths in a block of three: masks of won, lost and ties to `found`.
@@ -275,10 +277,6 @@ float least_of_cell(Array<const float, Any> depth, int64_t block, int64_t column
     // Nothing is written to it.
     return least_depth({const_cast<float *>(depth.data), {depth.rows()}}, block, int(columns),
                        int(n_rows));
-}
-int64_t weights_of_block(int64_t bits, Array<const uint8_t, Any> weights) {
-    require(weights.rows() == LANES, "weights must be of a block");
-    return count_block(bits & ALL_LANES, 0, {{}, {}, weights, false, true});
 }
 
 template <class E>
@@ -346,7 +344,6 @@ void register_raster_stages(nanobind::module_ &m) {
         "start", "found");
     def(m, "least_depth", least_of_cell, "Least 1/z of a cell.", "depth", "block", "columns",
         "n_rows");
-    def(m, "count_block", weights_of_block, "Weights of samples of a block.", "bits", "weights");
 }
 
 } // namespace rastercov

@@ -1,7 +1,7 @@
 // Stage 2 of the CPU rasteriser: projection of vertices to fixed-point image positions.
 //
-// u = 256 (fx X/Z + cx), v = 256 (fy Y/Z + cy), rounded to the nearest step, halves up.
-// Twin: rastercov.reference.raster_stages.project_vertices.
+// u = s (fx X/Z + cx), v = s (fy Y/Z + cy), s steps in a sample, rounded to the nearest step,
+// halves up. Twin: rastercov.reference.raster_stages.project_vertices.
 #pragma once
 #include "raster/records.hpp"
 #include <tuple>
@@ -15,9 +15,9 @@ struct Box {
 
 // Projects the vertices of a cluster.
 inline Box project_vertices(const Clusters &clusters, const Cluster &cluster, const Camera &camera,
-                            Vertices &out) {
-    const double fx = camera.fx * STEPS, fy = camera.fy * STEPS;
-    const double cx = camera.cx * STEPS, cy = camera.cy * STEPS;
+                            int steps, Vertices &out) {
+    const double fx = camera.fx * steps, fy = camera.fy * steps;
+    const double cx = camera.cx * steps, cy = camera.cy * steps;
     const int n = int(cluster.end_vertex - cluster.first_vertex);
     const int64_t start = 3 * cluster.first_vertex;
     const auto &[axes, eye] = std::tie(camera.axes, camera.eye);

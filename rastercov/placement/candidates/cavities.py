@@ -95,7 +95,7 @@ class Hemicube(Closing):
         upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)
         self.side = side
         self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
-        self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._lift = LIFT_REL * mesh.diagonal
         self._whole, self._upper = (CPURasterizer(mesh, camera) for camera in (whole, upper))
         self._axes = _five_axes()
         step = (np.arange(side) + 0.5 - half) / half
@@ -209,7 +209,7 @@ class OpenDirections:
         self.normal: FloatArray = sign * mesh.normals[face]
         self.target: FloatArray = mesh.centroids[face]
         self.corners: FloatArray = mesh.vertices[mesh.faces[face]]
-        self.reach = FARTHEST * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self.reach = FARTHEST * mesh.diagonal
         self.proof = ""
         self.n_points, self.n_directions, self.n_places = 0, 0, 0
         self.open_share, self.missed_deg = 0.0, 0.0
@@ -313,7 +313,7 @@ class Enclosure:
         self.mesh, self.least, self.clearance = mesh, least, clearance
         self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
         self._middle = mesh.bounds.mean(axis=0)
-        self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._lift = LIFT_REL * mesh.diagonal
         # Targets enclose nothing.
         self._parts = closed_parts(mesh.opaque)
         self._boxes = self._parts.boxes - self._middle

@@ -307,7 +307,7 @@ def between_heights(sheet: Mesh, low: float, high: float) -> Mesh:
     if not len(faces):
         raise MeshError(NOT_IN_ROOM)
     used, faces = np.unique(faces, return_inverse=True)
-    return Mesh(sheet.vertices[used], faces.reshape(-1, 3))
+    return Mesh(sheet.vertices[used], faces.reshape(-1, 3), notes=sheet.notes)
 
 
 def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
@@ -325,7 +325,7 @@ def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
     normal, origin = sheet.normals[of], corners[of, 0]
     slope = np.einsum("nkc,nc->nk", xy - origin[:, None, :2], normal[:, :2]) / normal[:, 2:]
     vertices = np.dstack((xy, origin[:, 2:] - slope)).reshape(-1, 3)
-    return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
+    return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3), notes=sheet.notes)
 
 
 def wrong_side(rooms: Sequence[Room], eyes: FloatArray) -> list[str]:

@@ -109,7 +109,7 @@ class PoseSpace:
         distance = self._task.query(points).distance
         place[(distance > self.stand_off[1]) & (place == Place.ALLOWED)] = Place.TOO_FAR
         place[(distance < self.stand_off[0]) & (place < Place.TOO_NEAR)] = Place.TOO_NEAR
-        slack = POSITION_TOLERANCE_REL * np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))
+        slack = POSITION_TOLERANCE_REL * self.mesh.diagonal
         missed = np.abs(points - self.nearest_in_boxes(points)).max(axis=1)
         place[~(missed <= slack)] = Place.OUTSIDE
         return place

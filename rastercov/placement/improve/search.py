@@ -266,6 +266,7 @@ def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:
         from pymoo.algorithms.soo.nonconvex.de import DE
         from pymoo.algorithms.soo.nonconvex.ga import GA
         from pymoo.algorithms.soo.nonconvex.pso import PSO
+        from pymoo.config import Config
         from pymoo.core.problem import Problem
         from pymoo.core.termination import NoTermination
         from pymoo.problems.static import StaticProblem
@@ -273,6 +274,7 @@ def _pymoo(method: str, first: FloatArray, seed: int) -> tuple[Ask, Tell]:
         raise ConfigError(
             f"method {method} needs pymoo; install rastercov[place], or use method random"
         ) from None
+    Config.warnings["not_compiled"] = False  # it would be on standard output
     algorithm: Any = {"pso": PSO, "ga": GA, "de": DE}[method](pop_size=len(first), sampling=first)
     problem = Problem(n_var=first.shape[1], n_obj=1, xl=0.0, xu=1.0)
     algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)

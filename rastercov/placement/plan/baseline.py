@@ -6,11 +6,13 @@ counts which its faces have more of than in the earlier check, and all of a face
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rastercov.base.checks import shown
+import numpy as np
+
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, printable, read_json
 from rastercov.base.format import area, percent
@@ -101,7 +103,7 @@ def compare(before: Told, now: Told) -> Against:
             {each["group"]: each for each in (told["all"], *told["groups"])}
             for told in (now, before)
         )
-        if shares.keys() != earlier.keys():
+        if shares.keys() != earlier.keys() or not _are_possible(before, earlier.values()):
             raise LookupError
         groups = list(shares) if len(shares) > 2 else [None]
         pairs = [_share(earlier[group], shares[group]) for group in groups]
@@ -110,6 +112,15 @@ def compare(before: Told, now: Told) -> Against:
         raise
     except (LookupError, TypeError, ValueError, AttributeError):
         raise ConfigError(f"{file}: {NO_CHECK}") from None
+
+
+def _are_possible(told: Told, shares: Iterable[Told]) -> bool:
+    """True for shares of 0 to 1, and areas of faces that are finite, and 0 or more."""
+    numbers = [(each["low"], each["share"], each["high"]) for each in shares]
+    rows = np.array(told.get("dead_faces") or np.zeros((0, 5)), np.float64)
+    bound = finite_number(told.get("covered_area", {"bound_m2": 0}).get("bound_m2"))
+    is_right = np.isfinite(rows).all() and (rows[:, 3:] >= 0).all() and bound >= 0
+    return bool(is_right and all(0 <= low <= high <= 1 and 0 <= s <= 1 for low, s, high in numbers))
 
 
 def _share(before: Told, now: Told) -> Entry:

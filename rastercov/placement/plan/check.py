@@ -161,6 +161,8 @@ def limits(
                 f"{share_meant(min_coverage)}"
             )
         found[None] = min_coverage
+        if min_coverage == 0:
+            raise ConfigError("--min-coverage 0 always holds; give more than 0, or leave it out")
     for text in groups:
         name, _, share = text.rpartition("=")
         try:
@@ -171,6 +173,8 @@ def limits(
             raise ConfigError(
                 f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}{share_meant(value)}"
             )
+        if value == 0:
+            raise ConfigError(f"--group {text} always holds; give more than 0, or leave it out")
         found[name] = value
     if not found and not may_be_none:
         raise ConfigError(

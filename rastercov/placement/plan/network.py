@@ -285,7 +285,7 @@ def judge_areas(
     rows = rows or _rows(mesh, limits)
     found = []
     for group, limit in limits.items():
-        faces, sums = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2))
+        faces, sums, doubtful = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2)), 0.0
         for row, each in enumerate(mesh.groups):
             if each.is_occluder or row not in rows[group]:
                 continue
@@ -294,12 +294,14 @@ def judge_areas(
             own = areas.of_faces(members, number)
             whole = own["of_m2"] if seeable is None else float(seeable[members].sum()), 0.0
             if reachable is not None:
-                most = reachable.of_faces(members, number)
-                whole = most["m2"], most["bound_m2"]
+                reached = reachable.of_faces(members, number)
+                whole = reached["m2"], reached["bound_m2"] + reached.get("doubtful_m2", 0.0)
             faces |= members
             sums += [(own["m2"], own["bound_m2"]), whole]
+            doubtful += own.get("doubtful_m2", 0.0)
         (area, bound), (total, of_bound) = sums.tolist()
-        ends = ((area - bound, total + of_bound), (area, total), (area + bound, total - of_bound))
+        most = area + bound + doubtful
+        ends = ((area - bound, total + of_bound), (area, total), (most, total - of_bound))
         low, share, high = (
             min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
         )

@@ -21,7 +21,7 @@ from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, check_memory
-from rastercov.base.output import named
+from rastercov.base.output import is_own_folder, named, own_place
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
@@ -237,7 +237,7 @@ def prepare(
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
             measured = measure_matrix(
-                observer, poses, task, used[-1], workers=workers, progress=progress,
+                observer, poses, task, own_place(used[-1]), workers=workers, progress=progress,
                 watch=tally.add, **options,
             )  # fmt: skip
             parts.append(measured)
@@ -332,7 +332,7 @@ def prepare(
             f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
         )
         problem = replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
-    if cells is not None and cells.size >= float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))):
+    if cells is not None and cells.size >= mesh.diagonal:
         notes.append(
             f"cells of {cells.size:g} m are whole faces; a smaller resolution_of_result makes the "
             "choice more accurate"
@@ -447,7 +447,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
         if old in used or not re.fullmatch("[0-9a-f]{16}", old.name):
             continue
         try:
-            if read_header(old) is None:
+            if not is_own_folder(old) or read_header(old) is None:
                 continue
             with locked(old):
                 remove_halves(old)

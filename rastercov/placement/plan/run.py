@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InNotebook, InOneLine
 from rastercov.base.memory import FloatArray
+from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import led_by, rows_of_result
@@ -259,7 +260,7 @@ class Job:
         with self.objectives(plan, cells) as objectives:
             prepared = prepare(
                 plan, selection, objectives.faces.observer, plan.build_task(),
-                None if self.folder is None else self.folder / "matrix",
+                None if self.folder is None else own_place(self.folder / "matrix"),
                 self.clock, cells, self.workers, over_time,
             )  # fmt: skip
             if objectives.cells is not None and over_time is None:

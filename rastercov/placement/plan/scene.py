@@ -87,7 +87,11 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
     groups = iter(mesh.groups)
     of_files = [
-        FileGroups(file, [group.name for group in islice(groups, len(part.groups))])
+        FileGroups(
+            file,
+            [group.name for group in islice(groups, len(part.groups))],
+            [group.name for group in part.groups],
+        )
         for file, part in zip(files, parts, strict=True)
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])

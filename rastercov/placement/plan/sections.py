@@ -68,7 +68,7 @@ from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.select.problem import BestCoverage, FewestCameras
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
 
 Value = TypeVar("Value")
 Boxed = TypeVar("Boxed", bound=Any)
@@ -1171,6 +1171,12 @@ class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ig
     """The fewest, or cheapest, cameras that reach a coverage."""
 
     goal: Literal["fewest_cameras"]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if line := empty_goal(self.coverage, self.groups):
+            raise ValueError(line)
+        return self
 
 
 class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignore[misc]

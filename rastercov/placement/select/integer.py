@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
 from rastercov.native import placement_selection as kernels
 from rastercov.placement.select.bounds import (
@@ -67,6 +68,8 @@ FINISH_SHARE = 0.25
 """Greatest share of the time for ordering the selection."""
 GRACE = 0.1
 """Seconds after the limit until a solver that has not stopped is abandoned."""
+PATIENCE = 0.2
+"""Seconds after an interrupt until the same."""
 AT_EXIT = 10.0
 """Seconds that Python waits at exit for an abandoned solver."""
 SETUP_SECONDS_A_PAIR = 3e-7
@@ -168,7 +171,9 @@ class _Search:
                 return ended if ended != "optimal" else "feasible"
             try:
                 if chosen is None or not program.forbid(chosen, deadline):
-                    return "feasible"
+                    if program.has_begun_anew:
+                        return "feasible"
+                    program.begin_anew()
             except TimeUpError:
                 return "time_limit"
 
@@ -227,7 +232,8 @@ class _Program:
         # Weights scaled to a mean of 1, the range in which solvers are accurate.
         total = max(1, int(reduced.integer_weights.sum()))
         self.weights = reduced.integer_weights.astype(np.float64) * (reduced.n_faces / total)
-        self.solver = highspy.Highs()
+        with no_printing():
+            self.solver = highspy.Highs()
         # highspy keeps its locks in the class; an abandoned solver would hold them for ever.
         vars(self.solver).update(_Highs__solver_stopped=RLock(), _Highs__solver_started=Lock())
         options: dict[str, Any] = {"output_flag": False, "mip_rel_gap": 0.0, "random_seed": 0}
@@ -243,6 +249,7 @@ class _Program:
             self.solver.setOptionValue(name, value)
         self._pass_model(optional)
         self.solver.HandleUserInterrupt = True
+        self.has_begun_anew = False
         # Latest bound and solution that HiGHS has reported, for when it has to be abandoned.
         self.last_bound = math.inf if self.is_best_coverage else -math.inf
         self.last_chosen: set[int] | None = None
@@ -259,15 +266,24 @@ class _Program:
         values = np.array(columns[: self.reduced.n_candidates])
         return set(np.flatnonzero(values > 0.5).tolist())
 
+    def begin_anew(self) -> None:
+        """Forget what was solved, and begin with no selection.
+
+        HiGHS 1.16 may end with the objective of another solution than the one it began with.
+        """
+        self.has_begun_anew = True
+        self.solver.clearSolver()
+
     def solve(self, deadline: Deadline, start: set[int]) -> tuple[set[int] | None, float, str]:
         """Chosen candidates, None where none were found; the bound; the status."""
         solver = self.solver
-        solution = self.highspy.HighsSolution()
-        solution.col_value = self._columns_of(start)
-        solver.setSolution(solution)
+        if not self.has_begun_anew:
+            solution = self.highspy.HighsSolution()
+            solution.col_value = self._columns_of(start)
+            solver.setSolution(solution)
         left = deadline.sooner(1 - RESERVE).left
         solver.setOptionValue("time_limit", solver.getRunTime() + max(0.0, left))
-        interrupted = False
+        interrupted = math.inf
         thread = solver.startSolve()
         while True:
             try:
@@ -276,11 +292,13 @@ class _Program:
                     break
                 if deadline.is_over:
                     solver.cancelSolve()
-                if deadline.left < -GRACE:
+                is_late = time.monotonic() - interrupted > PATIENCE
+                if deadline.left < -GRACE or is_late:
                     atexit.register(thread.join, AT_EXIT)  # its callbacks need a live interpreter
-                    return self.last_chosen, self._bound(self.last_bound), "time_limit"
+                    ended = "interrupted" if is_late else "time_limit"
+                    return self.last_chosen, self._bound(self.last_bound), ended
             except KeyboardInterrupt:
-                interrupted = True
+                interrupted = min(interrupted, time.monotonic())
                 solver.cancelSolve()
         states = self.highspy.HighsModelStatus
         ends = {states.kOptimal: "optimal", states.kInfeasible: "infeasible"}
@@ -289,7 +307,7 @@ class _Program:
         is_feasible = info.primal_solution_status == 2
         chosen = self._chosen_of(solver.getSolution().col_value) if is_feasible else None
         bound = self._bound(info.mip_dual_bound)
-        return chosen, bound, "interrupted" if interrupted else ended
+        return chosen, bound, ended if interrupted == math.inf else "interrupted"
 
     def _bound(self, objective: float) -> float:
         """Bound of the cost, or of the share of the weight."""

@@ -43,6 +43,18 @@ LEVELS = 1001
 Shares = Mapping[str, Annotated[float, Ge(0), Le(1)]]
 
 
+def empty_goal(coverage: float, groups: Mapping[str, float]) -> str:
+    """A line on a share of 0, which any network reaches; "" where there is none.
+
+    That of the whole task may be 0 where groups have shares of their own.
+    """
+    zero = [name for name, share in groups.items() if share == 0]
+    if not zero and (coverage > 0 or groups):
+        return ""
+    name = f"group {zero[0]!r}" if zero else "the task"
+    return f"a share to cover of 0 always holds; give {name} more than 0, or leave it out"
+
+
 @dataclass(frozen=True)
 class FewestCameras:
     """Reach a coverage with the fewest cameras, or at the least cost.
@@ -70,6 +82,8 @@ class FewestCameras:
         for name, share in {"coverage": self.coverage, **self.groups}.items():
             if not 0 <= share <= 1:
                 raise ConfigError(f"the share to cover of {name} must be 0 to 1, got {share!r}")
+        if line := empty_goal(self.coverage, self.groups):
+            raise ConfigError(line)
 
 
 @dataclass(frozen=True)
@@ -344,7 +358,7 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
     of_group = np.array([row_of[name] for name in owner], np.int32)
     return replace(
         problem,
-        goal=replace(goal, groups=shares),
+        goal=replace(goal, groups={place: share for place, share in shares.items() if share > 0}),
         groups=tuple(known),
         face_group=of_group[problem.face_group],
     )

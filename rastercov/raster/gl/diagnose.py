@@ -14,13 +14,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, get_args
 
 import rastercov
 from rastercov import shaders
 from rastercov.base.errors import DeviceError, RastercovError
 from rastercov.base.threads import Closing, child_environment, thread_count
+from rastercov.base.versions import untested_versions, version_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import Mesh, shapes
@@ -67,7 +67,8 @@ def examine(timeout_s: float = 30.0) -> Report:
         "environment": the variables of `ENVIRONMENT` that are set.
         "hardware_hints": reasons why no hardware renderer works, empty when one does.
         "default": "device" that backend "auto" opens, and "why".
-        "shaders": SHA-256. "versions": of packages and the system.
+        "shaders": SHA-256. "versions": of packages and the system. "untested": a line for each
+        package that is newer or older than what was tested.
         "cpu": "renderer", "threads", "self_test" of the CPU rasteriser.
     """
     devices = list_devices()
@@ -75,7 +76,7 @@ def examine(timeout_s: float = 30.0) -> Report:
     reports = [_examine_device(device, timeout_s) for device in devices]
     has_hardware = any(row["context"] and not row["context"]["is_software"] for row in reports)
     versions = {"rastercov": rastercov.__version__, "Python": platform.python_version()}
-    versions |= {package: _version(package) for package in PACKAGES}
+    versions |= {package: version_of(package) or "not installed" for package in PACKAGES}
     return {
         "kinds": {kind: _availability(kind, reports) for kind in get_args(DeviceKind)},
         "reports": reports,
@@ -84,6 +85,7 @@ def examine(timeout_s: float = 30.0) -> Report:
         "default": _default(reports),
         "shaders": shaders.digest(),
         "versions": versions | {"OS": platform.platform()},
+        "untested": untested_versions(),
         "cpu": {
             "renderer": f"rastercov {versions['rastercov']}",
             "threads": thread_count(None),
@@ -129,13 +131,6 @@ def _default(reports: list[Report]) -> dict[str, str]:
     forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
     why = forbidden if is_software_wanted() else "no hardware device opens"
     return {"device": "cpu", "why": f"{why}; it is several times as fast as OpenGL in software"}
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 # --- self-tests -----------------------------------------------------------------------------------

@@ -12,9 +12,8 @@ poses, with the programs, images and buffers in use.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import copy
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,6 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.native.raster_targets import count_shown
 from rastercov.raster import self_test
 from rastercov.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
 from rastercov.raster.gl.compute import Compute
@@ -34,9 +32,6 @@ from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.raster.gl.pipeline import MAX_POSES, Pipeline
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.sample_grid import SampleGrid
-
-if TYPE_CHECKING:
-    from rastercov.raster.lens import Look, View, ViewDrawer
 
 PLANS = ("pipeline", "compute")
 WAYS: dict[str, dict[str, Any]] = {
@@ -157,26 +152,16 @@ class GLRasterizer(Rasterizer):
             return self._with_targets(counts, *found)
 
     def _drawn(self, poses: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        with self._current():
-            return self._picture(self._scene, self._pixels, poses)
-
-    def drawer(self, camera: Camera, beside: Any = None) -> "ViewDrawer":
-        """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
-        with self._current():
-            return _Drawer(self, camera)
-
-    def _picture(
-        self, scene: Any, grid: SampleGrid, poses: FloatArray
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample of a grid in one pose (1, 4, 4)."""
+        grid = self._pixels
         shape = grid.height, grid.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
-        prepared = self._strategy.prepare(scene, poses, grid)
-        self._strategy.begin(prepared, np.array([0]))
-        for tile in grid.tiles(self._strategy.tile):
-            x, y, width, height = tile
-            part = np.s_[y : y + height, x : x + width]
-            face[part], depth[part] = self._strategy.image(scene, prepared, tile)
+        with self._current():
+            prepared = self._strategy.prepare(self._scene, poses, grid)
+            self._strategy.begin(prepared, np.array([0]))
+            for tile in grid.tiles(self._strategy.tile):
+                x, y, width, height = tile
+                part = np.s_[y : y + height, x : x + width]
+                face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
         return face, depth
 
     def close(self) -> None:
@@ -251,31 +236,3 @@ class GLRasterizer(Rasterizer):
         assert counts.drawn is not None
         if not np.array_equal(counts.drawn, self_test.DRAWN[[view]]):
             raise self._resources.untrusted("counted a known scene wrongly")
-
-
-class _Drawer:
-    """`rastercov.raster.lens.ViewDrawer` on a rasteriser that is open."""
-
-    def __init__(self, rasterizer: GLRasterizer, camera: Camera) -> None:
-        self._rasterizer = rasterizer
-        self._scene = copy(rasterizer._scene)
-        self._scene.camera, self._scene.grid = camera, SampleGrid(camera)
-
-    def picture(self, look: "Look") -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample of a look."""
-        rasterizer = self._rasterizer
-        with rasterizer._current():
-            found = rasterizer._picture(self._scene, self._scene.grid, look[0])
-        rasterizer._note(1)
-        return found
-
-    def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
-        """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
-        face = self.picture(look)[0]
-        if (last := int(face.max())) >= len(visible):
-            raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
-        count_shown(face, view.sums, visible)
-        if drawn is not None:
-            corners, centre = self._rasterizer._corners
-            view.count_alone(corners, centre, look, None, visible, drawn)
-            np.maximum(drawn, visible, out=drawn)  # the device rounds otherwise

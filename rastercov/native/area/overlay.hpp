@@ -19,9 +19,10 @@
 // Invariants: pieces have 3 to MOST_CORNERS corners, or 0 where they are left out; memory grows
 // as needed and is kept from cell to cell.
 //
-// Twins: tests/area/test_union.py.
+// Twins: tests/area/test_union.py, by Clipper2.
 #pragma once
 #include "area/polygon.hpp"
+#include "interrupt.hpp"
 #include "simd.hpp"
 #include <array>
 #include <vector>
@@ -42,7 +43,6 @@ struct CountTo {
     int64_t plus(int64_t views, int64_t more) const { return std::min(views + more, k); }
     bool is_full(int64_t views) const { return views == k; }
     bool only_adds() const { return k == 1; }
-    bool is_right(int64_t tag) const { return 0 <= tag && tag <= k; }
 };
 
 struct SetOf {
@@ -54,7 +54,6 @@ struct SetOf {
     int64_t plus(int64_t set, int64_t more) const { return set | more; }
     bool is_full(int64_t set) const { return (set & bit) != 0; }
     bool only_adds() const { return false; }
-    bool is_right(int64_t) const { return true; }
 };
 
 // Convex polygons of up to PIECE_ROOM corners, whose number grows.
@@ -76,7 +75,7 @@ class Parts {
     std::vector<int64_t> counts;
 };
 
-template <class Tally> class Overlay {
+class Overlay {
   public:
     using Tag = int64_t;
     using Polygon = Array<const double, Any, 2>;
@@ -101,11 +100,12 @@ template <class Tally> class Overlay {
     }
 
     // Adds a piece, of at most PIECE_ROOM corners; the area that is left out in slivers, m^2.
-    double add(Polygon polygon, int64_t n, const Tally &tally) {
+    template <class Tally> double add(Polygon polygon, int64_t n, const Tally &tally) {
         double slivers = fill(polygon, n, tally.first());
         if (tally.only_adds()) return slivers;
         const Sides<Polygon> sides = {polygon, n};
         for (const int64_t q : near) {
+            poll();
             if (tally.is_full(tags[q])) continue;
             const double whole = areas[q];
             if (is_missed(q, sides) && std::isfinite(whole)) continue;
@@ -136,6 +136,7 @@ template <class Tally> class Overlay {
         find_near(exact::extent_of(polygon, n));
         const int64_t n_rest = subtract_all(polygon, n, [&](int64_t n_rest) {
             for (size_t k = 0; k < near.size() && n_rest > 0; k++) {
+                poll();
                 const Polygon piece = corners(near[k]);
                 n_rest = subtract({piece, counts[near[k]]}, counts[near[k]], n_rest);
             }
@@ -162,6 +163,7 @@ template <class Tally> class Overlay {
     std::vector<Tag> tags;
     std::array<std::vector<double>, 4> box; // extents of the pieces; nowhere of those left out
     Parts rest{64};
+    Poll poll{64};
     std::array<double, PIECE_ROOM * 2> spare, cut;
     std::array<double, PIECE_ROOM> values;
 
@@ -171,10 +173,13 @@ template <class Tally> class Overlay {
 
     int64_t new_piece() {
         if (n_pieces == capacity) {
-            capacity = std::max(2 * capacity, int64_t(4 * LANES));
-            xy.resize(capacity * MOST_CORNERS * 2), areas.resize(capacity);
-            counts.resize(capacity), tags.resize(capacity);
-            for (auto &side : box) side.resize(capacity);
+            const int64_t more = std::max(2 * capacity, int64_t(4 * LANES));
+            xy.resize(more * MOST_CORNERS * 2);
+            areas.resize(more);
+            counts.resize(more);
+            tags.resize(more);
+            for (auto &side : box) side.resize(more);
+            capacity = more; // where there was memory for all
         }
         return n_pieces++;
     }

@@ -1,0 +1,21 @@
+"""Cameras as the engine takes them: pinholes, and lenses with their ideal planes."""
+
+from rastercov.camera.camera import Camera
+from rastercov.native import engine_visibility
+
+
+def engine_camera(camera: Camera) -> engine_visibility.Camera:
+    """Camera for the solvers of the engine; that of a lens takes seconds the first time."""
+    own = engine_visibility.Camera(pinhole_numbers(camera), float(camera.near))
+    if not camera.is_pinhole:
+        from rastercov.camera.lenses.of_camera import planes_of
+
+        for plane, record in planes_of(camera):
+            own.add_plane(record, pinhole_numbers(plane.camera))
+    return own
+
+
+def pinhole_numbers(camera: Camera) -> tuple[float, float, float, float, float, float]:
+    """Focal lengths, principal point and size of an image, px."""
+    focal, centre = (float(camera.fx), float(camera.fy)), (float(camera.cx), float(camera.cy))
+    return *focal, *centre, float(camera.width), float(camera.height)

@@ -1,0 +1,102 @@
+// Frames of faces, see rastercov.coverage.area.frames.
+//
+// The third corner is orthogonalized against the longest edge twice, so that y is right to its last
+// digits. Scalar products add in one order everywhere.
+//
+// Twin: tests/area/test_face_frames.py.
+#include "bind.hpp"
+#include "interrupt.hpp"
+#include <cmath>
+
+namespace rastercov {
+namespace area {
+
+using Rows3 = Array<double, Any, 3>;
+
+struct FrameRows {
+    Rows3 origin, x_axis, y_axis, normal;
+    Array<double, Any, 3, 2> corners;
+    Array<double, Any> areas;
+};
+
+namespace {
+
+double dot(const double *a, const double *b) { return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]; }
+
+struct Frame {
+    double origin[3], x_axis[3] = {}, y_axis[3], longest = -1.0, x, y;
+
+    explicit Frame(const double *const (&points)[3]) {
+        int first = 0;
+        for (int k = 0; k < 3; k++) {
+            double side[3];
+            for (int i = 0; i < 3; i++) side[i] = points[(k + 1) % 3][i] - points[k][i];
+            const double length = std::sqrt(dot(side, side));
+            if (!(length > longest)) continue;
+            longest = length;
+            first = k;
+            for (int i = 0; i < 3; i++) x_axis[i] = side[i] / length;
+        }
+        const double *const third = points[(first + 2) % 3];
+        double away[3], across[3];
+        for (int i = 0; i < 3; i++) {
+            origin[i] = points[first][i];
+            away[i] = third[i] - origin[i];
+        }
+        x = dot(away, x_axis);
+        for (int i = 0; i < 3; i++) across[i] = away[i] - x * x_axis[i];
+        const double left = dot(across, x_axis);
+        for (int i = 0; i < 3; i++) across[i] -= left * x_axis[i];
+        y = std::sqrt(dot(across, across));
+        for (int i = 0; i < 3; i++) y_axis[i] = across[i] / y;
+    }
+    double area() const { return longest * y / 2; }
+};
+
+// Sets `out` to the frames of faces; those of faces that are flat, or have no area, stay as they
+// are.
+void build_frames(Array<const double, Any, 3> vertices, Array<const int64_t, Any, 3> faces,
+                  Array<const bool, Any> is_flat, const FrameRows &out) {
+    const int64_t n = faces.rows();
+    require_indices(faces, vertices.rows(), "faces must hold vertices");
+    require(is_flat.rows() == n && out.origin.rows() == n && out.x_axis.rows() == n &&
+                out.y_axis.rows() == n && out.normal.rows() == n && out.corners.rows() == n &&
+                out.areas.rows() == n,
+            "is_flat and out must have one row for each face");
+    Poll poll;
+    for (int64_t f = 0; f < n; f++) {
+        poll();
+        if (is_flat[f]) continue;
+        const Frame frame(
+            {vertices[faces(f, 0)].data, vertices[faces(f, 1)].data, vertices[faces(f, 2)].data});
+        if (!(frame.area() > 0)) continue;
+        const double *const x = frame.x_axis, *const y = frame.y_axis;
+        for (int i = 0; i < 3; i++) {
+            const int j = (i + 1) % 3, k = (i + 2) % 3;
+            out.origin(f, i) = frame.origin[i];
+            out.x_axis(f, i) = x[i];
+            out.y_axis(f, i) = y[i];
+            out.normal(f, i) = x[j] * y[k] - x[k] * y[j];
+        }
+        out.corners(f, 1, 0) = frame.longest;
+        out.corners(f, 2, 0) = frame.x;
+        out.corners(f, 2, 1) = frame.y;
+        out.areas[f] = frame.area();
+    }
+}
+
+} // namespace
+} // namespace area
+
+template <> struct Record<area::FrameRows> {
+    using F = area::FrameRows;
+    static constexpr auto fields =
+        Fields<&F::origin, &F::x_axis, &F::y_axis, &F::normal, &F::corners, &F::areas>();
+};
+
+void register_area_frames(nanobind::module_ &m) {
+    def(m, "build_frames", area::build_frames, "Set rows of `out` to the frames of faces.",
+        "vertices", "faces", "is_flat", "out");
+}
+
+} // namespace rastercov

@@ -1,0 +1,67 @@
+// Handles of C: numbers that are never used again, and the objects behind those that are alive.
+//
+// A call holds the object that it works on, so that another thread may free the handle meanwhile.
+//
+// Twin: tests/native/test_c_border.py.
+#pragma once
+#include "error.hpp"
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <unordered_map>
+
+namespace rastercov::c {
+
+struct Object {
+    Object() = default;
+    Object(const Object &) = delete;
+    virtual ~Object() = default;
+};
+
+// A handle that is null, freed, or of another kind.
+struct BadHandle : Error {
+    using Error::Error;
+};
+
+class Handles {
+  public:
+    template <class Handle> Handle *add(std::shared_ptr<Object> object) {
+        const std::scoped_lock lock(_changes);
+        _alive.emplace(++_last, std::move(object));
+        return reinterpret_cast<Handle *>(uintptr_t(_last)); // NOLINT: a number, never an address
+    }
+
+    // The object of a kind behind a handle.
+    template <class T> std::shared_ptr<T> get(const void *handle, const char *kind) const {
+        const std::scoped_lock lock(_changes);
+        const auto found = _alive.find(reinterpret_cast<uintptr_t>(handle));
+        auto object = found == _alive.end() ? nullptr : std::dynamic_pointer_cast<T>(found->second);
+        if (!object) refuse(handle, kind);
+        return object;
+    }
+
+    template <class T> void free(const void *handle, const char *kind) {
+        const auto object = get<T>(handle, kind); // destroyed without the lock
+        const std::scoped_lock lock(_changes);
+        _alive.erase(reinterpret_cast<uintptr_t>(handle));
+    }
+
+    int64_t count() const {
+        const std::scoped_lock lock(_changes);
+        return int64_t(_alive.size());
+    }
+
+  private:
+    [[noreturn]] static void refuse(const void *handle, const char *kind) {
+        throw BadHandle(std::string("expected a handle of a ") + kind + ", got " +
+                        (handle ? "one that was freed or is of another kind" : "null") +
+                        "; create one, and free it once");
+    }
+
+    mutable std::mutex _changes;
+    std::unordered_map<uintptr_t, std::shared_ptr<Object>> _alive;
+    uintptr_t _last = 0;
+};
+
+} // namespace rastercov::c

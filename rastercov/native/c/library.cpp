@@ -1,0 +1,500 @@
+// The border to C: what include/rastercov.h declares. Arguments are checked here, once; every error
+// becomes a code and a text.
+//
+// Twin: tests/native/test_c_border.py, by Python.
+#include "c/handles.hpp"
+#include "engine/mesh.hpp"
+#include "engine/pass.hpp"
+#include "engine/union.hpp"
+#pragma GCC visibility push(default) // all else is hidden
+#include "rastercov.h"
+#pragma GCC visibility pop
+#include <array>
+#include <bit>
+#include <cmath>
+#include <new>
+
+namespace rastercov::c {
+namespace {
+constexpr double GAP_REL = 1e-6;    // as of rastercov.coverage.area.regions
+constexpr double FLOOR_REL = 1e-15; // least distance of two corners, relative to the diagonal
+constexpr double RIGID = 1e-6;      // largest error of a rotation
+constexpr int64_t MOST_FACES = std::numeric_limits<int32_t>::max() / 3;
+constexpr int64_t MOST_THREADS = 1024, MOST_VIEWS = 10'000;
+
+struct SurfaceObject : Object {
+    engine::Mesh mesh;
+};
+
+// Solvers of a camera and a task, kept for the next call with the same.
+struct SolverObject : Object {
+    std::shared_ptr<const SurfaceObject> surface;
+    bool is_certifying;
+    int64_t n_threads;
+    std::mutex changes;
+    rc_camera camera = {};
+    rc_task task = {};
+    bool has_task = false;
+    std::shared_ptr<engine::Pass> pass;
+};
+
+struct RegionsObject : Object {
+    std::shared_ptr<const SurfaceObject> surface;
+    std::vector<engine::Regions> poses;
+};
+
+struct UnionObject : Object {
+    std::shared_ptr<const SurfaceObject> surface;
+    mutable std::mutex changes;
+    std::unique_ptr<engine::Union> all;
+};
+
+Handles &handles() {
+    static Handles all;
+    return all;
+}
+
+std::string &last_error() {
+    thread_local std::string text = "no call of this thread has failed";
+    return text;
+}
+
+// What is said where there may be no memory for a text.
+rc_status failed(rc_status status, const char *what) noexcept {
+    try {
+        last_error() = what;
+    } catch (...) {
+        last_error().clear();
+    }
+    return status;
+}
+
+// Runs a call: its code, with a text where it is not RC_OK.
+template <class Call> rc_status guard(const char *doing, Call call) noexcept {
+    try {
+        call();
+        return RC_OK;
+    } catch (const BadHandle &error) {
+        return failed(RC_BAD_HANDLE, error.what());
+    } catch (const Error &error) {
+        return failed(RC_BAD_ARGUMENT, error.what());
+    } catch (const Interrupted &) {
+        return failed(RC_STOPPED, "stopped by the callback; finished rows stay");
+    } catch (const std::bad_alloc &) {
+        char text[160];
+        std::snprintf(text, sizeof text, "out of memory while %s; ask for less, or free objects",
+                      doing);
+        return failed(RC_OUT_OF_MEMORY, text);
+    } catch (const std::exception &error) {
+        return failed(RC_FAILED, error.what());
+    } catch (...) {
+        return failed(RC_FAILED, "a callback threw an exception that is no std::exception");
+    }
+}
+
+// Refuses an argument: expected `wanted`, got a number; do what `then` says.
+template <class Number>
+void expect(bool is_right, const char *wanted, Number got, const char *then) {
+    if (is_right) return;
+    char text[200];
+    if constexpr (std::is_floating_point_v<Number>)
+        std::snprintf(text, sizeof text, "expected %s, got %.9g; %s", wanted, got, then);
+    else
+        std::snprintf(text, sizeof text, "expected %s, got %lld; %s", wanted,
+                      static_cast<long long>(got), then);
+    throw Error(text);
+}
+
+void expect_array(const void *array, const char *name) {
+    if (!array) throw Error(std::string("expected an array for ") + name + ", got null; pass one");
+}
+
+template <class T> T *expect_result(T *result) {
+    expect_array(static_cast<const void *>(result), "the result");
+    return result;
+}
+
+void check_camera(const rc_camera *camera) {
+    expect_array(camera, "camera");
+    for (const double each : {camera->width, camera->height, camera->fx, camera->fy})
+        expect(each >= 1e-6 && each <= 1e9, "width, height, fx and fy within 1e-6 ... 1e9 px", each,
+               "give them in pixels");
+    for (const double each : {camera->cx, camera->cy})
+        expect(std::abs(each) <= 1e9, "cx and cy within 1e9 px", each, "give them in pixels");
+    expect(camera->near >= 0.0 && camera->near <= engine::LARGEST_COORDINATE,
+           "near of 0 or more, metres", camera->near, "give a depth");
+}
+
+void check_pose(const double *pose) {
+    for (int k = 0; k < 16; k++)
+        expect(std::abs(pose[k]) <= engine::LARGEST_COORDINATE, "finite poses", pose[k],
+               "correct it");
+    for (int k = 0; k < 4; k++)
+        expect(pose[12 + k] == (k == 3 ? 1.0 : 0.0), "0 0 0 1 in the last row of a pose",
+               pose[12 + k], "give world_from_camera row by row");
+    const auto at = [&](int i, int k) { return pose[4 * i + k]; };
+    for (int i = 0; i < 3; i++)
+        for (int k = i; k < 3; k++) {
+            double product = 0.0;
+            for (int row = 0; row < 3; row++) product += at(row, i) * at(row, k);
+            expect(std::abs(product - (i == k)) <= RIGID,
+                   "a rotation in a pose, columns of length 1", product,
+                   "give world_from_camera without scale");
+        }
+    double volume = 0.0;
+    for (int k = 0; k < 3; k++)
+        volume += at(k, 0) * (at((k + 1) % 3, 1) * at((k + 2) % 3, 2) -
+                              at((k + 2) % 3, 1) * at((k + 1) % 3, 2));
+    expect(volume > 0.0, "a rotation in a pose, of determinant 1", volume, "flip no axis");
+}
+
+// Poses as a pass takes them.
+struct Placed {
+    std::vector<double> matrices;
+    std::vector<int32_t> camera;
+    std::vector<int64_t> rows;
+
+    Placed(const double *poses, int64_t n) {
+        expect(n >= 0 && n <= MOST_FACES, "a number of poses of 0 or more", n, "correct it");
+        if (n > 0) expect_array(poses, "poses");
+        for (int64_t p = 0; p < n; p++) check_pose(poses + 16 * p);
+        if (n > 0) matrices.assign(poses, poses + 16 * n);
+        camera.assign(size_t(n), 0);
+        for (int64_t p = 0; p < n; p++) rows.push_back(p);
+    }
+
+    engine::Poses poses() const {
+        const auto n = int64_t(rows.size());
+        return {
+            {matrices.data(), {n}}, {camera.data(), {n}}, {rows.data(), {n}}, {rows.data(), {n}}};
+    }
+};
+
+Rules rules_of(const rc_task &task) {
+    expect(task.min_depth >= 0.0, "min_depth of 0 or more, metres", task.min_depth, "correct it");
+    expect(task.max_depth >= task.min_depth, "max_depth of min_depth or more", task.max_depth,
+           "correct it");
+    expect(task.max_incidence_deg > 0.0 && task.max_incidence_deg <= 90.0,
+           "max_incidence_deg within 0 ... 90", task.max_incidence_deg, "correct it");
+    for (const double each : {task.min_pixel_density, task.min_pixels_per_m2})
+        expect(each >= 0.0 && each <= 1e300, "densities of 0 or more", each, "correct them");
+    const double angle = task.max_incidence_deg * (3.14159265358979323846 / 180.0);
+    const bool is_limited = task.max_incidence_deg < 90.0;
+    return {.min_pixels = 1.0,
+            .min_visibility = 0.0,
+            .min_coverage = 0.0,
+            .min_pixel_density = task.min_pixel_density,
+            .min_facing_density = 0.0,
+            .min_pixels_per_m2 = task.min_pixels_per_m2,
+            .z_n = task.min_depth,
+            .z_f = task.max_depth,
+            .max_incidence = angle,
+            .cos_incidence = is_limited ? std::cos(angle) : 0.0,
+            .tan_incidence = is_limited ? std::tan(angle) : 0.0,
+            .focus_of_centroid = false,
+            .cap_resolution = true};
+}
+
+// The pass of a solver for a camera, and for a task or none.
+std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
+                                      const rc_task *task) {
+    const std::scoped_lock lock(solver.changes);
+    const auto same = []<class T>(const T &a, const T &b) { // bit for bit: all are doubles
+        using Bits = std::array<uint64_t, sizeof(T) / sizeof(uint64_t)>;
+        return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
+    };
+    const bool is_same = solver.pass && same(solver.camera, camera) &&
+                         solver.has_task == (task != nullptr) &&
+                         (!task || same(solver.task, *task));
+    if (is_same) return solver.pass;
+    const Lens lens = {camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height};
+    auto pass =
+        std::make_shared<engine::Pass>(solver.is_certifying, task != nullptr, 1, solver.n_threads);
+    std::shared_ptr<engine::CameraTask> criteria;
+    if (task) {
+        criteria = std::make_shared<engine::CameraTask>();
+        area::LensCriteria of_pinhole = {};
+        of_pinhole.pinhole = {lens, rules_of(*task), GAP_REL, 0.0};
+        criteria->planes.push_back(of_pinhole);
+    }
+    auto image = std::make_shared<engine::Camera>();
+    image->image = lens;
+    image->near = camera.near;
+    pass->set_camera(0, std::move(image), std::move(criteria));
+    solver.camera = camera;
+    solver.has_task = task != nullptr;
+    if (task) solver.task = *task;
+    solver.pass = pass;
+    return pass;
+}
+
+engine::GoOn go_on_of(rc_go_on function, void *context) {
+    if (!function) return {};
+    return [=] { return function(context) != 0; };
+}
+
+const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {
+    const auto n = int64_t(regions.poses.size());
+    if (!(pose >= 0 && pose < n))
+        throw Error("expected a pose within 0 ... " + std::to_string(n - 1) + ", got " +
+                    std::to_string(pose) + "; count from 0");
+    return regions.poses[size_t(pose)];
+}
+
+void check_faces(const SurfaceObject &surface, int64_t n_faces) {
+    const int64_t n = surface.mesh.n_faces();
+    if (n_faces != n)
+        throw Error("expected room for the " + std::to_string(n) + " faces of the surface, got " +
+                    std::to_string(n_faces) + "; make the arrays as long");
+}
+} // namespace
+} // namespace rastercov::c
+
+using namespace rastercov;
+using namespace rastercov::c;
+
+int rc_version(void) { return RC_API_VERSION; }
+const char *rc_last_error(void) { return last_error().c_str(); }
+rc_status rc_count_handles(int64_t *count) {
+    return guard("counting handles", [&] { *expect_result(count) = handles().count(); });
+}
+
+rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const int32_t *faces,
+                            int64_t n_faces, const uint8_t *roles, rc_surface **surface) {
+    return guard("making a surface", [&] {
+        expect_result(surface);
+        expect(n_vertices > 0 && n_vertices <= INT32_MAX, "1 to 2147483647 vertices", n_vertices,
+               "correct the number");
+        expect(n_faces > 0 && n_faces <= MOST_FACES, "1 to 715827882 faces", n_faces,
+               "split the mesh");
+        expect_array(vertices, "vertices");
+        expect_array(faces, "faces");
+        for (int64_t f = 0; roles && f < n_faces; f++)
+            expect(roles[f] < 8, "roles of 0 to 7", roles[f],
+                   "add RC_OCCLUDER, RC_TARGET, RC_TWO_SIDED");
+        const auto made = std::make_shared<SurfaceObject>();
+        made->mesh = engine::make_mesh({vertices, {n_vertices}}, {faces, {n_faces}},
+                                       {roles, {roles ? n_faces : 0}});
+        *surface = handles().add<rc_surface>(made);
+    });
+}
+rc_status rc_surface_free(rc_surface *surface) {
+    return guard("freeing", [&] { handles().free<SurfaceObject>(surface, "surface"); });
+}
+rc_status rc_surface_areas(const rc_surface *surface, int64_t n_faces, double *areas) {
+    return guard("reading areas", [&] {
+        const auto object = handles().get<SurfaceObject>(surface, "surface");
+        check_faces(*object, n_faces);
+        const auto own = object->mesh.arrays->areas.rows();
+        std::copy(own.begin(), own.end(), expect_result(areas));
+    });
+}
+
+rc_status rc_solver_create(const rc_surface *surface, int32_t method, int32_t n_threads,
+                           rc_solver **solver) {
+    return guard("making a solver", [&] {
+        expect_result(solver);
+        expect(method == RC_CERTIFIED || method == RC_EXACT, "RC_CERTIFIED or RC_EXACT", method,
+               "pass one of them");
+        expect(n_threads >= 1 && n_threads <= MOST_THREADS, "1 to 1024 threads", n_threads,
+               "correct it");
+        const auto made = std::make_shared<SolverObject>();
+        made->surface = handles().get<SurfaceObject>(surface, "surface");
+        made->is_certifying = method == RC_CERTIFIED;
+        made->n_threads = n_threads;
+        *solver = handles().add<rc_solver>(made);
+    });
+}
+rc_status rc_solver_free(rc_solver *solver) {
+    return guard("freeing", [&] { handles().free<SolverObject>(solver, "solver"); });
+}
+
+rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *poses,
+                     int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures) {
+    return guard("observing poses", [&] {
+        const auto object = handles().get<SolverObject>(solver, "solver");
+        check_camera(camera);
+        expect_array(figures, "figures");
+        const engine::Mesh &mesh = object->surface->mesh;
+        const Placed placed(poses, n_poses);
+        if (n_poses == 0) return;
+        for (const void *each :
+             {static_cast<const void *>(figures->visible), static_cast<const void *>(figures->area),
+              static_cast<const void *>(figures->area_error),
+              static_cast<const void *>(figures->is_certified)})
+            expect_array(each, "each of figures");
+        const int64_t n_faces = mesh.n_faces();
+        const std::array<int64_t, 2> shape = {n_poses, n_faces};
+        const auto clipped = std::make_unique<bool[]>(size_t(n_poses));
+        engine::Job job = {mesh.surface, placed.poses(), {}, nullptr, {}};
+        job.figures = {{figures->visible, shape},
+                       {figures->area, shape},
+                       {figures->is_certified, shape},
+                       {figures->area_error, shape},
+                       {clipped.get(), {n_poses}}};
+        uint8_t *const kinds = figures->is_certified;
+        const auto pass = pass_of(*object, *camera, nullptr);
+        std::fill_n(kinds, n_poses * n_faces, uint8_t(engine::EXACT));
+        struct AtEnd { // also of rows that are finished where another one fails
+            uint8_t *first, *last;
+            ~AtEnd() {
+                for (; first != last; first++) *first = *first != engine::EXACT;
+            }
+        } at_end = {kinds, kinds + n_poses * n_faces};
+        pass->run(job, object->n_threads, go_on_of(go_on, context));
+    });
+}
+
+rc_task rc_task_default(void) { return {0.0, INFINITY, 90.0, 0.0, 0.0}; }
+
+rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_task *task,
+                          const double *poses, int64_t n_poses, rc_go_on go_on, void *context,
+                          rc_regions **regions) {
+    return guard("finding regions", [&] {
+        expect_result(regions);
+        const auto object = handles().get<SolverObject>(solver, "solver");
+        check_camera(camera);
+        expect_array(task, "task");
+        rules_of(*task);
+        const engine::Mesh &mesh = object->surface->mesh;
+        const Placed placed(poses, n_poses);
+        const area::Planes planes = mesh.arrays->planes();
+        const engine::Job job = {mesh.surface, placed.poses(), {}, &planes, {}};
+        const auto made = std::make_shared<RegionsObject>();
+        made->surface = object->surface;
+        made->poses =
+            pass_of(*object, *camera, task)->run(job, object->n_threads, go_on_of(go_on, context));
+        *regions = handles().add<rc_regions>(made);
+    });
+}
+rc_status rc_regions_free(rc_regions *regions) {
+    return guard("freeing", [&] { handles().free<RegionsObject>(regions, "result of regions"); });
+}
+
+rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_faces, double *areas,
+                           double *bounds) {
+    return guard("reading areas", [&] {
+        const auto object = handles().get<RegionsObject>(regions, "result of regions");
+        const engine::Regions &own = pose_of(*object, pose);
+        check_faces(*object->surface, n_faces);
+        expect_array(areas, "areas");
+        expect_array(bounds, "bounds");
+        std::fill_n(areas, n_faces, 0.0);
+        std::fill_n(bounds, n_faces, 0.0);
+        for (size_t k = 0; k < own.listed.size(); k++) {
+            areas[own.listed[k]] = own.area[k];
+            bounds[own.listed[k]] = own.bound[k];
+        }
+    });
+}
+
+rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_polygons,
+                          int64_t *n_corners) {
+    return guard("reading regions", [&] {
+        const auto object = handles().get<RegionsObject>(regions, "result of regions");
+        const engine::Regions &own = pose_of(*object, pose);
+        expect_array(n_polygons, "n_polygons");
+        expect_array(n_corners, "n_corners");
+        *n_polygons = int64_t(own.face.size());
+        *n_corners = int64_t(own.xy.size() / 2);
+    });
+}
+
+rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_polygons,
+                          int64_t n_corners, int32_t *faces, int32_t *counts, double *corners) {
+    return guard("reading regions", [&] {
+        const auto object = handles().get<RegionsObject>(regions, "result of regions");
+        const engine::Regions &own = pose_of(*object, pose);
+        expect(n_polygons == int64_t(own.face.size()) && n_corners == int64_t(own.xy.size() / 2),
+               "the numbers of rc_regions_size", n_polygons, "ask for them");
+        if (own.face.empty()) return;
+        expect_array(faces, "faces");
+        expect_array(counts, "counts");
+        expect_array(corners, "corners");
+        const engine::MeshArrays &mesh = *object->surface->mesh.arrays;
+        const auto origin = mesh.origin.rows<3>(), x_axis = mesh.x_axis.rows<3>(),
+                   y_axis = mesh.y_axis.rows<3>();
+        const double *xy = own.xy.data();
+        for (size_t p = 0; p < own.face.size(); p++) {
+            const int32_t f = own.face[p];
+            faces[p] = f;
+            counts[p] = int32_t(own.n_corners[p]);
+            for (int64_t i = 0; i < own.n_corners[p]; i++, xy += 2)
+                for (int axis = 0; axis < 3; axis++)
+                    *corners++ =
+                        origin(f, axis) + xy[0] * x_axis(f, axis) + xy[1] * y_axis(f, axis);
+        }
+    });
+}
+
+rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **unite) {
+    return guard("making a union", [&] {
+        expect_result(unite);
+        expect(views >= 1 && views <= MOST_VIEWS, "views of 1 to 10000", views, "correct it");
+        const auto made = std::make_shared<UnionObject>();
+        made->surface = handles().get<SurfaceObject>(surface, "surface");
+        const engine::Mesh &mesh = made->surface->mesh;
+        const area::Planes planes = mesh.arrays->planes();
+        made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
+                                                    FLOOR_REL * mesh.diagonal, views);
+        *unite = handles().add<rc_union>(made);
+    });
+}
+rc_status rc_union_free(rc_union *unite) {
+    return guard("freeing", [&] { handles().free<UnionObject>(unite, "union"); });
+}
+
+rc_status rc_union_add(rc_union *unite, const rc_regions *regions) {
+    return guard("uniting regions", [&] {
+        const auto object = handles().get<UnionObject>(unite, "union");
+        const auto more = handles().get<RegionsObject>(regions, "result of regions");
+        require(object->surface == more->surface,
+                "expected regions of the surface of the union, got "
+                "those of another one; make a union for it");
+        engine::Regions all;
+        std::vector<int64_t> starts = {0};
+        std::vector<int32_t> pose, pair_pose;
+        for (size_t p = 0; p < more->poses.size(); p++) {
+            const engine::Regions &own = more->poses[p];
+            all.xy.insert(all.xy.end(), own.xy.begin(), own.xy.end());
+            all.face.insert(all.face.end(), own.face.begin(), own.face.end());
+            all.listed.insert(all.listed.end(), own.listed.begin(), own.listed.end());
+            all.area.insert(all.area.end(), own.area.begin(), own.area.end());
+            all.bound.insert(all.bound.end(), own.bound.begin(), own.bound.end());
+            all.excess.insert(all.excess.end(), own.excess.begin(), own.excess.end());
+            for (const int64_t n : own.n_corners) starts.push_back(starts.back() + n);
+            pose.resize(all.face.size(), int32_t(p));
+            pair_pose.resize(all.listed.size(), int32_t(p));
+        }
+        const auto n = int64_t(pose.size()), n_pairs = int64_t(pair_pose.size());
+        const engine::RegionPieces pieces = {{all.xy.data(), {int64_t(all.xy.size() / 2)}},
+                                             {starts.data(), {n + 1}},
+                                             {all.face.data(), {n}},
+                                             {pose.data(), {n}}};
+        const engine::RegionPairs pairs = {{pair_pose.data(), {n_pairs}},
+                                           {all.listed.data(), {n_pairs}},
+                                           {all.area.data(), {n_pairs}},
+                                           {all.bound.data(), {n_pairs}},
+                                           {all.excess.data(), {n_pairs}}};
+        const std::scoped_lock lock(object->changes);
+        object->all->add(pieces, pairs, {}, {});
+    });
+}
+
+rc_status rc_union_areas(const rc_union *unite, int32_t views, int64_t n_faces, double *areas,
+                         double *bounds) {
+    return guard("reading areas", [&] {
+        const auto object = handles().get<UnionObject>(unite, "union");
+        check_faces(*object->surface, n_faces);
+        expect_array(areas, "areas");
+        expect_array(bounds, "bounds");
+        const std::scoped_lock lock(object->changes);
+        expect(views >= 1 && views <= object->all->views(), "views within those of the union",
+               views, "make a union that counts as far");
+        engine::Room<double> levels(views * n_faces), both(2 * n_faces);
+        object->all->write_areas({levels.begin(), {views, n_faces}});
+        object->all->write_bounds({both.begin(), {2, n_faces}});
+        std::copy_n(levels.begin() + (views - 1) * n_faces, n_faces, areas);
+        std::copy_n(both.begin(), n_faces, bounds);
+    });
+}

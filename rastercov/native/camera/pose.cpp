@@ -1,0 +1,82 @@
+// Faults of poses: what is no rigid motion, and what has drifted from one; and their near planes.
+//
+// The rotation R of a pose has drifted by the largest entry of |R^T R - 1|.
+//
+// Twins: tests/test_pose.py, tests/test_projection.py.
+#include "bind.hpp"
+#include "camera/near.hpp"
+#include <algorithm>
+#include <cmath>
+
+namespace rastercov {
+namespace {
+
+// Sound, and faults in the order in which the first one counts; drift is none.
+enum Fault : uint8_t { SOUND, NOT_FINITE, TOO_FAR, BAD_LAST_ROW, NO_ROTATION, REFLECTION, DRIFTED };
+
+struct PoseLimits {
+    double farthest;            // coordinate, metres
+    double tolerance, rounding; // of drift: more is a fault, more is taken out
+};
+
+Fault fault_of(const Array<const double, 4, 4> &pose, const PoseLimits &limits) {
+    for (const double each : pose)
+        if (!(std::abs(each) < INFINITY)) return NOT_FINITE;
+    for (int i = 0; i < 3; i++)
+        if (std::abs(pose(i, 3)) > limits.farthest) return TOO_FAR;
+    for (int k = 0; k < 4; k++)
+        if (pose(3, k) != (k == 3)) return BAD_LAST_ROW;
+    double drift = 0.0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j <= i; j++) {
+            double product = 0.0;
+            for (int k = 0; k < 3; k++) product += pose(k, i) * pose(k, j);
+            const double off = std::abs(product - (i == j));
+            if (!(off <= limits.tolerance)) return NO_ROTATION; // NaN of what overflows, too
+            drift = std::max(drift, off);
+        }
+    double determinant = 0.0;
+    for (int j = 0; j < 3; j++) {
+        const int k = (j + 1) % 3, l = (j + 2) % 3;
+        determinant += pose(0, j) * (pose(1, k) * pose(2, l) - pose(1, l) * pose(2, k));
+    }
+    if (determinant < 0) return REFLECTION;
+    return drift > limits.rounding ? DRIFTED : SOUND;
+}
+
+void find_faults(Array<const double, Any, 4, 4> poses, const PoseLimits &limits,
+                 Array<uint8_t, Any> out) {
+    require(out.rows() == poses.rows(), "out must have one row for each pose");
+    for (int64_t i = 0; i < poses.rows(); i++) out[i] = fault_of(poses[i], limits);
+}
+
+void find_near_limits(Array<const double, Any, 4, 4> poses, Array<const double, 2, 3> bounds,
+                      Array<const double, Any> of_cameras, Array<double, Any> out) {
+    require(of_cameras.rows() == poses.rows() && out.rows() == poses.rows(),
+            "of_cameras and out must have one row for each pose");
+    Box box;
+    for (int k = 0; k < 6; k++) box[k / 3][k % 3] = bounds.data[k];
+    for (int64_t i = 0; i < poses.rows(); i++) {
+        const auto centre = [&](int axis) { return poses(i, axis, 3); };
+        out[i] = near_of(of_cameras[i], farthest_of(box, centre));
+    }
+}
+
+} // namespace
+
+template <> struct Record<PoseLimits> {
+    using L = PoseLimits;
+    static constexpr auto fields = Fields<&L::farthest, &L::tolerance, &L::rounding>();
+};
+
+void register_camera_pose(nanobind::module_ &m) {
+    m.attr("DRIFTED") = int(DRIFTED);
+    def(m, "find_faults", find_faults, "Set `out`, (P,), to the index of the fault of each pose.",
+        "poses", "limits", "out");
+    m.attr("NEAR_TO_FAR") = NEAR_TO_FAR;
+    def(m, "find_near_limits", find_near_limits,
+        "Set `out`, (P,), to the depth of the near plane of each pose, metres.", "poses", "bounds",
+        "of_cameras", "out");
+}
+
+} // namespace rastercov

@@ -1,0 +1,31 @@
+// A camera as solvers take it: a pinhole, or the ideal planes that together see what a lens does.
+//
+// A lens bends lines and hides nothing: what is in front of what is decided on each ray. So
+// visibility is computed in pinholes, and faces and their visible pieces are mapped to pixels.
+//
+// Twin: rastercov.camera.lenses.of_camera.
+#pragma once
+#include "area/plane.hpp"
+#include "lens/planes.hpp"
+#include <vector>
+
+namespace rastercov::engine {
+
+struct IdealPlane {
+    lens::PlaneRecord record;
+    Lens pinhole;
+};
+
+struct Camera {
+    Lens image;                     // of a lens the size alone
+    double near;                    // least depth that is seen, metres
+    std::vector<IdealPlane> planes; // none of a pinhole; those of one frame follow one another
+};
+
+// Pointwise criteria of a task in the image of a camera: in that of a pinhole, `pinhole` of one row
+// alone; or in each of its planes. Gaps are relative to the diagonal of a surface.
+struct CameraTask {
+    std::vector<area::LensCriteria> planes;
+};
+
+} // namespace rastercov::engine

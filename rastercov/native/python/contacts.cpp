@@ -1,0 +1,61 @@
+// The border of contacts to Python: rastercov.native.engine_contacts.
+//
+// Twin: tests/mesh/test_contacts.py.
+#include "engine/contacts.hpp"
+#include "bind.hpp"
+
+namespace rastercov {
+namespace {
+using Positions = Array<const double, Any, 3>;
+using Corners = Array<const int64_t, Any, 3>;
+
+int64_t find_touching(Positions vertices, Corners faces, Array<const bool, Any> is_flat,
+                      Array<const int32_t, Any> labels, double tolerance, int64_t n_threads,
+                      int64_t most_at_corner, int64_t leaves_a_part, Array<bool, Any> touching) {
+    require(touching.rows() == faces.rows(), "touching must have one value for each face");
+    std::atomic<int64_t> n_steps = 0;
+    const engine::ContactOptions options = {n_threads, most_at_corner, leaves_a_part, &n_steps};
+    engine::Room<bool> found =
+        engine::find_touching({vertices, faces}, is_flat, labels, tolerance, options);
+    std::copy(found.begin(), found.end(), touching.begin());
+    return n_steps;
+}
+
+// Partners of faces; the number of all, of which there may be more than room.
+int64_t find_partners(Positions vertices, Corners faces, double tolerance,
+                      Array<const bool, Any> touching, Array<int64_t, Any> starts,
+                      Array<int32_t, Any> partners) {
+    engine::Room<bool> own(touching.rows());
+    std::copy(touching.begin(), touching.end(), own.begin());
+    const engine::Contacts found =
+        engine::find_partners({vertices, faces}, std::move(own), tolerance);
+    require(starts.rows() == found.starts.size(), "starts must have one value more than faces");
+    std::copy_n(found.starts.rows().data, starts.rows(), starts.begin());
+    std::copy_n(found.partners.rows().data, std::min(found.partners.size(), partners.rows()),
+                partners.begin());
+    return found.partners.size();
+}
+} // namespace
+
+void register_engine_contacts(nanobind::module_ &m) {
+    m.attr("MOST_AT_A_CORNER") = engine::ContactOptions().most_at_corner;
+    m.attr("LEAVES_A_PART") = engine::ContactOptions().leaves_a_part;
+    m.attr("BOX_MARGIN") = engine::BOX_MARGIN;
+    m.attr("ROUNDING_FACTOR") = engine::ROUNDING_FACTOR;
+    m.attr("PAIRS_A_FACE") = engine::PAIRS_A_FACE;
+    m.attr("CONTACT") = engine::CONTACT;
+    m.attr("REACH") = engine::REACH;
+    m.attr("MOST_PARTNERS") = engine::MOST_PARTNERS;
+    def(m, "decade_of", engine::decade_of,
+        "Decade of a distance of cameras, metres, for a mesh of a diagonal.", "distance",
+        "diagonal");
+    def(m, "find_touching", find_touching,
+        "Mark the faces within a tolerance of another one; returns the steps that it took.",
+        "vertices", "faces", "is_flat", "labels", "tolerance", "n_threads", "most_at_corner",
+        "leaves_a_part", "touching");
+    def(m, "find_partners", find_partners,
+        "Faces in contact with each of those that touch; their number, whatever the room.",
+        "vertices", "faces", "tolerance", "touching", "starts", "partners");
+}
+
+} // namespace rastercov

@@ -1,0 +1,116 @@
+// The border of Union to Python: rastercov.native.engine_union.
+//
+// Twins: tests/area/test_union.py, by Clipper2.
+#include "engine/union.hpp"
+#include "bind.hpp"
+#include <atomic>
+#include <nanobind/stl/pair.h>
+
+namespace rastercov {
+
+using engine::FlatFaces, engine::RegionPairs, engine::RegionPieces;
+template <> struct Record<FlatFaces> {
+    static constexpr auto fields = Fields<&FlatFaces::corners, &FlatFaces::areas>();
+};
+template <> struct Record<RegionPieces> {
+    using S = RegionPieces;
+    static constexpr auto fields = Fields<&S::xy, &S::starts, &S::face, &S::pose>();
+};
+template <> struct Record<RegionPairs> {
+    using S = RegionPairs;
+    static constexpr auto fields = Fields<&S::pose, &S::face, &S::area, &S::bound, &S::excess>();
+};
+
+namespace {
+namespace nb = nanobind;
+using Numbers = Array<const int64_t, Any>;
+using Values = Array<const double, Any>;
+
+constexpr auto ADD =
+    "Add regions; `progress(done, total)` may raise, and the union is as before then.";
+
+// A union that one thread at a time uses.
+struct Handle {
+    engine::Union united;
+    std::atomic<bool> is_busy = false;
+    Handle(const FlatFaces &faces, double least, int64_t views, int64_t most)
+        : united(faces, least, views, most) {}
+};
+
+template <class Use> auto use(Handle &self, Use with) {
+    require(!self.is_busy.exchange(true), "a union must be used by one thread at a time");
+    struct Leave {
+        Handle &self;
+        ~Leave() { self.is_busy = false; }
+    } leave = {self};
+    return with(self.united);
+}
+
+void begin(Handle &self, const RegionPieces &pieces, Numbers tags, Values bound, Values excess) {
+    use(self, [&](engine::Union &all) { all.begin(pieces, tags, bound, excess); });
+}
+void add(Handle &self, const RegionPieces &pieces, const RegionPairs &pairs, Numbers number,
+         const nb::object &callback) {
+    engine::Progress progress;
+    if (!callback.is_none())
+        progress = [&callback](int64_t done, int64_t total) {
+            const nb::gil_scoped_acquire locked;
+            callback(done, total);
+        };
+    const auto work = [&] {
+        use(self, [&](engine::Union &all) { all.add(pieces, pairs, number, progress); });
+    };
+    call_apart(ADD, work, pieces, pairs, number);
+}
+void fill(Handle &self, Array<const bool, Any> chosen) {
+    use(self, [&](engine::Union &all) { all.fill(chosen); });
+}
+std::pair<int64_t, int64_t> size(Handle &self) {
+    return use(self, [](engine::Union &all) { return all.size(); });
+}
+void write(Handle &self, area::Points xy, Array<int64_t, Any> starts, Array<int32_t, Any> face,
+           Array<int64_t, Any> tag, Array<double, Any> area) {
+    use(self, [&](engine::Union &all) { all.write(xy, starts, face, tag, area); });
+}
+void write_areas(Handle &self, Array<double, Any, Any> out) {
+    use(self, [&](engine::Union &all) { all.write_areas(out); });
+}
+void write_bounds(Handle &self, Array<double, 2, Any> out) {
+    use(self, [&](engine::Union &all) { all.write_bounds(out); });
+}
+void write_closed(Handle &self, Array<bool, Any> out) {
+    use(self, [&](engine::Union &all) { all.write_closed(out); });
+}
+double n_pairs(Handle &self) {
+    return use(self, [](engine::Union &all) { return all.n_pairs(); });
+}
+struct Callback {}; // in signatures
+} // namespace
+
+template <> inline void put_type<Callback>(std::string &text, Type<Callback>) { text += "object"; }
+
+void register_engine_union(nb::module_ &m) {
+    m.attr("MOST_PIECES") = engine::MOST_PIECES;
+    nb::class_<Handle> type(m, "Union", "Union of regions of poses; one thread at a time uses it.");
+    def(type, nb::init<const FlatFaces &, double, int64_t, int64_t>(), "faces", "least", "views",
+        "most");
+    def(type, "begin", begin, "Begin with a partition, by face, and its bounds.", "pieces", "tags",
+        "bound", "excess");
+    type.def("add", add, nb::arg("pieces"), nb::arg("pairs"), nb::arg("number"),
+             nb::arg("progress").none(),
+             nb::sig(signature<void, RegionPieces, RegionPairs, Numbers, Callback>(
+                         "add", true, "pieces", "pairs", "number", "progress")
+                         .c_str()),
+             ADD);
+    def(type, "fill", fill, "Add one more pose, which covers all of some faces.", "chosen");
+    def(type, "size", size, "Pieces of the partition, and corners.");
+    def(type, "write", write, "Fill arrays of that size with the pieces by face.", "xy", "starts",
+        "face", "tag", "area");
+    def(type, "write_areas", write_areas,
+        "Fill row j with the area of each face that at least j + 1 poses cover, m^2.", "out");
+    def(type, "write_bounds", write_bounds, "Fill bound and excess of each area, m^2.", "out");
+    def(type, "write_closed", write_closed, "Mark the faces that k poses cover as a whole.", "out");
+    def(type, "n_pairs", n_pairs, "Pairs of pieces in one cell so far: what a union compares.");
+}
+
+} // namespace rastercov
