@@ -97,7 +97,7 @@ def ends(report: Report, folder: Path, count: int) -> None:
             time.sleep(rng.uniform(2, 12))
             head.send_signal(signal.SIGTERM)
             said = head.communicate(timeout=300)[1].decode().splitlines()
-        ended = head.returncode in (130, -signal.SIGTERM) or head.returncode in (0, 1)
+        ended = head.returncode in (143, -signal.SIGTERM) or head.returncode in (0, 1)
         if not ended or any("defect" in line or "Traceback" in line for line in said):
             print(f"end {turn}: {head.returncode}: {said}", file=sys.stderr)
             wrong += 1

@@ -53,7 +53,7 @@ def compare(seed: int, score: Score) -> list[str]:
     rng = np.random.default_rng(seed)
     kind = SCENE_KINDS[seed % len(SCENE_KINDS)]
     mesh = kind(rng)
-    camera = _camera(rng)
+    camera = random_camera(rng)
     poses = np.array([_pose(mesh, number, rng) for number in range(VIEWS)])
     found = []
     for method in ("certified", "exact"):
@@ -70,9 +70,7 @@ def compare(seed: int, score: Score) -> list[str]:
             area = rational.image_area(mesh, camera, pose, faces)
             off = np.abs(seen.visible_pixels[row, faces] - visible)
             certified = seen.kind[row, faces] == BoundKind.CERTIFIED
-            whole = seen.visible_pixels[row, faces] > 0
-            doubt = np.abs(visible - np.where(whole, area, 0.0))
-            wrong = certified & (doubt > LEAST_SEEN + 1e-12 * area)
+            wrong = certified & is_partial(seen.visible_pixels[row, faces], visible, area)
             both = off + np.abs(seen.drawn_pixels[row, faces] - area)
             bound = seen.area_error[row, faces]
             exceeded = ~certified & (both > bound + LEAST_SEEN)
@@ -94,7 +92,14 @@ def compare(seed: int, score: Score) -> list[str]:
     return found
 
 
-def _camera(rng) -> rc.Camera:
+def is_partial(found, visible, area):
+    """(F,) true where a face with something visible is not wholly visible, or one without is."""
+    doubt = np.abs(visible - np.where(found > 0, area, 0.0))
+    return doubt > LEAST_SEEN + 1e-12 * area
+
+
+def random_camera(rng) -> rc.Camera:
+    """A pinhole of 64 to 1,024 pixels a side, from a wide one to a long one."""
     width, height = (int(side) for side in rng.integers(64, 1025, 2))
     focal = width * 10 ** rng.uniform(-0.6, 0.6)
     return rc.Camera(width=width, height=height, fx=focal, fy=focal * rng.uniform(0.8, 1.25))

@@ -16,13 +16,14 @@ import shutil
 import sys
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from attack_readers import mutated
 from bungalow import bungalow
+from lamp_files import area_lamp
 from misuse_calls import fault_of
 from rows import Report
 
@@ -59,22 +60,9 @@ TILT=NONE
 400 380 240 100 30 0
 400 380 240 100 31 0
 """
-LAMPS = """ambient = "5 lx"
-[exposure]
-exposure_time = 0.01
-f_number = 4.0
-pixel_size = 3e-6
-full_well = 1e4
-quantum_efficiency = 0.6
-[lamps.key]
-kind = "area"
-size = [0.5, 0.2]
-points = 4
-intensity_cd = 900
-positions = [[1, 2, 3], [2, 2, 3]]
-aim = [0, 0, 0]
-share = 0.5
-[lamps.spot]
+LAMPS = (
+    area_lamp('"5 lx"')
+    + """[lamps.spot]
 ies = "lamp.ies"
 position = [0, 0, 3]
 [lamps.ring]
@@ -85,6 +73,7 @@ intensity_cd = 30
 half_angle_deg = 60
 rig = true
 """
+)
 MOTION = """over = 0.5
 body = "arm/hand"
 [[bodies]]
@@ -357,19 +346,26 @@ def fault_of_command(line: str) -> str:
     return ""
 
 
-def attack(report: Report, effort: float) -> None:
-    """All parts in a folder of their own, each fault printed with its seed."""
+@contextlib.contextmanager
+def in_valid_folder() -> Iterator[None]:
+    """Work in a folder of the valid files, which is removed."""
     here = Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         try:
             valid_folder(Path(folder))
-            files(report, max(2, round(FILES * effort / len(READS))))
-            buildings(report, max(1, round(BUILDINGS * effort)))
-            commands(report, max(1, round(COMMANDS * effort / len(LINES))))
-            names(report)
+            yield
         finally:
             os.chdir(here)
+
+
+def attack(report: Report, effort: float) -> None:
+    """All parts in a folder of their own, each fault printed with its seed."""
+    with in_valid_folder():
+        files(report, max(2, round(FILES * effort / len(READS))))
+        buildings(report, max(1, round(BUILDINGS * effort)))
+        commands(report, max(1, round(COMMANDS * effort / len(LINES))))
+        names(report)
 
 
 def files(report: Report, n: int) -> None:

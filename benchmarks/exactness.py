@@ -23,10 +23,10 @@ import rastercov as rc
 from rastercov.camera.near_plane import near_limit
 from rastercov.cli.inputs import poses_around
 from rastercov.coverage.observer import ROLL
-from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.cameras import engine_camera
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import shapes
+from rastercov.native.engine_visibility import Solver
 from rastercov.reference import rational
 from rastercov.reference.criteria import measured_geometry as face_geometry
 
@@ -54,7 +54,6 @@ def main() -> None:
     need_open3d()
     report = Report()
     _thesis(report, args.rounds)
-    _queries(report, args.rounds)
     _growth(report)
     _race(report, args.rounds)
     _fractions(report)
@@ -70,40 +69,13 @@ def _thesis(report: Report, rounds: int) -> None:
     for front_only, must, aim in ((False, 0.08, 0.02), (True, 0.010, 0.003)):
         sides = "front faces only" if front_only else "two-sided"
         certified, exact = (
-            _Run(kind, mesh, front_only, poses=6) for kind in (CertificateSolver, HalfPlaneSolver)
+            _Run(is_certified, mesh, front_only, poses=6) for is_certified in (True, False)
         )
         what = f"teapot, {mesh.n_faces:,} faces, {sides}"
         report.check(f"{what}: certified is exact", _largest_difference(certified, exact) < 1e-9)
         seconds = _medians((certified, exact), rounds)
         report.add(f"{what}: certified", seconds[0], "CPU-s", at_most=must, aim=aim)
         report.add(f"{what}: exact", seconds[1], "CPU-s", at_most=must)
-
-
-def _queries(report: Report, rounds: int) -> None:
-    """Cost of deciding over regions: half planes for one face of each, or a small raster image."""
-    small = CAMERA.resized(0.2)
-    for name in ("torus", "aeroplane-9856", "teapot-12"):
-        mesh = shapes.by_name(name)
-        run = _Run(CertificateSolver, mesh, mesh.can_cull_back_faces, poses=6)
-        views, patches, spent = run.scratch, [], []
-        for row in range(len(run.poses)):
-            run.view(row)
-            largest = views.largest_of_regions()
-            patches.append(len(largest))
-            times = []
-            for _ in range(rounds):
-                started = time.process_time()
-                views.solve(largest)
-                times.append(time.process_time() - started)
-            spent.append(statistics.median(times))
-        with rc.open_rasterizer(mesh, small, "cpu", threads=1) as rasterizer:
-            rasterizer.count(run.poses, drawn=False)
-            started = time.process_time()
-            rasterizer.count(run.poses, drawn=False)
-            image = (time.process_time() - started) / len(run.poses)
-        report.add(f"{name}: patches a pose", statistics.mean(patches), "patches")
-        report.add(f"{name}: half planes for one face of each", statistics.mean(spent), "CPU-s")
-        report.add(f"{name}: raster image, {small.width} x {small.height}", image, "CPU-s")
 
 
 def _growth(report: Report) -> None:
@@ -118,30 +90,24 @@ def _growth(report: Report) -> None:
         report.add(f"{what}: certified", cost["certified"], "CPU-s", **limits)
         report.add(f"{what}: exact", cost["exact"], "CPU-s")
         report.add(f"{what}: once for the mesh", cost["once"], "CPU-s")
-        report.add(f"{what}: memory of each thread", cost["view"], "MiB")
-        report.add(f"{what}: memory of the mesh", cost["surface"], "MiB")
         report.add(f"{what}: faces computed", cost["computed"], "%")
 
 
 def _cost_of_torus(rings: int, sectors: int) -> dict[str, float]:
     mesh = shapes.torus(rings, sectors)
-    _Run(CertificateSolver, shapes.torus(8, 8), True, poses=1).view(0)  # load the loops
+    _Run(True, shapes.torus(8, 8), True, poses=1).view(0)  # load the loops
     started = time.process_time()
     surface = surface_of(mesh)
-    surface.contacts.faces_for(1.0)
+    surface.contacts(1.0)
     once = time.process_time() - started
-    certified, exact = (
-        _Run(kind, mesh, True, poses=3) for kind in (CertificateSolver, HalfPlaneSolver)
-    )
+    certified, exact = (_Run(is_certified, mesh, True, poses=3) for is_certified in (True, False))
     seconds = _medians((certified,), 3)[0]
     live = sum((certified.view(row).state > 0).sum() for row in range(3))
-    computed = sum(certified.view(row).n_crossed for row in range(3))
+    computed = sum(certified.view(row).counts["n_crossed"] for row in range(3))
     return {
         "certified": seconds,
         "exact": _medians((exact,), 1)[0],
         "once": once,
-        "view": _mebibytes(certified.scratch),
-        "surface": _mebibytes(surface),
         "computed": 100 * computed / live,
         "difference": _largest_difference(certified, exact),
     }
@@ -185,7 +151,7 @@ def _fractions(report: Report) -> None:
     worst, held, bounds = 0.0, True, []
     for name in ("torus", "teapot-12", "aeroplane-9856", "room"):
         mesh = shapes.by_name(name)
-        run = _Run(HalfPlaneSolver, mesh, False, poses=2)
+        run = _Run(False, mesh, False, poses=2)
         for row, pose in enumerate(run.poses):
             view = run.view(row)
             partly = np.flatnonzero((view.visible > 0) & (view.visible < view.area))
@@ -213,7 +179,7 @@ def _certificates(report: Report, figures: int) -> None:
     done = wrong = 0
     rng = np.random.default_rng(1)
     runs = [
-        (mesh, *(view(surface_of(mesh), CAMERA) for view in (CertificateSolver, HalfPlaneSolver)))
+        (mesh, *(Solver(surface_of(mesh).native, kind, False) for kind in (True, False)))
         for mesh in map(shapes.by_name, names)
     ]
     while done < figures:
@@ -225,8 +191,7 @@ def _certificates(report: Report, figures: int) -> None:
             pose = rc.look_at(eye, rng.uniform(low, high))
             near = float(near_limit(CAMERA, mesh.bounds, pose)[0])
             for view in (certified, exact):
-                view.set_pose(pose[0], near, False)
-                view.solve_all()
+                view.solve(engine_camera(CAMERA), pose[0], near, False)
             sure = certified.is_certified
             done += int(sure.sum())
             wrong += int((np.abs(certified.visible - exact.visible)[sure] > 1e-9).sum())
@@ -259,19 +224,17 @@ def _starts(report: Report) -> None:
 class _Run:
     """Views of a mesh from a few poses on a sphere."""
 
-    def __init__(
-        self, kind: type[HalfPlaneSolver], mesh: rc.Mesh, front_only: bool, poses: int
-    ) -> None:
-        self.scratch = kind(surface_of(mesh), CAMERA)
+    def __init__(self, is_certified: bool, mesh: rc.Mesh, front_only: bool, poses: int) -> None:
+        self.solver = Solver(surface_of(mesh).native, is_certified, False)
         self.poses = poses_around(f"sphere:{poses}", mesh, CAMERA)
         self.near = near_limit(CAMERA, mesh.bounds, self.poses)
         self.front_only = front_only
 
-    def view(self, row: int) -> HalfPlaneSolver:
+    def view(self, row: int) -> Solver:
         """The view from one pose; the next call takes its place."""
-        self.scratch.set_pose(self.poses[row], float(self.near[row]), self.front_only)
-        self.scratch.solve_all()
-        return self.scratch
+        near = float(self.near[row])
+        self.solver.solve(engine_camera(CAMERA), self.poses[row], near, self.front_only)
+        return self.solver
 
     def seconds(self) -> float:
         """CPU seconds a pose."""
@@ -279,19 +242,6 @@ class _Run:
         for row in range(len(self.poses)):
             self.view(row)
         return (time.process_time() - started) / len(self.poses)
-
-
-def _mebibytes(holder: object) -> float:
-    """Size of the arrays that an object and its records hold, each once."""
-    arrays: dict[int, int] = {}
-    values = list(vars(holder).values())
-    while values:
-        value = values.pop()
-        if isinstance(value, np.ndarray):
-            arrays[id(value)] = value.nbytes
-        elif isinstance(value, tuple):
-            values += value
-    return sum(arrays.values()) / 2**20
 
 
 def _medians(runs: tuple[_Run, ...], rounds: int) -> list[float]:

@@ -4,10 +4,8 @@ Each camera of tests/support/lens_cases.py: pixels of random rays against cv2 an
 random pixels there and back, areas of the walls of a turned room, which must add up to the image,
 and the longest edges that the quadrature takes to 1e-9 px^2. Then the cost of pixels, rays and
 edges, and of poses by `certified`, by counting samples and by evaluating figures beside the pinhole
-(`--only poses` is that alone); medians over the rounds, of one thread.
-
-`--device egl:0` counts samples by compute shaders on an OpenGL device instead: lenses beside the
-pinhole on the same plan, wall time, after the counts have been compared with the CPU's.
+(`--only poses` is that alone), and of counts and pictures of small and of large faces (`--only
+pictures`); medians over the rounds, of one thread.
 """
 
 import statistics
@@ -16,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +51,6 @@ from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.viewpoints import enclosing_distance
 from rastercov.mesh import shapes
-from rastercov.raster.gl.context import open_context
 
 MOST_PX, MOST_RAD, MOST_PX2 = 2e-12, 1e-11, 1e-6
 
@@ -61,17 +59,15 @@ def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--rays", type=int, default=4000)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--only", choices=("poses",), help="cost of poses, no agreement")
-    parser.add_argument("--device", help="OpenGL device whose compute shaders are measured, alone")
-    parser.add_argument("--poses", type=int, default=64, help="poses of a count on the device")
+    parser.add_argument("--only", choices=("poses", "pictures"), help="cost of poses, no agreement")
     args = parser.parse_args()
     report = Report()
-    if args.device:
-        add_device(report, args.device, args.poses, args.rounds)
-    else:
-        if args.only != "poses":
-            add_models(report, args.rays, args.rounds)
+    if args.only is None:
+        add_models(report, args.rays, args.rounds)
+    if args.only != "pictures":
         add_poses(report, args.rounds)
+    if args.only != "poses":
+        add_pictures(report, args.rounds)
     report.finish(args.json)
 
 
@@ -209,6 +205,44 @@ def add_poses(report: Report, rounds: int) -> None:
                     report.add(whole, ratio, "")
 
 
+def add_pictures(report: Report, rounds: int) -> None:
+    """CPU time of counts and pictures of a pose, by that of a pinhole of the same focal length.
+
+    The mesh is within the image, or fills it and goes beyond.
+    """
+    cameras: dict[str, tuple[str, tuple[float, ...]]] = {
+        "k1 = -0.24": ("opencv", (-0.24, 0.08, 0, 0)),
+        "k1 = -0.1": ("opencv", (-0.1, 0, 0, 0)),
+        "fisheye": ("opencv_fisheye", (0.02, -0.01, 0.005, 0)),
+    }
+    plain = Camera(width=1280, height=1024, fx=1100, fy=1100)
+    meshes = {"aeroplane-9856": (shapes.aeroplane(9856), 0.35),
+              "torus-99856": (shapes.torus(316, 158), 0.45)}  # fmt: skip
+    for (name, (mesh, near)), is_near in product(meshes.items(), (False, True)):
+        centre = mesh.bounds.mean(axis=0)
+        distance = enclosing_distance(mesh, plain, centre)[1] * (near if is_near else 1)
+        poses = sphere_of_poses(centre, distance, 8)
+        for lens, (model, distortion) in cameras.items():
+            f = plain.fx / 1.5 if lens == "fisheye" else plain.fx
+            pinhole = replace(plain, fx=f, fy=f)
+            with ExitStack() as stack:
+                open_ones = [
+                    stack.enter_context(open_rasterizer(mesh, camera, "cpu", threads=1))
+                    for camera in (pinhole, replace(pinhole, model=model, distortion=distortion))
+                ]
+                for what, calls in {
+                    "count with drawn": [partial(one.count, poses) for one in open_ones],
+                    "count": [partial(one.count, poses, drawn=False) for one in open_ones],
+                    "picture": [
+                        partial(call_all, [partial(one.render, pose) for pose in poses])
+                        for one in open_ones
+                    ],
+                }.items():
+                    times = alternating(calls, rounds) / len(poses)
+                    title = f"{name}, {'beyond' if is_near else 'within'} the image"
+                    add_beside_pinhole(report, title, what, ["pinhole", lens], times)
+
+
 def ideal_pinholes(
     mesh: Mesh, camera: Camera, poses: NDArray[np.float64]
 ) -> list[tuple[Camera, NDArray[np.float64]]]:
@@ -256,27 +290,6 @@ def call_all(calls: Sequence[Callable[[], object]]) -> None:
         call()
 
 
-def add_device(report: Report, device: str, n_poses: int, rounds: int) -> None:
-    """Wall time of a pose by compute shaders, and by that of the pinhole on the same plan."""
-    for title, mesh, cameras, poses in scenes(n_poses):
-        with ExitStack() as stack:
-            context = stack.enter_context(open_context(device))
-            counts = []
-            for lens, camera in cameras.items():
-                rasterizer = stack.enter_context(
-                    open_rasterizer(mesh, camera, "gl", device=context, plan="compute")
-                )
-                with open_rasterizer(mesh, camera, "cpu") as reference:
-                    differ = np.abs(
-                        rasterizer.count(poses[:2]).visible - reference.count(poses[:2]).visible
-                    ).sum()
-                # A division that the device rounds otherwise may decide a near tie, and an edge.
-                report.check(f"{title}, {lens}: counts of the CPU", bool(differ <= 60))
-                counts.append(partial(rasterizer.count, poses, drawn=False))
-            times = alternating(counts, rounds, time.perf_counter) / len(poses)
-            add_beside_pinhole(report, title, "compute", list(cameras), times)
-
-
 def add_beside_pinhole(
     report: Report, title: str, what: str, lenses: Sequence[str], times: NDArray[np.float64]
 ) -> None:
@@ -289,23 +302,16 @@ def add_beside_pinhole(
             report.add(f"{whole} by that of the pinhole", ratio, "")
 
 
-def alternating(
-    calls: Sequence[Callable[[], object]],
-    rounds: int,
-    clock: Callable[[], float] = time.process_time,
-) -> NDArray[np.float64]:
-    """Seconds (calls, rounds) of calls in turn, of CPU time unless a clock is given.
-
-    The first of each is not counted.
-    """
+def alternating(calls: Sequence[Callable[[], object]], rounds: int) -> NDArray[np.float64]:
+    """CPU seconds (calls, rounds) of calls in turn. The first of each is not counted."""
     for call in calls:
         call()
     times = np.empty((len(calls), rounds))
     for turn in range(rounds):
         for row, call in enumerate(calls):
-            start = clock()
+            start = time.process_time()
             call()
-            times[row, turn] = clock() - start
+            times[row, turn] = time.process_time() - start
     return times
 
 

@@ -128,8 +128,7 @@ def built(motion: rc.Motion, row: int) -> None:
     mesh, _ = motion._at(row, of_occluders=False)
     surface = surface_of(mesh)
     frames_of(mesh)
-    surface.contacts.faces_for(REACH)
-    surface.contacts.partners_for(REACH)
+    surface.contacts(REACH)
 
 
 if __name__ == "__main__":

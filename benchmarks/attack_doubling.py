@@ -1,0 +1,383 @@
+"""Doubling: the exponent of CPU time and memory by size, of kinds of geometry and of files.
+
+Each kind is made in sizes that double. The exponent is that of the last doubling that took more
+than `LEAST_SECONDS`; above `MOST` it is listed as a finding. Each size runs in a process of its own
+that is ended after `MOST_SECONDS` of CPU time.
+"""
+
+import json
+import multiprocessing
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rows import Report
+
+import rastercov as rc
+from rastercov.mesh import shapes
+
+Geometry = tuple[NDArray[np.float64], NDArray[np.int64]]
+MOST = 1.5
+LEAST_SECONDS = 0.5
+MOST_SECONDS = 60
+CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200, cx=640, cy=480)
+FIRST, DOUBLINGS = 1000, 5
+
+
+def soup(corners: NDArray[np.float64]) -> Geometry:
+    """Triangles with corners of their own, of (N, 3, 3)."""
+    return corners.reshape(-1, 3), np.arange(corners.shape[0] * 3).reshape(-1, 3)
+
+
+def triangle() -> NDArray[np.float64]:
+    return np.array([(-1.0, -0.7, 0.1), (1.1, -0.6, -0.2), (0.1, 0.9, 0.3)])
+
+
+def moved(n: int, distance: float) -> Geometry:
+    noise = np.random.default_rng(n).standard_normal((n, 3, 3))
+    return soup(triangle() + distance * noise)
+
+
+def stack(n: int, gap: float) -> Geometry:
+    heights = gap * np.arange(n)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    return soup(triangle() + heights)
+
+
+def fan(n: int, height: float = 0.0, wave: float = 0.0) -> Geometry:
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    rim = np.column_stack((np.cos(angle), np.sin(angle), wave * np.sin(5 * angle)))
+    row = np.arange(n)
+    faces = np.column_stack((np.zeros(n, int), 1 + row, 1 + (row + 1) % n))
+    return np.concatenate(([(0.0, 0.0, height)], rim)), faces
+
+
+def teeth(n: int, slant: float = 0.0, turned: float = 0.0) -> Geometry:
+    """A triangle, and n thin ones along one side of it: T-junctions."""
+    x = np.linspace(-1, 1, n + 1)
+    zero = np.zeros(n + 1)
+    low = np.column_stack((x, zero, zero))
+    tips = np.column_stack((x[:-1] + slant, np.full(n, 0.8), np.zeros(n)))
+    points = np.concatenate(([(-1, 0, 0), (1, 0, 0), (0, -1, 0)], low, tips))
+    c, s = np.cos(turned), np.sin(turned)
+    row = np.arange(n)
+    thin = np.column_stack((4 + row, 3 + row, 4 + n + row))
+    return points @ np.array([(c, s, 0), (-s, c, 0), (0, 0, 1)]), np.vstack(([(0, 1, 2)], thin))
+
+
+def random_soup(n: int, size: float, flat: float = 1.0) -> Geometry:
+    random = np.random.default_rng(n)
+    centres = random.uniform(-1, 1, (n, 1, 3)) * (1, 1, flat)
+    return soup(centres + size * random.standard_normal((n, 3, 3)) * (1, 1, flat))
+
+
+def grid(n: int, noise: float = 0.0) -> Geometry:
+    side = max(2, round(np.sqrt(n / 2)))
+    x, y = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    z = noise * np.random.default_rng(n).standard_normal(x.size)
+    row = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    one = np.column_stack((row, row + 1, row + side + 2))
+    other = np.column_stack((row, row + side + 2, row + side + 1))
+    return np.column_stack((x.ravel(), y.ravel(), z)), np.concatenate((one, other))
+
+
+def needles(n: int, turned: float) -> Geometry:
+    """Parallel needles beside one another."""
+    x = np.linspace(-1, 1, n)
+    along = np.array([(0, -0.8, 0), (1 / n, -0.8, 0), (0, 0.8, 0)])
+    points, faces = soup(along + np.column_stack((x, 0 * x, 0 * x))[:, None])
+    c, s = np.cos(turned), np.sin(turned)
+    return points @ np.array([(c, s, 0), (-s, c, 0), (0, 0, 1)]), faces
+
+
+def crossing(n: int) -> Geometry:
+    """Long thin triangles at random angles through one another."""
+    random = np.random.default_rng(n)
+    ends = random.uniform(-1, 1, (n, 2, 3))
+    return soup(np.concatenate((ends, ends[:, :1] + 1e-3 * random.standard_normal((n, 1, 3))), 1))
+
+
+def spiral(n: int) -> Geometry:
+    t = np.linspace(0, 40 * np.pi, n // 2 + 2)
+    one = np.column_stack((t * np.cos(t), t * np.sin(t), t)) / t[-1]
+    points = np.stack((one, one * (1, 1, 1) + (0, 0, 0.02)), axis=1).reshape(-1, 3)
+    row = np.arange(len(points) - 2)
+    return points, np.column_stack((row, row + 1, row + 2))
+
+
+def pages(n: int) -> Geometry:
+    """Faces about one edge."""
+    angle = np.linspace(0, np.pi, n)
+    outer = np.column_stack((np.cos(angle), 0 * angle, np.sin(angle)))
+    faces = np.column_stack((np.zeros(n, int), np.ones(n, int), 2 + np.arange(n)))
+    return np.concatenate(([(0, -1.0, 0), (0, 1.0, 0)], outer)), faces
+
+
+def twice(made: Geometry, distance: float) -> Geometry:
+    points, faces = made
+    noise = distance * np.random.default_rng(1).standard_normal(points.shape)
+    return np.concatenate((points, points + noise)), np.concatenate((faces, faces + len(points)))
+
+
+def of_shape(mesh: rc.Mesh) -> Geometry:
+    return mesh.vertices, mesh.faces
+
+
+GEOMETRIES: dict[str, Callable[[int], Geometry]] = {
+    "plane grid": grid,
+    "rough grid": lambda n: grid(n, 0.01),
+    "very rough grid": lambda n: grid(n, 0.3),
+    "torus": lambda n: of_shape(shapes.torus(max(8, round(np.sqrt(n))), max(4, round(n**0.5 / 2)))),
+    "flat fan": fan,
+    "wavy fan": lambda n: fan(n, wave=0.1),
+    "cone": lambda n: fan(n, 1.0),
+    "steep cone": lambda n: fan(n, 20.0),
+    "T-junctions": teeth,
+    "slanted T-junctions": lambda n: teeth(n, 0.5),
+    "rotated T-junctions": lambda n: teeth(n, 0.0, 0.6),
+    "needles": lambda n: needles(n, 0.0),
+    "rotated needles": lambda n: needles(n, 0.6),
+    "pages of one edge": pages,
+    "coincident": lambda n: moved(n, 0.0),
+    "moved by 1e-16": lambda n: moved(n, 1e-16),
+    "moved by 1e-12": lambda n: moved(n, 1e-12),
+    "moved by 1e-10": lambda n: moved(n, 1e-10),
+    "moved by 1e-9": lambda n: moved(n, 1e-9),
+    "moved by 1e-6": lambda n: moved(n, 1e-6),
+    "stack": lambda n: stack(n, 1e-3),
+    "fine stack": lambda n: stack(n, 1e-7),
+    "small soup": lambda n: random_soup(n, 0.01),
+    "soup of n^-1/2": lambda n: random_soup(n, n**-0.5),
+    "large soup": lambda n: random_soup(n, 0.1),
+    "flat soup": lambda n: random_soup(n, 0.02, 1e-9),
+    "crossing needles": crossing,
+    "spiral": spiral,
+    "grid twice": lambda n: twice(grid(n // 2, 0.01), 0.0),
+    "grid twice, float32": lambda n: twice(grid(n // 2, 0.01), 1e-7),
+    "grid twice, 1e-10": lambda n: twice(grid(n // 2, 0.01), 1e-10),
+    "components": lambda n: soup(
+        0.01 * triangle() + np.random.default_rng(n).uniform(-1, 1, (n, 1, 3))
+    ),
+    "far away": lambda n: (grid(n, 0.01)[0] + 1e6, grid(n, 0.01)[1]),
+}
+
+
+def _lines_of(points: NDArray[np.float64], faces: NDArray[np.int64]) -> list[str]:
+    corners = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in points]
+    return corners + [f"f {a} {b} {c}" for a, b, c in faces + 1]
+
+
+def _obj(n: int, before: str) -> bytes:
+    points, faces = soup(np.random.default_rng(n).uniform(-1, 1, (n, 3, 3)))
+    lines = _lines_of(points, faces)
+    return "\n".join(
+        line for row, each in enumerate(lines)
+        for line in ([before.format(row), each] if each[0] == "f" and before else [each])
+    ).encode()  # fmt: skip
+
+
+def _stl(n: int, solids: bool) -> bytes:
+    facet = ("facet normal 0 0 1\nouter loop\nvertex {0} 0 0\nvertex {0} 1 0\nvertex {0} 0 1\n"
+             "endloop\nendfacet\n")  # fmt: skip
+    if not solids:
+        return (
+            "solid a\n" + "".join(facet.format(row) for row in range(n)) + "endsolid a\n"
+        ).encode()
+    return "".join(f"solid s{k}\n{facet.format(k)}endsolid s{k}\n" for k in range(n)).encode()
+
+
+def _gltf(n: int, name: str, with_lights: bool) -> bytes:
+    import base64
+
+    data = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32).tobytes()
+    nodes = [
+        {"name": name.format(row), "translation": [row, 0, 0]}
+        | ({"extensions": {"KHR_lights_punctual": {"light": row}}} if with_lights else {"mesh": 0})
+        for row in range(n)
+    ]
+    content = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(n))}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+                       "min": [0, 0, 0], "max": [1, 1, 0]}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(data)}],
+        "buffers": [{"byteLength": len(data), "uri": "data:application/octet-stream;base64,"
+                     + base64.b64encode(data).decode()}],
+    }  # fmt: skip
+    if with_lights:
+        lights = [{"type": "point", "name": name.format(row)} for row in range(n)]
+        content["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+        content["extensionsUsed"] = ["KHR_lights_punctual"]
+    return json.dumps(content).encode()
+
+
+def _ply(n: int) -> bytes:
+    points, faces = soup(np.random.default_rng(n).uniform(-1, 1, (n, 3, 3)))
+    header = (f"ply\nformat ascii 1.0\nelement vertex {3 * n}\nproperty float x\nproperty float y\n"
+              f"property float z\nelement face {n}\nproperty list uchar int vertex_indices\n"
+              "end_header\n")  # fmt: skip
+    return (header + "".join("{:g} {:g} {:g}\n".format(*p) for p in points)
+            + "".join("3 {} {} {}\n".format(*f) for f in faces)).encode()  # fmt: skip
+
+
+def _off(n: int) -> bytes:
+    points, faces = soup(np.random.default_rng(n).uniform(-1, 1, (n, 3, 3)))
+    return (f"OFF\n{3 * n} {n} 0\n" + "".join("{:g} {:g} {:g}\n".format(*p) for p in points)
+            + "".join("3 {} {} {}\n".format(*f) for f in faces)).encode()  # fmt: skip
+
+
+def _lamps(n: int) -> bytes:
+    one = '[lamps.lamp{0}]\nkind = "point"\nintensity_cd = 1.0\nposition = [{0}, 0, 0]\n'
+    return "".join(one.format(row) for row in range(n)).encode()
+
+
+def _eyes(n: int) -> list[list[list[float]]]:
+    poses: list[list[list[float]]] = rc.sphere_of_poses((0, 0, 0), 3.0, n).tolist()
+    return poses
+
+
+def _poses(n: int) -> bytes:
+    return json.dumps({"world_from_camera": _eyes(n)}).encode()
+
+
+def _transforms(n: int) -> bytes:
+    frames = [
+        {"file_path": f"{row}.png", "transform_matrix": eye} for row, eye in enumerate(_eyes(n))
+    ]
+    lens = {"w": 64, "h": 48, "fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24}
+    return json.dumps(lens | {"frames": frames}).encode()
+
+
+def _motion(n: int) -> bytes:
+    rows = "".join(f"{row},{row / n},0,0\n" for row in range(n))
+    return f"time,mesh.x,mesh.y,mesh.z\n{rows}".encode()
+
+
+def _chain(n: int) -> bytes:
+    """A robot of n links, each on the one before."""
+    box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+    links = "".join(f'<link name="l{row}">{box}</link>' for row in range(n))
+    joints = "".join(
+        f'<joint name="j{row}" type="continuous"><parent link="l{row}"/><child link="l{row + 1}"/>'
+        '<origin xyz="0 0 1"/><axis xyz="1 0 0"/></joint>'
+        for row in range(n - 1)
+    )
+    return f'<robot name="r">{links}{joints}</robot>'.encode()
+
+
+FILES: dict[str, tuple[str, Callable[[int], bytes]]] = {
+    "obj": (".obj", lambda n: _obj(n, "")),
+    "obj, objects": (".obj", lambda n: _obj(n, "o part{}")),
+    "obj, groups": (".obj", lambda n: _obj(n, "g part{}")),
+    "obj, groups of one name": (".obj", lambda n: _obj(n, "g part")),
+    "obj, materials": (".obj", lambda n: _obj(n, "usemtl m{}")),
+    "obj, smoothing": (".obj", lambda n: _obj(n, "s {}")),
+    "obj, comments": (".obj", lambda n: _obj(n, "# {}")),
+    "stl": (".stl", lambda n: _stl(n, False)),
+    "stl, solids": (".stl", lambda n: _stl(n, True)),
+    "ply": (".ply", _ply),
+    "off": (".off", _off),
+    "gltf, nodes": (".gltf", lambda n: _gltf(n, "node {}", False)),
+    "gltf, nodes of one name": (".gltf", lambda n: _gltf(n, "node", False)),
+    "gltf, lights": (".lights.gltf", lambda n: _gltf(n, "light {}", True)),
+    "gltf, lights of one name": (".lights.gltf", lambda n: _gltf(n, "light", True)),
+    "lamps": (".toml", _lamps),
+    "poses": (".json", _poses),
+    "transforms": (".json", _transforms),
+    "motion": (".csv", _motion),
+    "robot, a chain": (".urdf", _chain),
+}
+
+
+def _work(kind: str, n: int, how: str, results: Any) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
+    if how == "file":
+        suffix, content = FILES[kind]
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"file{suffix}"
+            path.write_bytes(content(n))
+            started = time.process_time()
+            try:
+                READERS.get(suffix, rc.Mesh.load)(path)
+            except rc.CameraError as error:  # which is found after all of them are read
+                if "1 to 64 points" not in str(error):
+                    raise
+    else:
+        points, faces = GEOMETRIES[kind](n)
+        pose = rc.look_at(points.mean(axis=0)[None] + (0.3, -0.4, 3.0), points.mean(axis=0)[None])
+        mesh = rc.Mesh(vertices=points, faces=faces)
+        started = time.process_time()
+        rc.open_observer(mesh, CAMERA, how, threads=1).observe(pose)
+    seconds = time.process_time() - started
+    results.send((seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    ".lights.gltf": rc.load_lamps,
+    ".toml": rc.load_lamps,
+    ".json": rc.read_views,
+    ".csv": lambda path: rc.load_motion(shapes.box(), path),
+    ".urdf": rc.Robot.load,
+}
+"""Functions that read files by their suffix; meshes apart."""
+
+
+LOADED = ["rastercov.coverage.observer", "rastercov.coverage.exact_pass", "rastercov.mesh.shapes"]
+LOADED += ["rastercov.mesh.formats.gltf", "rastercov.mesh.robot", "rastercov.mesh.motion_file"]
+LOADED += ["rastercov.camera.formats", "rastercov.camera.lamp_file"]
+"""Modules of what is measured, in the process that is forked."""
+
+
+def measured(kind: str, n: int, how: str) -> tuple[float, int] | None:
+    """CPU seconds and KiB of one size; None if it did not end in time, or failed."""
+    context = multiprocessing.get_context("forkserver")  # a fork of what has loaded the package
+    context.set_forkserver_preload(LOADED)
+    ours, its = context.Pipe()
+    process = context.Process(target=_work, args=(kind, n, how, its))
+    process.start()
+    its.close()
+    found = None
+    with suppress(EOFError):
+        found = ours.recv()
+    process.join()
+    return found
+
+
+def attack(report: Report, effort: float) -> None:
+    """Sizes from `FIRST` on, doubled five times; fewer and smaller ones at less effort."""
+    doublings = max(1, round(DOUBLINGS + np.log2(min(effort, 1.0))))
+    first = FIRST if doublings > 1 else FIRST // 4
+    jobs = [(kind, how) for kind in GEOMETRIES for how in ("certified", "exact")]
+    jobs += [(kind, "file") for kind in FILES]
+    steep, failed = [], []
+    for kind, how in jobs:
+        rows: list[tuple[float, int]] = []
+        for step in range(doublings + 1):
+            found = measured(kind, first << step, how)
+            if found is None:
+                failed.append(f"{kind}, {how}, n = {first << step}")
+                break
+            rows.append(found)
+        if not rows:
+            continue
+        seconds = np.array([row[0] for row in rows])
+        slope = float(np.log2(seconds[-1] / seconds[-2])) if len(rows) > 1 else float("nan")
+        name = f"{kind}, {how}, n = {first << (len(rows) - 1)}"
+        report.add(f"doubling: {name}", float(seconds[-1]), "s")
+        report.add(f"doubling: {name}: exponent", slope, "")
+        report.add(f"doubling: {name}: memory by that of n = {first}", rows[-1][1] / rows[0][1], "")
+        if seconds[-1] > LEAST_SECONDS and slope > MOST:
+            steep.append(f"{name}: exponent {slope:.2f} at {seconds[-1]:.2f} s")
+    print(*(f"{each}: no end" for each in failed), *steep, sep="\n", file=sys.stderr)
+    report.add("doubling: kinds of geometry", len(GEOMETRIES), "kinds", must=33)
+    report.add("doubling: kinds of files", len(FILES), "kinds", must=20)
+    report.add(f"doubling: exponents above {MOST}", len(steep), "kinds")
+    report.add("doubling: sizes that did not end", len(failed), "sizes", at_most=0)
+    report.check("doubling: each size ends", not failed)
