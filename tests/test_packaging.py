@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tarfile
@@ -176,7 +177,7 @@ def test_the_bill_of_materials_names_what_is_compiled_into_the_loops(unzipped):
 def test_the_version_is_that_of_the_project_wherever_it_is_written():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    newest = re.search(r"^## (\S+)", changes, re.MULTILINE)[1]
+    newest = re.search(r"^## (\d\S+)", changes, re.MULTILINE)[1]
     assert {citation["version"], newest, rastercov.__version__} == {PROJECT["version"]}
 
 
@@ -192,7 +193,7 @@ def test_wheels_have_the_loops_of_all_levels():
     table = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]
     wheels = [each for each in table["overrides"] if each["if"].get("state") == "wheel"]
     assert [each["cmake"]["define"]["RASTERCOV_LEVELS"] for each in wheels] == ["all"]
-    build = (ROOT / "rastercov" / "native" / "CMakeLists.txt").read_text()
+    build = (ROOT / "rastercov" / "native" / "flags.cmake").read_text()
     assert f"set(KNOWN {' '.join(native.LEVELS)})" in build
 
 
@@ -245,3 +246,19 @@ def test_the_wheel_names_its_command_and_licence(unzipped):
         assert (info / "licenses" / name).read_bytes() == (ROOT / name).read_bytes()
     text = (info / "METADATA").read_text(encoding="utf-8")
     assert "\nLicense-Expression: MIT\n" in text
+
+
+def test_what_a_wheel_fits_is_said_by_its_tags():
+    fits = runpy.run_path(str(ROOT / ".ci" / "fits"))["fits"]
+    own = fits("rastercov-1.0-cp311-cp311-manylinux_2_28_x86_64.whl")
+    assert "for Python 3.11 alone" in own
+    stable = fits("rastercov-1.0-cp312-abi3-manylinux_2_28_aarch64.whl")
+    assert stable.endswith("for Python 3.12 and later, manylinux_2_28_aarch64")
+
+
+@pytest.mark.slow
+def test_a_wheel_of_one_python_has_its_tag_alone(built):
+    (wheel,) = built.glob("*.whl")
+    python, abi = wheel.name.split("-")[2:4]
+    own = f"cp{sys.version_info[0]}{sys.version_info[1]}"
+    assert (python, abi) == ((own, own) if sys.version_info < (3, 12) else ("cp312", "abi3"))

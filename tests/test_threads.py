@@ -17,9 +17,8 @@ from processes import python, run_python
 import rastercov as rc
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.threads import Once, ScratchPool, share_poses
+from rastercov.base.threads import Once, once_each, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.exact import half_planes as analytic
 from rastercov.exact import surface
 from rastercov.mesh import contacts, shapes
 from rastercov.reference.models.scott import coverage as scott_coverage
@@ -141,14 +140,33 @@ def test_what_could_not_be_made_is_made_by_the_next_that_asks():
     assert value.get(lambda: 3) == 3
 
 
+def test_a_value_of_each_object_is_made_once_and_goes_with_it():
+    made = []
+
+    @once_each
+    def value(key, *others):
+        made.append(others)
+        return [others]
+
+    mesh, other = shapes.box(), shapes.box()
+    held = in_threads(6, partial(value, mesh))
+    assert len(made) == 1
+    assert all(each is held[0] for each in held)
+    assert value(other) is not held[0]
+    kept = weakref.ref(mesh)
+    del mesh
+    assert kept() is None
+    assert len(made) == 2
+
+
 def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch):
     built, touched = [], []
     build, touching = surface._build, contacts.touching_faces
 
-    def slow_build(mesh):
-        built.append(mesh)
+    def slow_build(*args):
+        built.append(args)
         time.sleep(0.05)
-        return build(mesh)
+        return build(*args)
 
     def slow_touching(*args, **options):
         touched.append(1)
@@ -158,9 +176,9 @@ def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch)
     monkeypatch.setattr(surface, "_build", slow_build)
     monkeypatch.setattr(contacts, "touching_faces", slow_touching)
     mesh = rc.Mesh(MESH.vertices, MESH.faces)
-    found = in_threads(6, lambda _: surface.surface_of(mesh).contacts.faces_for(1.0))
+    found = in_threads(6, lambda _: surface.surface_of(mesh).contacts(1.0)[0])
     assert len(built) == len(touched) == 1
-    assert all(each is found[0] for each in found)
+    assert all(np.shares_memory(each, found[0]) for each in found)
 
 
 def test_a_surface_lives_as_long_as_its_mesh():
@@ -184,64 +202,43 @@ def test_what_a_mesh_computes_at_first_use_cannot_be_changed():
 # --- scratch memory -------------------------------------------------------------------------------
 
 
-def test_no_two_calls_have_the_same_scratch_memory():
-    pool = ScratchPool(object, 4)
-    held = set()
-
-    def work(_):
-        for _ in range(500):
-            taken = pool.take(2)
-            mine = set(map(id, taken))
-            assert len(mine) == 2
-            assert not held & mine
-            held.update(mine)
-            time.sleep(0)
-            held.difference_update(mine)
-            pool.give_back(taken)
-
-    assert in_threads(6, work) == [None] * 6
-
-
 @pytest.mark.slow
 @on_every_kind
 def test_idle_scratch_memory_does_not_grow_with_the_threads_that_ever_called(kind):
     thing = OPENERS[kind](MESH, CAMERA, threads=2)
     in_threads(8, lambda _: ask(thing))
-    rasteriser = (
-        thing._rasterizers._open[0] if kind == "sampled" else getattr(thing, "_pass", thing)
-    )
-    assert 1 <= len(rasteriser._scratch._idle) <= 2
+    owner = thing._rasterizers._open[0] if kind == "sampled" else getattr(thing, "_pass", thing)
+
+    def n_idle():
+        return (owner._solvers if kind in ANALYTIC else owner._drawing).n_idle
+
+    assert 1 <= n_idle() <= 2
     thing.close()
-    assert not rasteriser._scratch._idle
+    assert n_idle() == 0
 
 
-@pytest.mark.parametrize("kind", ANALYTIC)
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
-def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkeypatch, kind, error):
-    # Faces around the eye make the arrays of clipped faces grow: an interrupt comes then.
-    rng = np.random.default_rng(2)
-    mesh = rc.Mesh(rng.normal(size=(900, 3)) * 3, np.arange(900).reshape(300, 3))
-    expected = ask(OPENERS[kind](mesh, CAMERA, threads=1), np.eye(4))
-    make_room = analytic.room_for_clipped
+def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkeypatch, error):
+    # Contacts are looked for in the middle of the first pose.
+    expected = ask(OPENERS["certified"](MESH, CAMERA, threads=1), np.eye(4))
 
-    def interrupted(n):
-        if n > 8:
-            raise error
-        return make_room(n)
+    def interrupted(*args, **options):
+        raise error
 
-    with OPENERS[kind](mesh, CAMERA, threads=1) as observer:
-        monkeypatch.setattr(analytic, "room_for_clipped", interrupted)
+    mesh = rc.Mesh(MESH.vertices, MESH.faces)
+    with OPENERS["certified"](mesh, CAMERA, threads=1) as observer:
+        monkeypatch.setattr(contacts, "touching_faces", interrupted)
         with pytest.raises(error):
             observer.observe(np.eye(4))
         monkeypatch.undo()
-        assert not observer._pass._scratch._idle
+        assert observer._pass._solvers.n_idle == 0
         assert_same(ask(observer, np.eye(4)), expected)
 
 
 def test_an_observer_that_nobody_holds_gives_its_memory_back_at_once():
     observer = OPENERS["certified"](MESH, CAMERA)
     observer.observe(POSES)
-    view = weakref.ref(observer._pass._scratch._idle[0])
+    view = weakref.ref(observer._pass)
     del observer
     assert view() is None
 
@@ -275,19 +272,18 @@ def test_what_is_closed_refuses_in_one_line_and_closes_again(kind):
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ANALYTIC)
-def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(monkeypatch, kind):
-    expected = ask(OPENERS[kind](MESH, CAMERA, threads=1))
+def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(monkeypatch):
+    expected = ask(OPENERS["certified"](MESH, CAMERA, threads=1))
     inside, closed = threading.Event(), threading.Event()
-    set_pose = analytic.HalfPlaneSolver.set_pose
+    touching = contacts.touching_faces
 
-    def waiting(view, *args):
+    def waiting(*args, **options):
         inside.set()
         closed.wait(20)
-        set_pose(view, *args)
+        return touching(*args, **options)
 
-    monkeypatch.setattr(analytic.HalfPlaneSolver, "set_pose", waiting)
-    observer = OPENERS[kind](MESH, CAMERA, threads=2)
+    monkeypatch.setattr(contacts, "touching_faces", waiting)
+    observer = OPENERS["certified"](rc.Mesh(MESH.vertices, MESH.faces), CAMERA, threads=2)
 
     def work(caller):
         if caller == 0:
@@ -299,7 +295,7 @@ def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(
 
     found, _ = in_threads(2, work)
     assert_same(found, expected)
-    assert not observer._pass._scratch._idle
+    assert observer._pass._solvers.n_idle == 0
     with pytest.raises(DeviceError, match="closed"):
         observer.observe(POSES)
 
@@ -399,3 +395,23 @@ def test_free_memory_is_what_is_left_within_the_container(
     monkeypatch.setattr(memory, "_MEMINFO", files[0])
     monkeypatch.setattr(memory, "_CONTAINER_LIMITS", files[1:])
     assert memory.free_memory() == free
+
+
+HELD_AT_EXIT = """
+import threading, time
+import rastercov as rc
+mesh, camera = rc.shapes.by_name("box"), rc.Camera(width=32, height=24, fx=30, fy=30)
+measured = threading.Event()
+def hold():
+    observer = rc.open_observer(mesh, camera, method="sampled:cpu", threads=1)
+    observer.observe(rc.look_at((0, 0, 3), (0, 0, 0)))
+    measured.set()
+    time.sleep(1000)
+threading.Thread(target=hold, daemon=True).start()
+assert measured.wait(100)
+"""
+
+
+def test_an_observer_of_a_daemon_thread_is_no_leak_when_python_ends():
+    result = python("-X", "dev", "-c", HELD_AT_EXIT)
+    assert (result.returncode, result.stderr) == (0, "")

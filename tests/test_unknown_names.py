@@ -70,6 +70,71 @@ def test_a_flipped_bit_in_a_name_of_a_scene_is_noted_or_refused(path, load, tmp_
         assert noted_or_refused(tmp_path / "a.glb", glb.data()), changed
 
 
+def animated_scene():
+    """A body that is moved by an animation and its parent, and lights on nodes."""
+    glb = Glb()
+    turn = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]
+    moves = np.array([[0, 0, 0, 5, 1, 0], [0, 0, 0, 6, 2, 0]], "<f4")
+    view = glb.view(moves)
+    glb.header["bufferViews"][view]["byteStride"] = 24
+    glb.header["accessors"].append(
+        {"bufferView": view, "byteOffset": 12, "componentType": 5126, "count": 2, "type": "VEC3"}
+    )
+    output = len(glb.header["accessors"]) - 1
+    keys = glb.accessor(np.array([0, 1.0]))
+    glb.nodes(
+        {"mesh": 0, "name": "part"},
+        {"name": "arm", "translation": [5, 1, 0], "rotation": turn, "children": [2]},
+        {"mesh": 0, "name": "tool", "translation": [0, 2, 0], "scale": [1, 2, 1],
+         "extensions": {"KHR_lights_punctual": {"light": 0}}},
+    )  # fmt: skip
+    glb.header["scenes"] = [{"nodes": [0, 1]}]
+    spot = {"type": "spot", "intensity": 4, "spot": {"outerConeAngle": 0.5}}
+    glb.header["extensions"] = {"KHR_lights_punctual": {"lights": [spot]}}
+    sampler = {"input": keys, "output": output, "interpolation": "STEP"}
+    channel = {"sampler": 0, "target": {"node": 1, "path": "translation"}}
+    glb.header["animations"] = [{"samplers": [sampler], "channels": [channel]}]
+    return glb
+
+
+SCENE_PLACES = [
+    path for path in places(animated_scene().header) if path[-1] not in ("name", "asset")
+]
+
+
+def motion_of(mesh, path):
+    found = rc.load_motion(mesh, path, steps=3)
+    return found.names, found.body.tobytes(), found.world_from_body.tobytes()
+
+
+def lamps_in(mesh, path):
+    found = rc.load_lamps(path).to_json()
+    return json.dumps(found, sort_keys=True)
+
+
+@pytest.mark.parametrize("read", [motion_of, lamps_in])
+@pytest.mark.parametrize("path", SCENE_PLACES, ids=lambda path: "/".join(map(str, path)))
+def test_a_flipped_name_moves_no_body_and_no_lamp_unsaid(path, read, load, tmp_path):
+    *keys, name = path
+    if not isinstance(name, str):
+        return
+    mesh = load("a.glb", animated_scene().data())
+    (tmp_path / "b.glb").write_bytes(animated_scene().data())
+    wanted = read(mesh, tmp_path / "b.glb")
+    others = (name.upper(), name.capitalize(), name[:-1], name + name[-1])
+    for changed in {*list(flips(name))[::4], *others} - {name}:
+        glb = animated_scene()
+        owner = reduce(getitem, keys, glb.header)
+        if changed in owner:
+            continue
+        owner[changed] = owner.pop(name)
+        (tmp_path / "b.glb").write_bytes(glb.data())
+        try:
+            assert read(mesh, tmp_path / "b.glb") == wanted, changed
+        except (MeshError, CameraError, rc.ConfigError):
+            continue
+
+
 def test_names_of_users_are_noted_once_and_read_around(load):
     glb = two_nodes()
     for node in glb.header["nodes"]:

@@ -15,15 +15,17 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.base.arguments import check_limits
+from rastercov.base.arguments import _rules_of, check_limits
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import pose as pose_module
+from rastercov.camera.exposure import Exposure
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import provenance_of
 from rastercov.mesh import shapes
+from rastercov.placement.improve.tolerance import InstallationError
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box()
@@ -108,6 +110,17 @@ class Limited:
 
     def __post_init__(self):
         check_limits(self)
+
+
+@pytest.mark.parametrize("kind", [Limited, rc.Task, Exposure, InstallationError])
+def test_defaults_are_plain_values_within_the_limits(kind):
+    """So that they need no check."""
+    rules = [rule for rule in _rules_of(kind) if rule.default is not dataclasses.MISSING]
+    for rule in rules:
+        checked = rule.checked(rule.default)
+        assert checked == rule.default
+        assert type(checked) is type(rule.default)
+    assert rules
 
 
 @pytest.mark.parametrize(

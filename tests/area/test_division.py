@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.coverage.area import division
-from rastercov.coverage.area.division import Cells, Pieces
+from rastercov.coverage.area import overlay
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import RegionUnion
@@ -64,7 +63,7 @@ def regions_of(parts):
         pose_ids=np.arange(len(parts)), xy=xy, starts=np.arange(n + 1) * 4,
         face=np.zeros(n, np.int32), pose=pose,
         pair_pose=rows, pair_face=np.zeros(len(parts), np.int32),
-        area=np.bincount(pose, areas), bound=np.zeros(len(parts)),
+        area=np.bincount(pose, areas), bound=np.zeros(len(parts)), excess=None,
         eyes=np.zeros((len(parts), 3)),
     )  # fmt: skip
 
@@ -76,18 +75,15 @@ def some(kind, n, poses=3, seed=0):
 
 def pairs_compared(regions):
     """Pairs of pieces in one cell: those that a union compares."""
-    cells = Cells(np.array([[(0, 0), (7, 0), (2, 4)]], float), np.full(1, 7e-12))
-    pieces = Pieces(
-        regions.xy, regions.starts, regions.face.astype(np.int64), np.zeros(len(regions), np.int32)
-    )
-    placed = cells.place(pieces, np.zeros(1))
-    return float((np.bincount(placed.cell).astype(float) ** 2).sum())
+    union = RegionUnion(MESH)
+    union.add(regions)
+    return union._overlay.united.n_pairs()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_twice_as_many_pieces_have_little_more_than_twice_as_many_pairs_to_compare(kind):
     one, two, four = (pairs_compared(some(kind, n)) for n in (4_000, 8_000, 16_000))
-    assert one < 4_000 * 3 * 2 * division.MOST_PIECES
+    assert one < 4_000 * 3 * 2 * overlay.MOST_PIECES
     assert two < 2.6 * one
     assert four < 2.6 * two
 
@@ -97,7 +93,7 @@ def test_twice_as_many_pieces_have_little_more_than_twice_as_many_pairs_to_compa
 def test_a_divided_face_has_the_union_of_a_whole_one(kind, views, monkeypatch):
     regions = some(kind, 400)
     divided = rc.unite(regions, views)
-    monkeypatch.setattr(division, "MOST_PIECES", 10**9)
+    monkeypatch.setattr(overlay, "MOST_PIECES", 10**9)
     whole = rc.unite(regions, views)
     assert (np.abs(divided.area - whole.area) <= divided.bound + whole.bound + 1e-15).all()
     assert divided.bound[0] < 1e-6 * whole.area[0, 0]

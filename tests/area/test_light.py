@@ -507,6 +507,12 @@ def test_a_luminaire_of_an_ies_file_lights_by_its_profile(tmp_path):
         (("1 1000 2 6 1 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0\n",
           "1 1000 2 6 2 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0 90\n90 80 70 60 50 0\n"),
          "varies by 78 % around its axis"),
+        (("1 1000 2 6 1 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0\n400 380 240 100 30 0",
+          "1 1000 2 6 2 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0 77\n4 4 4 4 4 0\n4 4 4 4 4 0"),
+         "horizontal angles must ascend over 90, 180 or 360"),
+        (("1 1000 2 6 1 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0\n400 380 240 100 30 0",
+          "1 1000 2 6 3 1 2 0 0 0 1 1 50\n0 15 30 45 60 80\n0 0 90\n" + 3 * "4 4 4 4 4 0\n"),
+         "horizontal angles must ascend over 90, 180 or 360"),
         (("2 6 1 1", "2 inf 1 1"), "not as many as it says"),
         (("1 1000 2", "1 1000 1e200"), r"0 or more, within 1e\+12"),
         (("400 380", "1.7e308 1.7e308"), r"0 or more, within 1e\+12"),
@@ -518,6 +524,42 @@ def test_ies_files_that_cannot_be_used_are_one_line(change, words, tmp_path):
     with pytest.raises(CameraError, match=words) as caught:
         rc.Lamp.from_ies(tmp_path / "lamp.ies")
     assert str(caught.value).isprintable()
+
+
+def flux_of_planes(down, around, candela):
+    """Lumens of intensities linear in both angles over the sphere, and the mirrors of the file."""
+    theta = np.radians(np.linspace(down[0], down[-1], 20_001))
+    phi = np.unique(np.concatenate([around, np.linspace(around[0], around[-1], 2_001)]))
+    of_down = np.array([np.interp(theta, np.radians(down), row) for row in candela])
+    of_plane = np.trapezoid(of_down * np.sin(theta), theta, axis=1)
+    return 2 * np.pi * np.trapezoid(np.interp(phi, around, of_plane), phi) / np.ptp(phi)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("span", [90, 180, 270, 360])
+def test_a_luminaire_of_planes_has_the_flux_of_the_sphere(span, seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 20))
+    around = np.sort(np.r_[0.0, rng.choice(np.arange(1, span), n, replace=False), span])
+    around += 90 if span == 180 and seed % 2 else 0
+    down = np.r_[0.0, np.sort(rng.choice(np.arange(1, 90), 6, replace=False)), 90]
+    candela = np.cos(np.radians(down)) ** 2 + rng.uniform(0, 0.09, (n + 2, 1)) * (down > 0)
+    if span >= 270:  # a circle ends in the plane in which it begins, there or left out
+        around, span = around * 360 / span, 360
+        candela[-1] = candela[0]
+    full = flux_of_planes(down, around, candela)
+    if span == 360 and seed % 2:
+        around = np.r_[np.linspace(0, 345, 24)]
+        candela = np.cos(np.radians(down)) ** 2 + rng.uniform(0, 0.09, (24, 1)) * (down > 0)
+        closed = np.r_[candela, candela[:1]]
+        full = flux_of_planes(down, np.r_[around, 360.0], closed)
+    rows = [" ".join(f"{each:.15g}" for each in row) for row in (down, around, *candela)]
+    head = f"1 1000 2 {len(down)} {len(around)} 1 2 0 0 0 1 1 50"
+    (tmp_path / "lamp.ies").write_text("\n".join(["IESNA91", "TILT=NONE", head, *rows]))
+    lamp = rc.Lamp.from_ies(tmp_path / "lamp.ies")
+    angle, share = np.array(lamp.profile).T
+    found = flux_of_planes(angle, np.array([0.0, 360]), np.tile(lamp.intensity * share, (2, 1)))
+    assert found == pytest.approx(2 * full, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -557,7 +599,7 @@ def test_lights_of_a_scene_are_lamps(tmp_path):
         ({"type": "directional"}, "light 'a' is of type 'directional'; a lamp has a place"),
         ({"type": "point", "intensity": 0}, "intensity of light 'a' must be positive"),
         ({"type": "spot", "spot": {"outerConeAngle": "wide"}}, "outerConeAngle of light 'a'"),
-        ({"type": "spot", "spot": {"outerConeAngle": 9}}, "half_angle_deg of a lamp must be"),
+        ({"type": "spot", "spot": {"outerConeAngle": 9}}, "expected half_angle_deg of a lamp"),
     ],
 )
 def test_lights_that_cannot_be_lamps_are_one_line(light, words, tmp_path):
@@ -582,7 +624,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
         (lambda: rc.Lamp.point(intensity=0), "intensity of a lamp must be positive, got 0"),
         (lambda: rc.Lamp.point(), "intensity in cd or power_w_sr in W/sr, one of them"),
         (lambda: rc.Lamp.point(intensity=1, power_w_sr=1), "one of them"),
-        (lambda: rc.Lamp.spot(0, intensity=1), "half_angle_deg of a lamp must be more than 0"),
+        (lambda: rc.Lamp.spot(0, intensity=1), "expected half_angle_deg of a lamp above 0"),
         (lambda: rc.Lamp.area(1, points=49, intensity=1), "1 to 36, got 49; shares change by"),
         (lambda: rc.Lamp.bar(0, intensity=1), "size of a lamp of kind bar must be 1 positive"),
         (lambda: rc.Lamp(kind="sun", intensity=1), "kind of a lamp must be point, spot"),

@@ -10,8 +10,10 @@ from nightly import examples
 from surface_cases import hostile_scene, room
 
 import rastercov as rc
+from rastercov.coverage.area import cut
 from rastercov.coverage.area import regions as area_regions
 from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.table import Regions
 
 
@@ -53,7 +55,7 @@ def test_parts_on_both_sides_of_a_limit_of_light_are_the_whole(seed):
     """By area within the bounds, with nothing in both of them."""
     mesh, camera, pose, lamps, rng = lit_scene(seed)
     whole = rc.regions(mesh, camera, pose, lamps=lamps)
-    whole = replace(whole, bound=np.zeros_like(whole.bound))
+    whole = replace(whole, bound=np.zeros_like(whole.bound), excess=None)
     for criteria in pairs_of_limits(pose, lamps, whole, rng):
         parts = [whole.where(criterion) for criterion in criteria]
         together = parts[0].areas() + parts[1].areas()
@@ -103,17 +105,20 @@ def test_parts_of_a_room_on_both_sides_of_limits_are_not_empty():
 def solved(monkeypatch):
     """Eyes whose regions are found, and gates, in lists that grow."""
     eyes, gates = [], []
-    find, gate = area_regions._Finder.find, Regions.at_least
+    run, gate = area_regions.RegionPass._run, Regions.at_least
 
-    def finds(self, *pose, **options):
-        eyes.append(self.camera.model)
-        return find(self, *pose, **options)
+    def runs(self, poses, seen, find):
+        def finds(placed, figures):
+            eyes.extend(self.cameras[at].model for at in placed.camera[placed.rows])
+            return find(placed, figures)
+
+        return run(self, poses, seen, finds)
 
     def counts(self, *args, **options):
         gates.append(len(self.pose_ids))
         return gate(self, *args, **options)
 
-    monkeypatch.setattr(area_regions._Finder, "find", finds)
+    monkeypatch.setattr(area_regions.RegionPass, "_run", runs)
     monkeypatch.setattr(Regions, "at_least", counts)
     return eyes, gates
 
@@ -168,3 +173,22 @@ def test_light_that_is_not_decided_on_a_sliver_is_in_the_bounds_beside_highlight
     assert plain.bounds()[0, 1] > 0.1 * mesh.areas[1]
     sure = [each.areas()[0, 1] + each.bounds()[0, 1] for each in (plain, found)]
     assert sure[1] >= sure[0] - 1e-9 * mesh.areas[1]
+
+
+@pytest.mark.slow
+def test_what_cuts_of_light_leave_is_said(monkeypatch):
+    """A curve that is to be as thin as 1e-10 of the diagonal takes more cuts than there may be."""
+    monkeypatch.setattr(cut, "STRIP_REL", 1e-10)
+    mesh = rc.Mesh([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2)])
+    camera = rc.Camera(width=300, height=300, fx=200, fy=200)
+    seen = rc.regions(mesh, camera, rc.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0)))
+    found = seen.by_devices().where(rc.Illuminance([(0.1, 0, 0.5)], limit=3))
+    assert 0 < found.cut_short <= found.bound.sum()
+    true = np.pi * ((0.5 / 3) ** (2 / 3) - 0.25)
+    assert abs(found.area.sum() - true) <= found.bound.sum()
+    network = AreaNetwork(mesh, rc.Task())
+    assert network.doubts() == []
+    network.add(replace(seen, bound=seen.bound + 0.5, cut_short=0.2))
+    (line,) = network.doubts()
+    assert "0.2 m²" in line
+    assert "undecided, as divisions of a face end" in line

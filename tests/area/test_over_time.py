@@ -180,7 +180,7 @@ def test_absent_frames_do_not_count_for_what_is_absent():
 
 def quaternion_rows():
     half = np.sqrt(0.5)
-    return f"time,b.x,b.qw,b.qz,b.present\n0,0,1,0,1\n0.1,1,{half},{half},1\n0.3,2,2e300,0,0\n"
+    return f"time,b.x,b.qw,b.qz,b.present\n0,0,1,0,1\n0.1,1,{half},{half},1\n0.3,2,1.0009,0,0\n"
 
 
 def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
@@ -202,7 +202,7 @@ def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
     one, other = (rc.load_motion(mesh, tmp_path / name) for name in ("m.json", "m.csv"))
     assert np.allclose(one.world_from_body, other.world_from_body, atol=1e-12)
     assert np.array_equal(one.present, other.present)
-    assert one.durations.tolist() == other.durations.tolist() == [0.1, 0.2, 0.2]
+    assert one.durations.tolist() == other.durations.tolist() == pytest.approx([0.1, 0.2, 0.2])
     assert one.units.tolist() == [1, 2, 2]
 
 
@@ -222,11 +222,14 @@ def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
         ("m.csv", "b.x\n", "1 to"),
         ("m.csv", "b.x,b.x\n1,2\n", "one name"),
         ("m.csv", "b.x\n1,2\n", "wanted 1 numbers"),
-        ("m.csv", "b.x\nfar\n", "wanted a number"),
+        ("m.csv", "b.x\nfar\n", "a number within .* wanted"),
         ("m.csv", "b.w\n1\n", "no column"),
         ("m.csv", "time\n1\n", "no body"),
         ("m.csv", "time,b.x\n1,0\n1,0\n", "times must rise, got 1 after 1 in frame 1"),
-        ("m.csv", "b.qw\n0\n", "quaternion"),
+        ("m.csv", "b.qw\n0\n", "'b', frame 0: expected a quaternion of length 1, got 0"),
+        ("m.csv", "b.qw,b.qx\n1,0\n2.69,-4.16\n", "frame 1: expected a quaternion of length 1"),
+        ("m.csv", "b.qw\n1e90\n", "frame 0: expected a quaternion of length 1, got"),
+        ("m.csv", "b.qw,b.qz\n.6,.803\n", "quaternion of length 1"),
         ("m.txt", "b.x\n0\n", "JSON or CSV"),
     ],
 )
@@ -238,9 +241,44 @@ def test_files_that_are_no_motion_are_refused_in_one_line(tmp_path, name, text, 
     assert name in str(error.value)
 
 
-def test_durations_without_a_common_unit_are_refused():
-    with pytest.raises(ConfigError, match="whole multiples of one unit"):
-        passing([0.033331, 0.05, 0.1, 0.1])
+@pytest.mark.parametrize("seed", range(40))
+def test_durations_are_multiples_of_a_unit_to_rounding(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 60))
+    whole = rng.integers(1, 150, n)
+    unit = 0.1 if seed < 3 else float(1 / rng.integers(1, 1000) * 10.0 ** rng.integers(-12, 12))
+    units = whole // np.gcd.reduce(whole)
+    mesh = passing().mesh
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    assert rc.Motion(mesh, {"b": poses}, durations=unit * whole).units.tolist() == units.tolist()
+    ends = np.cumsum(unit * whole)
+    near = whole * unit * (1 + rng.uniform(-2e-16, 2e-16, n))
+    assert rc.Motion(mesh, {"b": poses}, durations=near).units.tolist() == units.tolist()
+    times = [0.0, *ends.tolist()]
+    bodies = {"b": {"poses": [np.eye(4).tolist()] * (n + 1)}}
+    for name, given in (
+        ("times", times),
+        ("durations", np.diff(times, append=times[-1] + near[-1])),
+    ):
+        (tmp_path / "m.json").write_text(json.dumps({"bodies": bodies, name: list(given)}))
+        found = rc.load_motion(mesh, tmp_path / "m.json")
+        assert found.units.tolist() == [*units.tolist(), units[-1]]
+
+
+@pytest.mark.parametrize(
+    "durations",
+    [
+        [0.033331, 0.05, 0.1, 0.1],
+        [1, 1 + 1e-8, 1, 1],
+        [1, 1, 1, 1e308],
+        [5e-324, 1e308, 1, 1],
+        [1, 3000, 3000, 4000],
+        [1, 2**0.5, 1, 1],
+    ],
+)
+def test_durations_without_a_common_unit_are_refused(durations):
+    with pytest.raises(ConfigError, match="whole multiples of one unit within 1e-09, 10,000 in"):
+        passing(durations)
 
 
 def test_views_at_other_times_are_refused():

@@ -1,6 +1,10 @@
 """`check --baseline`: all pairs of rigs around a box, its files, and baselines that are none."""
 
+import copy
+import functools
 import json
+import math
+import operator
 import re
 from itertools import combinations
 from pathlib import Path
@@ -87,6 +91,34 @@ def test_what_is_no_baseline_is_one_line(files, capsys):
     assert "views = 1, and this one has 2" in refusal(
         capsys, f"{CHECK} --views 2 --baseline base/check.json"
     )
+
+
+def numbers_of(tree, path=()):
+    """Paths of all numbers of a tree of tables and lists."""
+    if isinstance(tree, int | float):
+        return [path]
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    inner = [pair for pair in items if isinstance(pair[1], dict | list | int | float)]
+    return [found for key, each in inner for found in numbers_of(each, (*path, key))]
+
+
+HOSTILE = (math.nan, math.inf, -math.inf, -1e99, 1e99, -1, 1e-320, True, "7", [], None)
+
+
+@pytest.mark.parametrize("number", HOSTILE, ids=str)
+def test_a_baseline_with_any_number_of_it_replaced_is_refused_or_gives_finite_lines(told, number):
+    now = told[frozenset((1, 2))]
+    names = ("all", "groups", "dead_faces", "covered_area")
+    for path in numbers_of({name: now[name] for name in names}):
+        before = copy.deepcopy(now) | {"file": "base.json"}
+        *above, last = path
+        owner = functools.reduce(operator.getitem, above, before)
+        owner[last] = number
+        try:
+            lines = compare(before, now).lines()
+        except rc.ConfigError as error:
+            lines = [str(error).removeprefix("base.json: no check.json of")]
+        assert not re.search(r"\b(nan|inf)\b", " ".join(lines)), path
 
 
 def test_a_difference_has_the_digits_of_its_bound():

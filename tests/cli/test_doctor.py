@@ -318,6 +318,5 @@ def test_default_follows_the_order_of_auto(monkeypatch, setting, problem, defaul
 
 
 def test_a_missing_package_is_named(monkeypatch, no_library):
-    absent = diagnose.PackageNotFoundError("moderngl")
-    monkeypatch.setattr(diagnose, "version", Mock(side_effect=absent))
+    monkeypatch.setattr(diagnose, "version_of", Mock(return_value=None))
     assert diagnose.examine()["versions"]["moderngl"] == "not installed"

@@ -6,16 +6,16 @@ import pytest
 import typer
 from commands import call
 
-from rastercov import cli
+from rastercov.cli.console import COMMANDS, LazyCommand
 
 WIDTHS = (60, 80, 100)
-LINES = [[], ["validate"], ["validate", "markers"], *([name] for name in sorted(cli.COMMANDS))]
+LINES = [[], ["validate"], ["validate", "markers"], *([name] for name in sorted(COMMANDS))]
 PARAMETERS = [line for line in LINES if line not in ([], ["validate"])]
 
 
 def loaded(line):
     """Click's command of a command line."""
-    command = cli.LazyCommand(line[0]).loaded
+    command = LazyCommand(line[0]).loaded
     return command.commands[line[1]] if line[1:] else command
 
 

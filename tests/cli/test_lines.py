@@ -1,5 +1,6 @@
 """Lines that commands print for people: bounded, and one for an interrupt whatever it met."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -68,4 +69,5 @@ cli.main()
 )  # fmt: skip
 def test_an_interrupt_ends_in_one_line_whatever_becomes_of_it(name, fate):
     done = python("-c", INTERRUPTIBLE + INTERRUPTED.format(name=name, fate=fate), timeout=30)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+    code = 128 + getattr(signal, name)
+    assert (done.returncode, done.stderr) == (code, "interrupted\n")

@@ -354,17 +354,17 @@ def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone
     text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
     assert ("back facing" if n_gone < 6 else "no cameras") in text
-    assert call(capsys, f"{CHECK} --min-coverage {share}")[0] == 0
+    assert call(capsys, f"{CHECK} --min-coverage {share}")[0] == (0 if share else 2)
 
 
 @pytest.mark.slow
 def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(capsys):
-    line = f"{CHECK} --min-coverage 0 --views 2"
+    line = f"{CHECK} --min-coverage 1e-9 --views 2"
     told = answer(capsys, line)
     assert told["views"] == told["network"]["required_views"] == 2
-    code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=0.0")
+    code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=1e-9")
     assert code == 1
-    for words in ("holds: all: 0.0 % covered, 0.0 % wanted", "holds: group rest",
+    for words in ("holds: all: 0.0 % covered", "holds: group rest",
                   "fails: group lid: 0.0 % covered, 50.0 % wanted: 50.0 points short, 2 faces",
                   "group lid: 2 faces uncovered: 2 too few views"):  # fmt: skip
         assert words in out
@@ -398,7 +398,7 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     write_poses("rig.json", axis_poses()[:5])
     part = Path("part.obj")
     part.write_text(part.read_text().replace("g lid", "g <\x01lid>&\"'"))
-    line = f"{CHECK} --min-coverage 0.9 --group rest=0.5 --group '<*=0.0'"
+    line = f"{CHECK} --min-coverage 0.9 --group rest=0.5 --group '<*=1e-9'"
     assert call(capsys, line + " --junit out.xml")[0] == 1
     suites = ElementTree.parse("out.xml").getroot()
     (suite,) = suites
@@ -533,3 +533,41 @@ def test_the_rig_is_audited(capsys, no_pages, short_search):
     assert (code, [out]) == (1, re.findall(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL))
     assert call(capsys, f"place {plan} --out audit")[0] == 0
     assert len(figures("audit")["cameras"]) < len(read_poses(rig))
+
+
+@pytest.mark.parametrize("option", ["--min-coverage 0", "--group rest=0", "--group lid=-0.0"])
+def test_a_goal_of_0_is_refused_because_it_always_holds(capsys, option):
+    write_poses("rig.json", axis_poses())
+    code, out, err = call(capsys, f"{CHECK} {option}")
+    assert (code, out) == (2, "")
+    assert "always holds; give more than 0, or leave it out" in err
+
+
+@pytest.mark.parametrize("shares", ["coverage = 0", "coverage = 0.5\ngroups = { lid = 0.0 }"])
+def test_a_goal_of_0_in_a_plan_is_refused(capsys, shares):
+    write_poses("rig.json", axis_poses())
+    text = Path("plan.toml").read_text()
+    assert "[selection]" in text
+    Path("plan.toml").write_text(
+        re.sub(r"\[selection\][^\[]*", f'[selection]\ngoal = "fewest_cameras"\n{shares}\n\n', text)
+    )
+    code, out, err = call(capsys, CHECK)
+    assert (code, out) == (2, "")
+    assert "0 always holds" in err
+
+
+def test_names_of_groups_stay_when_a_second_mesh_joins(capsys):
+    write_poses("rig.json", axis_poses())
+    share = f"{CHECK} --group lid=0.5 --group rest=0.5"
+    assert call(capsys, share)[0] == 0
+    Path("other.obj").write_text("v 50 0 0\nv 51 0 0\nv 50 1 0\ng shade\nf 1 2 3\n")
+    text = Path("plan.toml").read_text()
+    both = '{ path = "part.obj" }, { path = "other.obj", role = "occluder" }'
+    Path("plan.toml").write_text(text.replace('{ path = "part.obj" }', both, 1))
+    code, _, err = call(capsys, share)
+    assert code == 0, err
+    Path("other.obj").write_text(Path("other.obj").read_text().replace("shade", "lid"))
+    Path("other.obj").write_text(Path("other.obj").read_text() + "g roof\nf 1 3 2\n")
+    code, _, err = call(capsys, share)
+    assert code == 2
+    assert "2 files have a group 'lid'; give one of " in err

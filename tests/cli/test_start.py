@@ -7,6 +7,7 @@ import pytest
 from processes import run_python
 
 from rastercov import cli
+from rastercov.cli.console import COMMANDS, IN_MODULE, LazyCommand
 
 HEAVY = ("matplotlib", "jinja2", "trimesh", "scipy.spatial", "rastercov.placement", "dask")
 
@@ -27,18 +28,18 @@ def test_help_loads_neither_numpy_nor_a_command():
     assert not loaded_after("--help") & (heavy | {"rastercov.mesh", "rastercov.cli.place"})
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_the_list_has_the_first_line_of_each_help(name):
-    command = cli.LazyCommand(name, help=cli.COMMANDS[name])
+    command = LazyCommand(name, help=COMMANDS[name])
     assert command.loaded.name == name
     first = inspect.cleandoc(command.loaded.help).split("\n\n")[0]
-    assert " ".join(first.split()) == cli.COMMANDS[name]
+    assert " ".join(first.split()) == COMMANDS[name]
 
 
 def test_every_command_module_is_listed():
     modules = {path.stem for path in Path(cli.__file__).parent.glob("*.py")}
     others = {"__init__", "console", "inputs", "options"}
-    assert set(cli.COMMANDS) == {*cli.IN_MODULE, *modules - others}
+    assert set(COMMANDS) == {*IN_MODULE, *modules - others}
 
 
 @pytest.mark.parametrize("by", ["area", "face"])

@@ -1,11 +1,9 @@
 """Blocks of faces: what is decided for a block at once is what each of its faces gives alone."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from exact_cases import grid
-from exact_views import SEEDS, look, regions_of, see_again, soup
+from exact_views import SEEDS, Certificate, look, regions_of, see_again, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -13,8 +11,9 @@ from scenes import joined
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.records import (
+from rastercov.exact.surface import Surface, surface_of
+from rastercov.mesh import Mesh, shapes
+from rastercov.native.engine_visibility import (
     BLOCK,
     LIVE,
     MIXED,
@@ -25,9 +24,6 @@ from rastercov.exact.records import (
     V_MAX,
     V_MIN,
 )
-from rastercov.exact.surface import surface_of
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.exact_setup import lay_boxes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
 
@@ -56,12 +52,7 @@ def view_of(mesh, rng):
 
 def one_by_one(mesh):
     """Surface of a mesh that says of no block that its faces can be decided together."""
-    surface = surface_of(mesh)
-    blocks = surface.blocks
-    apart = blocks._replace(
-        has_flat=np.ones_like(blocks.has_flat), is_plain=np.zeros_like(blocks.is_plain)
-    )
-    return replace(surface, blocks=apart)
+    return Surface(surface_of(mesh).native.one_by_one())
 
 
 @pytest.mark.slow
@@ -76,8 +67,8 @@ def test_blocks_change_no_figure(seed, front_only):
 
 def assert_same(mesh, poses, front_only=False):
     """With blocks and without them, poses have the same figures, one after the other."""
-    together = CertificateSolver(surface_of(mesh), CAMERA)
-    apart = CertificateSolver(one_by_one(mesh), CAMERA)
+    together = Certificate(surface_of(mesh), CAMERA)
+    apart = Certificate(one_by_one(mesh), CAMERA)
     for pose in poses:
         for view in (together, apart):
             see_again(view, mesh, CAMERA, pose, front_only=front_only)
@@ -86,7 +77,7 @@ def assert_same(mesh, poses, front_only=False):
 
 def assert_same_figures(together, apart):
     """Two solvers have the same figures, and the second decided no block at once."""
-    assert (apart.projected.block_state & UNEVEN).all()
+    assert (apart.block_state & UNEVEN).all()
     for name in ("area", "state", "side", "is_certified"):
         assert np.array_equal(getattr(together, name), getattr(apart, name)), name
     assert together.n_events == apart.n_events
@@ -94,17 +85,16 @@ def assert_same_figures(together, apart):
     # The grids may differ, and with them the order of sums: in the last bit, or where a block
     # counts faces that are left out.
     if together.side.all():
-        np.testing.assert_allclose(together._extent, apart._extent, rtol=1e-12)
-    ours, theirs = together._extent, apart._extent
+        np.testing.assert_allclose(together.extent, apart.extent, rtol=1e-12)
+    ours, theirs = together.extent, apart.extent
     more = 1 + 1e-12
     assert (ours[[U_MIN, V_MIN]] <= theirs[[U_MIN, V_MIN]]).all()
     assert (ours[[U_MAX, V_MAX]] >= theirs[[U_MAX, V_MAX]]).all()
     assert (ours[SUM_OF_WIDTHS:] * more >= theirs[SUM_OF_WIDTHS:]).all()
     off = np.abs(together.visible - apart.visible)
     assert (off <= together.area_error + apart.area_error).all()
-    some = np.flatnonzero(together.state & LIVE).astype(np.int32)
-    lay_boxes(some, together.projected)
-    assert np.array_equal(together.projected.box[some], apart.projected.box[some])
+    some = np.flatnonzero(together.state & LIVE)
+    assert np.array_equal(together.boxes[some], apart.boxes[some])
 
 
 @pytest.mark.slow
@@ -137,6 +127,6 @@ def test_most_blocks_of_a_fine_mesh_are_decided_together():
     pose = look_at(np.array((3.0, 2.0, 4.0)), mesh.bounds.mean(axis=0), (0, 0, 1))[0]
     for front_only in (True, False):
         view = look(mesh, CAMERA, pose, front_only=front_only)
-        state, side = view.projected.block_state, view.projected.block_side
+        state, side = view.block_state, view.block_side
         assert ((state == LIVE) & (side != MIXED)).mean() > 0.3
         assert view.n_regions < 10

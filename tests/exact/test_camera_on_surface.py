@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from exact_cases import AHEAD, box, triangles, window
-from exact_views import SEEDS, assert_agree, look, on_both_paths
+from exact_views import SEEDS, HalfPlanes, assert_agree, look, on_both_paths
 from hypothesis import example, given
 from nightly import amount, examples
 from scenes import joined, square
 
 import rastercov as rc
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 
@@ -83,10 +82,10 @@ def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(heig
 
 def test_a_face_whose_image_rounds_to_nothing_stands_in_the_bounds_of_those_behind_it():
     behind = square(1, 4)
-    alone = look(behind, window(), AHEAD, HalfPlaneSolver)
+    alone = look(behind, window(), AHEAD, HalfPlanes)
     #   A blade along a ray of sight: its image has no width, to rounding.
     blade = triangles([(0.1, -0.2, 1), (0.1 * 1.5, 0.1, 1.5), (0.2, 0.3, 2)])
-    view = look(joined(behind, blade), window(), AHEAD, HalfPlaneSolver)
+    view = look(joined(behind, blade), window(), AHEAD, HalfPlanes)
     assert view.area[2] < 1e-12
     assert (view.area_error[:2] > alone.area_error[:2]).all()
     assert view.area_error[2] > 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from exact_cases import AHEAD, grid, hostile, window
-from exact_views import PATHS, SEEDS, assert_agree, look, regions_of, see_again, wrong_certificates
+from exact_views import PATHS, SEEDS, HalfPlanes, assert_agree, look, regions_of, wrong_certificates
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -11,11 +11,6 @@ from scenes import joined, sheet, square
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact import certificate
-from rastercov.exact.certificate import (
-    CertificateSolver,
-)
-from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
@@ -175,17 +170,6 @@ def test_faces_of_a_region_share_its_answer(seed):
         assert np.ptp(part) == 0
 
 
-def test_a_region_that_comes_out_in_part_is_measured_face_by_face(monkeypatch):
-    # As if an edge had been missed: faces that are seen in part and joined to one another.
-    monkeypatch.setattr(certificate, "mark_crossed", lambda *arguments: 0)
-    mesh = joined(square(2, 4), square(0.5, 2))
-    view = CertificateSolver(look(mesh, window(), AHEAD).surface, window())
-    see_again(view, mesh, window(), AHEAD)
-    assert view.n_doubtful == 1
-    assert view.visible == pytest.approx([3750, 3750, 1250, 1250])
-    assert view.is_certified.tolist() == [False, False, True, True]
-
-
 # --- where it failed once -------------------------------------------------------------------------
 
 
@@ -200,6 +184,6 @@ def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(ang
     pose = np.eye(4)
     pose[:3, 3] = 100 / 40 - inside / 40, 0, -z
     view = assert_agree(Mesh(vertices=points, faces=faces), camera, pose)
-    truth = look(Mesh(vertices=points, faces=faces), camera, pose, HalfPlaneSolver)
+    truth = look(Mesh(vertices=points, faces=faces), camera, pose, HalfPlanes)
     part = view.visible / view.area
     assert part == pytest.approx(truth.visible / truth.area, abs=1e-6)

@@ -74,7 +74,7 @@ def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
                 of(mesh, camera, pose) for of in (rational.visible_area, rational.image_area)
             )
             side = exact_sides(mesh, pose)
-            is_known = (side < 0) | (side > 0) & (area > 0)
+            is_known = (side <= 0) | (area > 0)
             true = np.where(side > 0, visible / np.where(area > 0, area, 1), 0.0)
             off = np.abs(found.visibility[row] - true)[is_known]
             assert (off <= found.visibility_bound[row][is_known]).all()
@@ -82,6 +82,8 @@ def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
             both += np.abs(seen.drawn_pixels[row] - area)
             computed = seen.kind[row] == BoundKind.EXACT
             assert (both <= seen.area_error[row])[computed].all()
+            assert (seen.drawn_pixels[row] + seen.area_error[row] == 0)[side == 0].all()
+            assert (found.visibility_bound[row] == 0)[side == 0].all()
 
 
 def beside(distance):
@@ -101,9 +103,13 @@ LENSES = (
 @pytest.mark.parametrize("method", [*METHODS, "sampled:cpu"])
 @pytest.mark.parametrize("camera", LENSES, ids=("pinhole", "lens"))
 @pytest.mark.parametrize("distance", [0.0, 1e-17, -1e-17])
-def test_nothing_is_known_of_a_face_in_whose_plane_the_camera_is(method, camera, distance):
-    found = visibility(square(0.5, 0.0), camera, beside(distance)[None], method)
-    assert (found.visibility_bound == 1).all()
+def test_the_side_of_a_face_in_whose_plane_the_camera_is_decides_exactly(method, camera, distance):
+    pose = beside(distance)
+    found = visibility(square(0.5, 0.0), camera, pose[None], method)
+    is_before = exact_sides(square(0.5, 0.0), pose) > 0
+    assert is_before.all() == (distance < 0)
+    assert (found.visibility_bound[0] == is_before).all()
+    assert (found.visibility == 0).all() or is_before.all()
 
 
 @pytest.mark.parametrize("method", [*METHODS, "sampled:cpu"])

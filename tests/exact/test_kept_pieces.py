@@ -8,7 +8,6 @@ from hypothesis import given, settings
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact import half_planes
 from rastercov.exact.surface import surface_of
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
@@ -16,18 +15,16 @@ CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 
 def pieces_of(solver):
     """Area of the pieces of each face, (F,), and their number."""
-    kept, area = solver.kept_pieces, np.zeros(len(solver.visible))
-    n = int(kept.used[0])
-    for piece in range(n):
-        corners = kept.corners[kept.starts[piece] : kept.starts[piece + 1]]
-        u, v = (corners - corners[0]).T
-        area[kept.faces[piece]] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
-    return area, n
+    (corners, starts, faces), area = solver.kept, np.zeros(len(solver.visible))
+    for piece, face in enumerate(faces):
+        own = corners[starts[piece] : starts[piece + 1]]
+        u, v = (own - own[0]).T
+        area[face] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
+    return area, len(faces)
 
 
 def solver_with_pieces(mesh, camera, pose, path):
-    solver = path(surface_of(mesh), camera)
-    solver.keep_pieces()
+    solver = path(surface_of(mesh), camera, keeps_pieces=True)
     see_again(solver, mesh, camera, pose)
     return solver
 
@@ -52,14 +49,10 @@ def test_pieces_have_the_visible_area_and_asking_changes_no_bit(path, seed):
 
 
 @on_both_paths
-def test_pieces_make_room_for_themselves(path, monkeypatch):
+def test_pieces_are_those_of_the_last_pose(path):
     mesh = soup(np.random.default_rng(3), n=80)
     wanted, n = pieces_of(solver_with_pieces(mesh, CAMERA, np.eye(4), path))
     assert n > 100
-    room = half_planes.room_for_kept
-    monkeypatch.setattr(half_planes, "room_for_kept", lambda n, corners: room(
-        *((1, 4) if (n, corners) == (1024, 8192) else (n, corners))
-    ))  # fmt: skip
     solver = solver_with_pieces(mesh, CAMERA, np.eye(4), path)
     found, m = pieces_of(solver)
     assert m == n
@@ -71,5 +64,4 @@ def test_pieces_make_room_for_themselves(path, monkeypatch):
 
 def test_a_solver_that_is_not_asked_keeps_nothing():
     solver = look(soup(np.random.default_rng(0)), CAMERA, np.eye(4))
-    assert solver.kept_pieces.used.tolist() == [0, 0, 0]
-    assert solver.kept_pieces.corners.size == 0
+    assert pieces_of(solver)[1] == 0

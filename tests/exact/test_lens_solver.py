@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_views import Certificate, HalfPlanes
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
@@ -20,15 +21,16 @@ from rastercov.camera.lenses.of_camera import (
     slopes_of,
 )
 from rastercov.camera.lenses.slopes import slopes_in
+from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.exact_pass import PoseSolver
+from rastercov.coverage.exact_pass import room_for
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
-from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.surface import surface_of
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind
 
@@ -48,10 +50,10 @@ def inside(mesh, seed):
     return look_at(eye, eye + rng.normal(size=3), rng.normal(size=3))[0]
 
 
-def solved(mesh, camera, pose, kind=CertificateSolver, near=1e-3):
-    solver = PoseSolver(mesh, [camera], kind is CertificateSolver)
-    solver.find(pose, near, False)
-    return solver.figures
+def solved(mesh, camera, pose, kind=Certificate, near=1e-3):
+    solver = kind(surface_of(mesh), camera)
+    solver.solve(pose, near, False)
+    return solver
 
 
 @pytest.mark.slow
@@ -147,7 +149,7 @@ def test_half_planes_and_the_certificate_agree(name):
     for seed in range(2):
         pose = inside(ROOM, 10 + seed)
         one = solved(ROOM, camera, pose)
-        other = solved(ROOM, camera, pose, HalfPlaneSolver)
+        other = solved(ROOM, camera, pose, HalfPlanes)
         apart = np.abs(one.visible - other.visible)
         assert np.all(apart <= one.area_error + other.area_error)
         np.testing.assert_allclose(one.area, other.area, atol=1e-7)
@@ -247,17 +249,16 @@ def test_planes_of_a_lens_are_found_once():
 @pytest.mark.parametrize("name", ["wide fisheye", "equirectangular"])
 def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
     mesh = shapes.torus(12, 16)
-    for pose in look_at([(0.0, 4.0, 1.0), (3.0, -2.0, 0.5)], [(0, 0, 0), (0.5, 0.5, 0)]):
-        pose[:3, :3] = pose[:3, :3] @ look_at((0, 0, 0), (0.3, 1, 0.2))[0][:3, :3]
-        figures = []
-        for visit in (None, lambda number, solver: None):
-            solver = PoseSolver(mesh, [CAMERAS[name]], True)
-            solver.find(pose, 1e-3, False, visit=visit)
-            found = solver.figures
-            figures.append((found.visible, found.area, found.area_error, found.is_certified))
-        for one, other in zip(*figures, strict=True):
-            np.testing.assert_array_equal(one, other)
-        assert figures[0][0].max() > 0
+    poses = look_at([(0.0, 4.0, 1.0), (3.0, -2.0, 0.5)], [(0, 0, 0), (0.5, 0.5, 0)])
+    poses[:, :3, :3] = poses[:, :3, :3] @ look_at((0, 0, 0), (0.3, 1, 0.2))[0][:3, :3]
+    with open_observer(mesh, CAMERAS[name]) as observer:
+        seen = observer.observe(poses)
+    # Regions are looked for in all planes.
+    other = room_for(len(poses), mesh.n_faces)
+    RegionPass(mesh, CAMERAS[name]).find(Poses.of(poses), seen=other)
+    for figure in ("visible_pixels", "drawn_pixels", "area_error", "kind"):
+        np.testing.assert_array_equal(getattr(seen, figure), getattr(other, figure))
+    assert seen.visible_pixels.max() > 0
 
 
 @each_lens

@@ -11,7 +11,6 @@ from scenes import joined, square
 from target_scenes import only, some_as_targets
 
 import rastercov as rc
-from rastercov.exact import surface as blocks
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 
@@ -27,9 +26,7 @@ def scene(seed):
     if rng.random() < 0.5:
         mesh = some_as_targets(mesh, rng.random(mesh.n_faces) < 0.05)
     copy = only(mesh, np.arange(mesh.n_faces))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(blocks, "LEAST_FACES", 1)
-        surface = surface_of(copy)
+    surface = surface_of(copy, least_sorted=1)
     assert not np.array_equal(surface.rank, np.arange(len(surface.faces)))
     return mesh, copy
 

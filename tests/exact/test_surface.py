@@ -4,14 +4,19 @@ import gc
 import weakref
 
 import numpy as np
+import pytest
 from exact_cases import box
 from exact_views import SEEDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
+from surface_twin import part_of
 
-from rastercov.exact.surface import surface_of
-from rastercov.mesh import Mesh
+from rastercov.exact.surface import LEAST_SORTED, surface_of
+from rastercov.mesh import Group, Mesh, shapes
+from rastercov.native import engine_surface
+
+pytestmark = pytest.mark.native
 
 
 def test_minus_zero_and_zero_are_one_place():
@@ -19,6 +24,147 @@ def test_minus_zero_and_zero_are_one_place():
     found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
     assert len(found.vertices) == 4
     assert (found.edges.faces >= 0).all(axis=1).sum() == 1
+
+
+# --- bit for bit as by numpy ----------------------------------------------------------------------
+
+
+def named(part):
+    """Arrays of a surface or of its targets by name."""
+    found = {name: getattr(part, name) for name in ("vertices", "faces", "source")}
+    records = ["blocks"] + ["edges"] * hasattr(part, "edges")
+    for record in records:
+        fields = getattr(part, record)._asdict().items()
+        found |= {f"{record}.{name}": array for name, array in fields}
+    return found
+
+
+def assert_same_part(part, expected):
+    for name, array in named(part).items():
+        assert array.dtype == expected[name].dtype, name
+        assert array.shape == expected[name].shape, name
+        assert array.tobytes() == expected[name].tobytes(), name
+
+
+@st.composite
+def hostile_meshes(draw):
+    """Few points for many faces: duplicates, repeated vertices, edges of many faces; targets."""
+    rng = np.random.default_rng(draw(SEEDS))
+    n_vertices, n_faces = draw(st.integers(1, 60)), draw(st.sampled_from([1, 2, 20, 64, 65, 200]))
+    points = rng.integers(-2, 3, (n_vertices, 3)) * draw(st.sampled_from([1.0, -1.0, 1e-200, 1e29]))
+    if draw(st.booleans()):
+        points = rng.normal(size=(n_vertices, 3))
+    faces = rng.integers(0, n_vertices, (n_faces, 3))
+    if draw(st.booleans()):
+        faces = faces[rng.integers(0, n_faces, n_faces)]
+    share = draw(st.sampled_from([0.0, 0.2, 1.0]))
+    groups = [Group("a"), Group("b", is_target=True)]
+    return Mesh(points, faces, groups, (rng.random(n_faces) < share).astype(int))
+
+
+def assert_same(mesh, least_sorted):
+    found, opaque = surface_of(mesh, least_sorted), mesh.opaque
+    expected = part_of(opaque.vertices, opaque.welded_faces, opaque.degenerate_mask, least_sorted)
+    assert_same_part(found, expected)
+    assert np.array_equal(found.rank, expected["order"])
+    assert np.array_equal(found.centre, opaque.bounds.mean(axis=0))
+    assert found.diagonal == np.linalg.norm(np.ptp(opaque.bounds, axis=0))
+    for mine, theirs in zip(*(
+        (own.faces_for(1.0)[found.rank], np.diff(own.partners_for(1.0).starts)[found.rank])
+        if own is opaque.contacts else (own[0], np.diff(own[1].starts))
+        for own in (opaque.contacts, found.contacts(1.0))
+    ), strict=True):  # fmt: skip
+        assert np.array_equal(mine, theirs)
+    is_target = mesh.target_mask
+    if is_target.any():
+        flat = mesh.degenerate_mask[is_target]
+        expected = part_of(mesh.vertices, mesh.welded_faces[is_target], flat, mesh.n_faces + 1)
+        assert_same_part(found.targets, expected)
+    else:
+        assert found.targets is None
+    order = np.empty(found.n_faces, np.int64)
+    n_opaque = np.count_nonzero(~is_target)
+    order[: len(found.faces)][:n_opaque] = np.flatnonzero(~is_target)[found.rank[:n_opaque]]
+    order[len(found.faces) :] = np.flatnonzero(is_target)
+    rows = np.arange(found.n_faces)[found.rows]
+    assert np.array_equal(order[rows], np.arange(mesh.n_faces))
+
+
+@given(mesh=hostile_meshes(), least_sorted=st.sampled_from([1, LEAST_SORTED]))
+@settings(max_examples=60)
+def test_a_surface_is_built_bit_for_bit_as_by_numpy(mesh, least_sorted):
+    assert_same(mesh, least_sorted)
+
+
+@pytest.mark.parametrize("is_shuffled", [False, True])
+def test_a_large_surface_is_sorted_where_its_faces_are_in_any_order(is_shuffled):
+    ring = shapes.torus(128, 66)
+    rows = np.random.default_rng(0).permutation(ring.n_faces) if is_shuffled else slice(None)
+    mesh = Mesh(ring.vertices, ring.faces[rows])
+    assert mesh.n_faces >= LEAST_SORTED
+    assert_same(mesh, LEAST_SORTED)
+    assert (surface_of(mesh).place is None) == (not is_shuffled)
+
+
+TRIANGLE = np.eye(3), np.array([[0, 1, 2]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "error"),
+    [
+        ({"vertices": np.full((3, 3), np.nan)}, "finite and within 1e30"),
+        ({"vertices": np.full((3, 3), 1e31)}, "finite and within 1e30"),
+        ({"vertices": np.empty((0, 3))}, "faces must hold vertices"),
+        ({"faces": np.array([[0, 1, 3]])}, "faces must hold vertices"),
+        ({"faces": np.array([[0, 1, -1]])}, "faces must hold vertices"),
+        ({"faces": np.array([[0, 1, 2**31]])}, "faces must hold vertices"),
+        ({"faces": np.empty((0, 3), np.int64)}, "there must be a face"),
+        ({"is_target": np.array([False, False])}, "opaque faces must be those of all"),
+        ({"is_target": np.array([True]), "all_faces": np.array([[0, 1, 7]])}, "must hold vertices"),
+    ],
+)
+def test_what_is_no_surface_is_refused(changed, error):
+    vertices, faces = TRIANGLE
+    named = {
+        "vertices": vertices, "faces": faces, "all_vertices": vertices, "all_faces": faces,
+        "is_target": np.empty(0, bool), "diagonal": 1.0, "find_contacts": print, "least_sorted": 9,
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=error):
+        engine_surface.Surface(**(named | changed))
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        (np.zeros(2, bool), np.zeros(2, np.int64), np.empty(0, np.int32)),
+        (np.zeros(1, bool), np.array([0, 5]), np.empty(0, np.int32)),
+        (np.zeros(1, bool), np.array([0, 1]), np.array([7], np.int32)),
+    ],
+)
+def test_contacts_that_are_not_of_the_surface_are_refused(found):
+    vertices, faces = TRIANGLE
+    surface = engine_surface.Surface(
+        vertices, faces, vertices, faces, np.empty(0, bool), 1.0, lambda far: found, 9
+    )
+    with pytest.raises(ValueError, match=r"(contacts|partners) must"):
+        surface.contacts(1.0)
+
+
+def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
+    vertices, faces = TRIANGLE
+    answers = iter([ZeroDivisionError("nothing"), 1.0])
+
+    def find(far):
+        if isinstance(answer := next(answers), Exception):
+            raise answer
+        return np.ones(1, bool), np.zeros(2, np.int64), np.empty(0, np.int32)
+
+    surface = engine_surface.Surface(
+        vertices, faces, vertices, faces, np.empty(0, bool), 1.0, find, 9
+    )
+    with pytest.raises(ZeroDivisionError, match="nothing"):
+        surface.contacts(1.0)
+    assert surface.contacts(1.0)[0].all()
 
 
 # --- contacts -------------------------------------------------------------------------------------
@@ -33,7 +179,7 @@ def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
     tie = 1e-10 * 10**distance * diagonal
     gap = tie * rng.uniform(0, 1)
     mesh = joined(square(1, 0.0), square(1, gap))
-    assert surface_of(mesh).contacts.faces_for(10**distance * diagonal).all()
+    assert surface_of(mesh).contacts(10**distance * diagonal)[0].all()
 
 
 # --- kept as long as the mesh ---------------------------------------------------------------------

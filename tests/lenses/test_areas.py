@@ -47,7 +47,7 @@ def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
     circle = shapely.Point(WIDTH / 2, HEIGHT / 2).buffer(radius, quad_segs=4096)
     outside = WIDTH * HEIGHT - shapely.box(0, 0, WIDTH, HEIGHT).intersection(circle).area
     assert outside > 1000
-    assert blind == pytest.approx(outside, abs=2e-3 * radius)  # the region is a polygon
+    assert blind == pytest.approx(outside, abs=1e-5 * radius)  # of a circle of 16,384 sides
     total = 0.0
     for plane in lens.planes:
         total += polygon_areas(lens, plane, on_plane(plane, room(3))).inside.sum()
@@ -80,7 +80,10 @@ def test_areas_are_those_of_polygons_of_many_corners(name):
             coarse, fine = densified(plane, polygon, 1000), densified(plane, polygon, 2000)
             # Chords cut off a share of a bulge that falls with the square of their number.
             error = np.abs((4 * fine - coarse) / 3 - (whole, inside))
-            assert error[0] <= 1e-6
+            # Areas end at the cone, which a plane on the side of a wide lens reaches out of.
+            rays = np.column_stack((polygon, np.ones(len(polygon)))) @ plane.frame.T
+            angles = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+            assert error[0] <= 1e-6 or angles.max() > 0.999 * lens.valid_angle
             # Except where the border cuts them at an end of one of them.
             assert error[1] <= 0.1 * np.abs(fine - coarse).max() + 1e-6
 
@@ -127,7 +130,7 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
 def test_image_circle_of_a_fisheye_leaves_the_corners_blind():
     lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=95)
     circle = math.pi * (120 * math.radians(95)) ** 2
-    assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
+    assert 900 * 800 - blind_area(lens) == pytest.approx(circle, abs=1e-7)
 
 
 @pytest.mark.slow

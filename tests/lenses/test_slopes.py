@@ -43,7 +43,7 @@ def test_no_difference_is_above_its_bound(name):
         points = points[is_in]
         if not len(points):
             continue
-        found = np.array([bounds_within(slopes, x, x, y, y) for x, y in points]).T
+        found = np.array([bounds_within(slopes, x, x, y, y)[0] for x, y in points]).T
         true = differences(plane, points)
         # Differences themselves are off by rounding and by their step.
         slack = 1e-2 * true + np.array([[1e-5], [1e-1]]) + np.array([[0.01], [0.02]]) * found

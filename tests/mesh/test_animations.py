@@ -128,6 +128,11 @@ def test_quaternions_of_rotations_are_theirs():
         ((1, "translation", [0, 1], [(1, 1, 1)] * 2, "WAVY"), "interpolation"),
         ((1, "colour", [0, 1], [(1, 1, 1)] * 2, None), "path must be"),
         ((1, "rotation", [0, 1], [(0, 0, 0, 2)] * 2, "STEP"), "length 1"),
+        ((1, "rotation", [0, 1], [(0, 0, 0, 1), (0, 0, 0.6, 0.8015)], None), "node 1 over time"),
+        (
+            (1, "rotation", [0, 1], [*[(0, 0, 0, 1)] * 4, (0, 2, 1, 2), (0,) * 4], "CUBICSPLINE"),
+            "length 1",
+        ),
         ((1, "translation", [0, 1], [(5, 0, 0)] * 2, None), "moves no mesh"),
     ],
 )

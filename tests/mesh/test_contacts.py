@@ -318,23 +318,44 @@ def test_a_part_that_does_not_cross_itself_has_no_contacts(name):
     assert not of_mesh(turned).any()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_fans_are_compared_by_directions_like_pairs(monkeypatch, seed):
+    """Faces at one corner: flat, folded, crossing and wound twice, among others and far off."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(20, 90))
+    angle = np.sort(random.uniform(0, random.choice([2, 6.28, 13.0]), n))
+    length = random.choice([1.0, 1e-3, 1e3], n)
+    height = random.choice([0, 0.3]) * np.sin(9 * angle)
+    rim = length[:, None] * np.column_stack((np.cos(angle), np.sin(angle), height))
+    crowd = random.uniform(-1, 1, (10, 3, 3))
+    points = np.concatenate(([(0, 0, 0.5 * (seed % 3))], rim, crowd.reshape(-1, 3)))
+    row = np.arange(n)
+    fan = np.column_stack((np.zeros(n, int), 1 + row, 1 + (row + 1) % n))
+    faces = np.concatenate((fan, n + 1 + np.arange(30).reshape(10, 3)))
+    mesh = Mesh(vertices=points + random.choice([0, 1e4]), faces=faces)
+    tolerance = random.choice([0.0, 1e-9, 1e-6])
+    found = []
+    for most in (10**9, 8):
+        monkeypatch.setattr(contacts, "MOST_AT_A_CORNER", most)
+        found.append(contacts.touching_faces(mesh.vertices, mesh.faces, tolerance))
+    np.testing.assert_array_equal(*found)
+
+
 # --- the loops
 
 
-def calls(monkeypatch, mesh, steps):
-    """Calls of the loop, each of about so many steps along the tree."""
+def steps(monkeypatch, mesh):
+    """Steps along the tree."""
     count = []
-    loop = contacts.kernels.mark_contacts
+    find = contacts.engine_contacts.find_touching
 
     def counted(*args):
-        count.append(1)
-        return loop(*args)
+        count.append(find(*args))
 
-    monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
-    monkeypatch.setattr(contacts, "kernels", SimpleNamespace(mark_contacts=counted))
+    monkeypatch.setattr(contacts, "engine_contacts", SimpleNamespace(find_touching=counted))
     of_mesh(mesh, threads=1)
     monkeypatch.undo()
-    return len(count)
+    return sum(count)
 
 
 @pytest.fixture
@@ -357,18 +378,17 @@ def test_walls_needles_copies_and_spots_cost_as_much_as_other_faces(monkeypatch,
         "copies": Mesh(vertices=FLAT, faces=np.tile([(0, 1, 2)], (20_000, 1))),
         "spot": joined(spot, triangle),
     }
-    most = 2 * calls(monkeypatch, fine, 1000)
+    most = 2 * steps(monkeypatch, fine)
     for name, mesh in scenes.items():
-        assert calls(monkeypatch, mesh, 1000) < most, name
+        assert steps(monkeypatch, mesh) < most, name
         mesh = Mesh(vertices=mesh.vertices @ turned, faces=mesh.faces)
-        assert calls(monkeypatch, mesh, 1000) < most, name
+        assert steps(monkeypatch, mesh) < most, name
     assert of_mesh(scenes["copies"]).all()
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7, None])
-@pytest.mark.parametrize(("leaves", "steps"), [(1, 0), (3, 100), (10**6, 0)])
-def test_threads_and_turns_change_nothing(monkeypatch, teapot, threads, leaves, steps):
+@pytest.mark.parametrize("leaves", [1, 3, 10**6])
+def test_threads_and_turns_change_nothing(monkeypatch, teapot, threads, leaves):
     mesh, marks = teapot
     monkeypatch.setattr(contacts, "LEAVES_A_PART", leaves)
-    monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
     assert np.array_equal(of_mesh(mesh, threads=threads), marks)

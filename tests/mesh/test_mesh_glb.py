@@ -98,7 +98,7 @@ def sparse(glb, indices, count, kind):
 # ---- transforms
 
 
-@pytest.mark.parametrize("length", [1, 0.995, 1.009])
+@pytest.mark.parametrize("length", [1, 0.9991, 1.0009])
 def test_quaternions_near_length_one_rotate_without_scaling(length, glb, load):
     quaternion = np.array([0.1, -0.7, 0.3, 0.5])
     quaternion /= np.linalg.norm(quaternion)
@@ -193,13 +193,13 @@ def test_instances_with_one_attribute_or_packed_rotations_are_read(glb, load):
 PLACES = [
     (("accessors", 0, "count"), 5, "promises 5 elements of 12 bytes"),
     (("nodes", 0, "children"), [0], "node 0 has two parents"),
-    (("nodes", 0, "translation"), [1e300, 0, 0], "coordinates must be finite"),
+    (("nodes", 0, "translation"), [1e300, 0, 0], "a number within"),
     *((("extensionsRequired",), [name], r"\['.*'\] are required, not supported")
       for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "X")),
     *((("asset",), asset, r"glTF 2\.0 wanted")
       for asset in ({"version": "1.0"}, {"version": "3.0"}, {"minVersion": "2.1"})),
     *((("nodes", 0, "rotation"), [0, 0, 0.6 * length, 0.8 * length], "a quaternion of length 1")
-      for length in (0, 0.98, 1.02, 1e200)),
+      for length in (0, 0.98, 1.02, 1e90)),
 ]  # fmt: skip
 
 

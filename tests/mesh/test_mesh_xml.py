@@ -10,6 +10,7 @@ from repeated_parts import (
     ITEM,
     MESH,
     RELATIONSHIPS,
+    SECOND,
     TRIANGLES,
     archive,
     components,
@@ -42,6 +43,12 @@ def test_a_declared_encoding_or_a_mark_is_read_and_a_node_is_a_group(encoding, l
         np.testing.assert_array_equal(triangles(mesh), POINTS[FACES])
         assert names(mesh) == [name]
         assert mesh.warnings == ()
+
+
+def requiring(name, prefix="q"):
+    """Attributes of a model that requires an extension."""
+    space = f"http://schemas.microsoft.com/3dmanufacturing/{name}"
+    return f'xmlns:{prefix}="{space}" requiredextensions="{prefix}"'
 
 
 UNITS = [
@@ -226,15 +233,14 @@ def test_every_instance_of_an_object_is_counted_and_placed(load):
 
 def test_an_object_of_another_part_is_read(load):
     away = components(1).replace("<component o", '<component path="/3D/b.model" o')
-    own = 'unit="meter" requiredextensions="p"'
-    data = {"3D/a.model": model(object_of(2, away), '<item objectid="2"/>', own=own)}
+    own = f'unit="meter" {requiring("production/2015/06", "p")}'
+    data = {"3D/a.model": model(object_of(2, away), SECOND, own=own)}
     assert load("a.3mf", archive(**data, **{"3D/b.model": model(build="")})).n_faces == 4
 
 
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"inside": MESH.replace("</mesh>", "<beamlattice/></mesh>")}, "not read: beamlattice"),
         ({"inside": MESH.replace("<triangle v1", "<triangel v1", 1)}, "not read: triangel"),
         ({"build": f"{ITEM}item"}, "not read: text"),
         ({"objects": object_of(2, MESH)}, "1 objects are not in the build"),
@@ -244,18 +250,65 @@ def test_elements_of_3mf_that_are_not_read_are_noted(changes, text, load):
     assert text in "\n".join(load("a.3mf", threemf(**changes)).notes)
 
 
+SLICES = "<slicestack id='9'><slice ztop='1'><vertices/><polygon startv='0'/></slice></slicestack>"
+AWAY = model(
+    object_of(2, components(1).replace("<component o", '<component path="/3D/b.model" o')),
+    SECOND,
+)
+
+
+def beside(text):
+    """A file whose object is in another part."""
+    return archive(**{"3D/a.model": AWAY, "3D/b.model": text})
+
+
+def sliced(own="s:meshresolution='lowres'", mesh=MESH):
+    """An object of slices, whose mesh is a box around them."""
+    names = f"xmlns:s='s' xmlns:p='p' s:slicestackid='9' {own}"
+    return SLICES + object_of(2, mesh).replace("<object", f"<object {names}")
+
+
+@pytest.mark.parametrize(
+    ("data", "n_faces"),
+    [
+        (threemf(sliced("s:meshresolution='fullres'"), SECOND), 4),
+        (threemf(sliced(""), SECOND), 4),
+        (threemf(sliced(), '<item objectid="1"/>'), 4),
+        (threemf(own=requiring("slice/2015/07")), 4),
+        (threemf(own=requiring("material/2015/02", "beam")), 4),
+        (beside(model(own=requiring("trianglesets/2021/07"))), 4),
+    ],
+)  # fmt: skip
+def test_objects_in_full_resolution_are_read_beside_their_slices(data, n_faces, load):
+    assert load("a.3mf", data).n_faces == n_faces
+
+
 DEEP = "".join(object_of(i, components(i + 1)) for i in range(2, 3000))
 DOCTYPE = '<!DOCTYPE a [<!ENTITY b "c">]>'
 DECLARED_XML = f'<?xml version="1.0" encoding="utf-16"?>{DOCTYPE}'
 BROKEN_3MF = [
     (b"PK\3\4", "the ZIP archive cannot be read"),
     (archive(**{"3D/a.model": "<model"}), "its part '3D/a.model' is no XML"),
-    (threemf(build=""), "the file has no faces"),
+    (threemf(build=""), "nothing is in the build; put an object on the plate"),
     (threemf(inside=components(1)), "object '1' is a part of itself"),
-    (threemf(DEEP, '<item objectid="2"/>'), "nested too deeply"),
+    (threemf(DEEP, SECOND), "nested too deeply"),
     (threemf(object_of(1, MESH)), "object '1' comes twice"),
     (threemf(own='unit="furlong"'), "got 'furlong'"),
-    (threemf(own='requiredextensions="b"'), r"extensions \['b'\] are required"),
+    (threemf(own='requiredextensions="p"'), r"extensions \['p'\] are required"),
+    (threemf(own=requiring("beamlattice/2017/02")), r"beamlattice/2017/02'\] are required"),
+    (threemf(own=requiring("beamlattice/2017/02", "m")), r"beamlattice/2017/02'\] are required"),
+    (threemf(own=requiring("volumetric/2022/01", "s")), r"volumetric/2022/01'\] are required"),
+    (beside(model(own=requiring("implicit/2024/01"))), r"implicit/2024/01'\] are required"),
+    (threemf(sliced(), SECOND), "object '2' is a stand-in"),
+    (threemf(sliced(mesh=""), SECOND), "object '2' is a stand-in"),
+    (threemf(sliced("p:modelresolution='obfuscated'"), SECOND), "'obfuscated'"),
+    (threemf(sliced() + object_of(3, components(2)), '<item objectid="3"/>'), "is a stand-in"),
+    (beside(model(own='xmlns:s="s"').replace("<object", "<object s:meshresolution='lowres'")),
+     "object '1' is a stand-in"),
+    (threemf(inside=MESH.replace("</mesh>", "<b:beamlattice xmlns:b='b'/></mesh>")),
+     "object '1' has a beamlattice, which is not read; export it as triangles"),
+    (threemf(inside=MESH + "<d:displacementmesh xmlns:d='d'/>"), "has a displacementmesh"),
+    (threemf(inside="<booleanshape objectid='1'/>"), "object '1' has a booleanshape"),
     (archive(**{"3D/a.model": DOCTYPE + model()}), "declares a document type"),
     (archive(**{"3D/a.model": (DECLARED_XML + model()).encode("utf-16")}), "a document type"),
     (archive(**{"_rels/.rels": "<Relationships/>"}), "names no 3D model"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from exact_cases import box
-from exact_views import fractions, look
+from exact_views import HalfPlanes, fractions, look
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined
@@ -11,7 +11,6 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.camera.near_plane import can_cull
-from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import shapes
 from rastercov.reference import rational
 
@@ -92,7 +91,7 @@ def test_culling_changes_no_area_of_solids_that_cross_one_another(seed):
     assert can_cull(mesh, poses, np.zeros(3, bool)).all()
     for pose in poses:
         culled, whole = (
-            look(mesh, CAMERA, pose, HalfPlaneSolver, front_only=cull) for cull in (True, False)
+            look(mesh, CAMERA, pose, HalfPlanes, front_only=cull) for cull in (True, False)
         )
         assert (
             np.abs(culled.visible - whole.visible) <= culled.area_error + whole.area_error

@@ -3,7 +3,6 @@
 from collections import defaultdict
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -19,17 +18,16 @@ from rastercov.mesh.topology import edge_table
     dtype=st.sampled_from([np.int32, np.int64]),
 )
 @settings(max_examples=25)
-@pytest.mark.parametrize("with_collapsed", [False, True])
-def test_the_table_has_every_edge_with_all_its_uses(faces, n_vertices, dtype, with_collapsed):
+def test_the_table_has_every_edge_with_all_its_uses(faces, n_vertices, dtype):
     uses, forward = defaultdict(list), {}
     for f, face in enumerate(faces.tolist()):
-        if len(set(face)) < 3 and not with_collapsed:
+        if len(set(face)) < 3:
             continue
         for corner in range(3):
             start, end = face[corner], face[(corner + 1) % 3]
             uses[min(start, end), max(start, end)].append(3 * f + corner)
             forward[3 * f + corner] = start < end
-    table = edge_table(faces.astype(dtype), n_vertices, with_collapsed=with_collapsed)
+    table = edge_table(faces.astype(dtype), n_vertices)
     assert list(map(tuple, table.vertices.tolist())) == sorted(uses)
     assert table.n_uses.tolist() == [len(uses[edge]) for edge in sorted(uses)]
     assert table.first.tolist() == (np.cumsum(table.n_uses) - table.n_uses).tolist()

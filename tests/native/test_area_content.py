@@ -9,18 +9,16 @@ from hypothesis import strategies as st
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.coverage.area import cells, division, failures, frames, overlay, regions
-from rastercov.native import area_cell, area_point, area_region, area_union
+from rastercov.coverage.area import cells, failures, frames, regions
+from rastercov.native import area_cell, area_point
 
 pytestmark = pytest.mark.native
 
 CALLS = {
     area_cell: (cells, ("fill_cells", "find_shares")),
-    area_union: (overlay, ("unite_cells",)),
-    area_region: (regions, ("cut_regions", "cut_pieces")),
     area_point: (failures, ("judge_points",)),
 }
-NAMES = "halve_pieces", "find_covering", *(name for _, names in CALLS.values() for name in names)
+NAMES = "find_covering", *(name for _, names in CALLS.values() for name in names)
 VALUES = {
     "f": (0.0, -0.0, 1.0, -2.5, 1e-300, 1e300, np.inf, -np.inf, np.nan),
     "i": (0, 1, 3, -1, 7, 40, 2**31 - 1, -(2**31), 2**62, -(2**63)),
@@ -76,15 +74,11 @@ def calls():
     with pytest.MonkeyPatch.context() as patch:
         for module, (user, names) in CALLS.items():
             patch.setattr(user, module.__name__.rsplit(".")[-1], Spy(module, names, kept))
-        spy = Spy(area_union, ("halve_pieces",), kept)
-        patch.setattr(division, "area_union", spy)
-        patch.setattr(division, "MOST_PIECES", 2)
         patch.setattr(frames, "area_point", Spy(area_point, ("find_covering",), kept))
         parts = rc.cells(mesh, 0.4)
         for task in TASKS:
             for camera in (PINHOLE, WIDE, ROUND):
                 found = rc.regions(mesh, camera, poses, task, threads=1)
-                rc.unite(found, 2)
                 parts.share(found)
                 points, face = parts.vertices[parts.faces].mean(axis=1), parts.source_face
                 regions.covering_poses(found, face, points)

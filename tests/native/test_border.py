@@ -22,9 +22,6 @@ FUNCTIONS = sorted(
     if callable(found) and not isinstance(found, ModuleType)
 )
 """Functions and classes; the methods of a class are tried in the tests of what it does."""
-BUILT_UP = ("exact_",)
-"""Topics whose kernels take records that others of them have filled in: their types and lengths are
-held each time, what they hold once, by `exact_setup.check_surface`."""
 ARRAY = re.compile(
     r"dtype=(\w+), (?:shape=\(([^)]*)\), )?order='C', device='cpu'(, writable=False)?"
 )
@@ -122,8 +119,7 @@ def calls(draw, wanted, share_of_wrong):
 def test_no_argument_crashes(topic, name, data, share_of_wrong):
     function = getattr(native.TOPICS[topic], name)
     wanted = data.draw(st.sampled_from(list(signatures(function))))
-    is_built_up = topic.startswith(BUILT_UP) and name != "check_surface"
-    arguments = data.draw(calls(wanted, 1.0 if is_built_up else share_of_wrong))
+    arguments = data.draw(calls(wanted, share_of_wrong))
     with suppress(TypeError, ValueError):
         function(*arguments)
 

@@ -1,12 +1,16 @@
 """Every level gives the same bits, and those of numpy."""
 
 import os
+import platform
+import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from processes import python
+from processes import python, run_python
 
 from rastercov import native, shapes
 from rastercov.mesh import contacts
@@ -14,6 +18,7 @@ from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates import segments
 
 pytestmark = pytest.mark.native
+FUSED = Path(__file__).parents[2] / ".ci" / "fused"
 LEVELS = [level for level in native.built() if level in native.runnable()]
 
 
@@ -25,6 +30,23 @@ def level(request):
 def test_no_operations_are_fused(level):
     a = 1.0 + 2.0**-30
     assert level.base_check.multiply_add(a, a, -(1.0 + 2.0**-29)) == 0.0  # fused: 2^-60
+
+
+@pytest.mark.skipif(shutil.which("objdump") is None, reason="no objdump, of binutils")
+def test_no_module_has_a_fused_instruction(tmp_path):
+    """Compilers may fuse in spite of `-ffp-contract=off`: GCC 12 did, by vfmaddsub."""
+    built = [str(native._file(f"_{level}")) for level in native.built()]
+    done = python(str(FUSED), *built)
+    assert (done.stdout, done.returncode) == ("", 0)
+    source = tmp_path / "fused.s"
+    is_arm = platform.machine() == "aarch64"
+    source.write_text(
+        "fmadd d0, d1, d2, d3\n" if is_arm else "vfmaddsub213pd %ymm0, %ymm1, %ymm2\n"
+    )
+    subprocess.run(["as", source, "-o", tmp_path / "fused.o"], check=True)
+    done = python(str(FUSED), str(tmp_path / "fused.o"))
+    assert done.returncode == 1
+    assert done.stdout.startswith("fused.o: fused ")
 
 
 @given(seed=st.integers(0, 10**6))
@@ -65,7 +87,7 @@ def test_contacts_and_segments_are_equal_on_all_levels(monkeypatch):
     faces = np.concatenate((mesh.faces, mesh.faces + mesh.n_vertices))
     answers = set()
     for name in LEVELS:
-        monkeypatch.setattr(contacts, "kernels", native.load(f"_{name}").mesh_contacts)
+        monkeypatch.setattr(contacts, "engine_contacts", native.load(f"_{name}").engine_contacts)
         monkeypatch.setattr(segments, "kernels", native.load(f"_{name}").placement_segments)
         touching = contacts.touching_faces(vertices, faces, 1e-9)
         partners = contacts.contact_partners(vertices, faces, 1e-9, touching)
@@ -102,6 +124,18 @@ def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
     np.testing.assert_array_equal(sums, np.transpose(wanted))
     np.testing.assert_allclose(earned, covers @ prices)
     assert len(answers) == 1
+
+
+def test_figures_by_area_and_uncertainties_are_equal_on_all_levels():
+    script = Path(__file__).parents[1] / "support" / "area_bits.py"
+    answers = {}
+    for name in LEVELS:
+        *lines, level = run_python(script, RASTERCOV_LEVEL=name).stdout.splitlines()
+        answers[level] = lines
+    assert answers.keys() == set(LEVELS)
+    first, *others = answers.values()
+    assert len(first) == 10
+    assert all(other == first for other in others)
 
 
 @pytest.mark.parametrize("name", LEVELS)

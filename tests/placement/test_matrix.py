@@ -246,7 +246,7 @@ def test_a_folder_of_other_inputs_is_refused(tmp_path, monkeypatch, change, word
 
     made(**INPUTS | {"method": SAMPLED if "supersample" in words else "certified"})
     if not change:
-        monkeypatch.setattr(evaluation_shards, "version", lambda name: "0.0.0")
+        monkeypatch.setattr(evaluation_shards, "version_of", lambda name: "0.0.0")
     with pytest.raises(ConfigError, match=words) as error:
         made(**INPUTS | change)
     assert "\n" not in str(error.value)

@@ -23,7 +23,7 @@ from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import integer as integer_module
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.presolve import presolve
-from rastercov.placement.select.problem import BestCoverage, FewestCameras, in_order
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, Problem, in_order
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -65,7 +65,7 @@ def with_rigs(problem, most, seed, is_near=False):
         starts[-1] = last + n
     return replace(
         problem,
-        goal=FewestCameras(0.0) if isinstance(problem.goal, FewestCameras) else problem.goal,
+        goal=FewestCameras(1e-9) if isinstance(problem.goal, FewestCameras) else problem.goal,
         bits=CoveredBits.from_dense(covers),
         starts=starts,
         eyes=eyes,
@@ -164,3 +164,38 @@ def test_the_curve_counts_every_camera(problem):
         assert gains[0] >= max(gains) * (1 - 1e-8)
         count += np.bincount(problem.faces_of(order[n - 1]), minlength=problem.n_faces)
         assert curve[n - 1] == pytest.approx(share(problem, covers_faces(problem, order[:n])))
+
+
+def test_a_solver_that_ends_at_a_wrong_optimum_begins_anew():
+    """HiGHS 1.16 ends here at an objective of 4, with no camera, where it began with none."""
+    rows = np.array([205, 204, 141, 465, 1, 291, 256, 498, 215, 189], np.uint64)
+    eyes = [
+        (-0.744399545, -7.68999498, -4.00032816), (2.85290024, -3.24174397, -7.19631904),
+        (-4.85536431, -7.95281025, -4.96113539), (-7.62145211, 0.879995599, -0.996246539),
+        (-0.646359786, 1.53637059, 2.74148630), (-0.246462782, -5.06316261, 4.78722285),
+        (3.85292763, -7.04874663, 5.84175306), (6.83255558, 2.69126686, -0.925925018),
+        (-7.33817526, 7.26794972e-05, -5.23713384), (-7.07462439, 2.87859255, -0.610906619),
+    ]  # fmt: skip
+    centroids = [
+        (-0.68597812, 1.28048387, 2.16862198), (1.7652464, 1.87700494, -1.56781275),
+        (-1.08720124, 0.4659232, -0.53584022), (-2.00375387, 1.01288326, -0.28490646),
+        (-1.11317429, 0.12914693, -0.90254889), (0.04505171, -0.35755642, -2.3347911),
+        (-0.73429238, 0.09258292, -0.3801146), (0.4473884, 0.47575245, -0.21461393),
+        (-1.44369484, -0.74169591, -0.08851913),
+    ]  # fmt: skip
+    problem = Problem(
+        bits=CoveredBits((rows[:, None],), 9),
+        starts=np.array([0, 3, 5, 7, 8, 9, 10]),
+        weights=np.ones(9),
+        views=np.array([1, 1, 2, 3, 2, 2, 3, 1, 3]),
+        costs=np.array([3.0, 1.0, 1.0, 1.0, 3.0, 2.0]),
+        goal=BestCoverage(cameras=None, budget=2.489589330572073),
+        groups=("left", "right"),
+        face_group=np.array([0, 1, 0, 0, 0, 0, 1, 0, 0], np.int32),
+        min_angle=0.3490658503988659,
+        eyes=np.array(eyes),
+        centroids=np.array(centroids),
+    )
+    found = integer_module.select_integer(problem)
+    assert found.status == "optimal"
+    assert found.objective == pytest.approx(best_by_trying_all(problem), abs=1e-9)

@@ -263,3 +263,16 @@ def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
     for name in ("n_covering", "sight", "seen_at_least", "seen_at_most"):
         one, other = (getattr(each, name)[found.left] for each in (found, again))
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("rule", [None, rc.All(), rc.AtLeast(1)])
+def test_a_rig_with_a_rule_counts_once(rule):
+    places = np.repeat(np.eye(4)[None], 2, axis=0)
+    places[1, 0, 3] = 0.3
+    rig = rc.Rig([CAMERA, CAMERA], rig_from_camera=places, rule=rule)
+    network, others = rig.poses(around(2, 0)), rig.poses(around(5, 1))
+    found = what_is_left((shapes.torus(12, 8), rig), network, candidates=others)
+    each = 2 if rule is None else 1
+    assert (found.n_cameras, found.n_candidates) == (2 * each, 5 * each)
+    line = f"Of these, with {5 * each} candidates:"
+    assert line in found.lines()

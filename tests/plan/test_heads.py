@@ -18,7 +18,7 @@ from rastercov.cluster import Staff
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import _Finder
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.reasons import NAMES, Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, make, open_for
@@ -424,13 +424,16 @@ def test_a_fixed_camera_stays_and_is_solved_once(monkeypatch):
     assert np.array_equal(poses.world_from_camera[1::2], np.repeat(CELL[None], len(POSES), axis=0))
     moving = head()  # without a word of what is fixed, the same poses are solved one by one
     assert np.array_equal(poses.world_from_camera[::2], POSES)
-    found = _Finder.find
+    run = RegionPass._run
 
-    def counted(self, *given, **more):
-        solved.append(self.index)
-        return found(self, *given, **more)
+    def runs(self, poses, seen, find):
+        def counted(placed, figures):
+            solved.extend(placed.camera[placed.rows].tolist())
+            return find(placed, figures)
 
-    monkeypatch.setattr(_Finder, "find", counted)
+        return run(self, poses, seen, counted)
+
+    monkeypatch.setattr(RegionPass, "_run", runs)
     once = rc.regions(MESH, rig, poses, TASK)
     assert sorted(solved) == [0] * len(POSES) + [1]
     each = rc.regions(MESH, moving, poses, TASK)

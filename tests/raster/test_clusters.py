@@ -1,5 +1,7 @@
 """Clusters hold the mesh bit for bit, their bounds hold, and leaving them out changes no count."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from solids import tessellated_plane
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
-from rastercov.native.raster_clusters import (
+from rastercov.native.engine_raster import (
     ALTITUDE,
     FACES,
     LANES,
@@ -17,11 +19,25 @@ from rastercov.native.raster_clusters import (
     RADIUS,
     VERTEX_STEP,
     VERTICES,
+    Scene,
 )
+from rastercov.raster import cpu
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.cpu.clusters import group_faces
 
 pytestmark = pytest.mark.native
+
+
+class Clusters(NamedTuple):
+    """Arrays of a scene; see `native/raster/records.hpp`."""
+
+    points: np.ndarray
+    corners: np.ndarray
+    faces: np.ndarray
+    lines: np.ndarray
+    vertex_starts: np.ndarray
+    face_starts: np.ndarray
+    line_starts: np.ndarray
+    bounds: np.ndarray
 
 
 def soup(rng, n, scale=1.0, offset=0.0):
@@ -82,8 +98,9 @@ SOUPS = st.tuples(
 
 
 def made(vertices, faces, is_wound):
-    vertices, faces = np.array(vertices, np.float64), np.array(faces, np.int32)
-    return vertices, faces, group_faces(vertices, faces, is_wound)
+    vertices = np.array(vertices, np.float64)
+    faces = np.array(faces, np.int32, order="C")
+    return vertices, faces, Clusters(*Scene(vertices, faces, np.zeros(3), is_wound).clusters)
 
 
 def taken_apart(clusters):
@@ -267,11 +284,13 @@ def counts_agree(mesh, camera, poses, **options):
     with CPURasterizer(mesh, camera, threads=1, **options) as rasterizer:
         found = rasterizer.count(poses, drawn=False)
         drawn = rasterizer.count(poses)
-        bounds = rasterizer._scene.clusters.bounds
-        bounds.flags.writeable = True
+        scene = cpu._SCENES[mesh]
+        bounds = Clusters(*scene.clusters).bounds.copy()
         bounds[ALTITUDE] = 0  # nothing is turned away
+        scene.set_bounds(bounds)
         culled = rasterizer.count(poses, drawn=False)
         bounds[RADIUS] = 1e200  # nothing is outside
+        scene.set_bounds(bounds)
         expected = rasterizer.count(poses, drawn=False)
         expected_drawn = rasterizer.count(poses)
     for counts in (found, drawn, culled, expected_drawn):

@@ -1,6 +1,9 @@
 """What only the CPU rasteriser has: threads, memory of bands, loops for each processor level."""
 
-from concurrent.futures import ThreadPoolExecutor
+import _thread
+import threading
+import time
+from contextlib import suppress
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -22,9 +25,9 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.native.raster_loops import GUARD_BAND, STEPS
+from rastercov.native.engine_raster import GUARD_BAND, STEPS
 from rastercov.raster import cpu, open_rasterizer, self_test
-from rastercov.raster.cpu import MAX_SIDE, CPURasterizer, clusters
+from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
@@ -198,9 +201,8 @@ def test_every_processor_counts_alike(monkeypatch):
         if level not in native.runnable():
             continue
         module = native.load(f"_{level}")
-        monkeypatch.setattr(cpu, "raster_loops", module.raster_loops)
-        monkeypatch.setattr(clusters, "kernels", module.raster_clusters)
-        monkeypatch.setattr(cpu, "_CLUSTERS", WeakKeyDictionary())
+        monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
+        monkeypatch.setattr(cpu, "_SCENES", WeakKeyDictionary())
         for one, other in zip(all_counts(), expected, strict=True):
             assert np.array_equal(one, other)
 
@@ -216,25 +218,18 @@ def test_a_compiler_that_errs_is_not_trusted(monkeypatch):
         CPURasterizer(shapes.box(), CAMERA)
 
 
-def test_an_interrupt_ends_the_count_within_a_turn(monkeypatch):
-    turns_taken = []
-    work = cpu._Worker.count
-
-    def interrupted(*args):
-        turns_taken.append(1)
-        if len(turns_taken) == 3:
-            raise KeyboardInterrupt
-        return work(*args)
-
-    poses = sphere_of_poses((0, 0, 0), 4, 4000)
-    with CPURasterizer(shapes.box(), CAMERA, threads=2) as rasterizer:
-        monkeypatch.setattr(cpu._Worker, "count", interrupted)
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_interrupt_ends_the_count_within_a_pose(threads):
+    mesh, poses = SCENES["torus"][0], sphere_of_poses((0, 0, 0), 4, 2000)
+    with CPURasterizer(mesh, CAMERA, threads=threads, supersample=4) as rasterizer:
+        expected = rasterizer.count(poses[:3])
+        threading.Timer(0.1, _thread.interrupt_main).start()
+        began = time.process_time()
         with pytest.raises(KeyboardInterrupt):
-            rasterizer.count(poses)
-        assert len(turns_taken) < 100  # of 250
-        monkeypatch.undo()
-        assert not rasterizer._scratch._idle  # an error may have left it half changed
-        assert_same_counts(rasterizer.count(poses[:3]), count(shapes.box(), poses[:3]))
+            rasterizer.count(poses)  # which takes a minute
+        assert time.process_time() - began < 20
+        assert rasterizer._drawing.n_idle == 0  # an error may have left it half changed
+        assert_same_counts(rasterizer.count(poses[:3]), expected)
 
 
 def test_limits_are_refused_before_anything_is_allocated():
@@ -246,13 +241,13 @@ def test_limits_are_refused_before_anything_is_allocated():
     assert MAX_SIDE * STEPS <= GUARD_BAND
 
 
-@pytest.mark.parametrize("skew", [0, 1.5])
-def test_auto_is_the_cpu_without_hardware_and_opengl_when_its_options_are_given(device, skew):
+@pytest.mark.parametrize(("skew", "drawing"), [(0, ("gl", "pipeline")), (1.5, ("cpu", "threads"))])
+def test_opengl_takes_pinholes_when_its_options_are_given(device, skew, drawing):
     camera = replace(CAMERA, skew=skew)
     with open_rasterizer(shapes.box(), camera) as rasterizer:
         assert rasterizer.info.backend == "cpu"
     with open_rasterizer(shapes.box(), camera, device=device) as rasterizer:
-        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", "pipeline")
+        assert (rasterizer.info.backend, rasterizer.info.plan) == drawing
 
 
 def test_it_runs_without_a_graphics_library():
@@ -275,94 +270,90 @@ except rc.DeviceError as error:
     assert error.endswith("; pip install moderngl, or take 'cpu'")
 
 
-@pytest.mark.native
-def test_threads_that_share_the_memory_of_one_take_turns():
-    mesh, poses = SCENES["torus"]
-    with CPURasterizer(mesh, CAMERA, threads=1) as rasterizer:
-        expected = rasterizer.count(poses, drawn=False)
-        (worker,) = rasterizer._scratch.take(1)
-        near, cull, _ = limits(mesh, CAMERA, poses)
-        visible = np.empty((8, len(poses), mesh.n_faces), np.int32)
-        filled = np.empty((8, len(poses)), np.int64)
-
-        def work(k):
-            worker.count((poses, near, cull), worker.all_bands, visible[k], None, filled[k])
-
-        with ThreadPoolExecutor(4) as pool:
-            list(pool.map(work, range(8)))
-    assert (visible == expected.visible).all()
-
-
 # --- what the loops are given ---------------------------------------------------------------------
 
 
-def spoilt_clusters():
-    """Parts of clusters that are not of one mesh, and words of what is refused."""
-    good = cpu._Scene(shapes.torus(30, 10)).clusters
-
-    def changed(name, at, value):
-        array = getattr(good, name).copy()
-        array[at] = value
-        return good._replace(**{name: array})
-
-    return {
-        "corners": (changed("corners", 3, 255), "corners must hold vertices"),
-        "faces": (changed("faces", -1, 10**6), "faces must hold faces"),
-        "negative": (changed("faces", 0, -1), "faces must hold faces"),
-        "lines": (changed("lines", 0, 10**6), "lines must hold lines"),
-        "vertices": (changed("vertex_starts", 1, 65), "vertex_starts must rise"),
-        "order": (changed("vertex_starts", 2, 0), "vertex_starts must rise"),
-        "slots": (changed("face_starts", 1, 8), "face_starts must"),
-        "length": (good._replace(points=good.points[:-1]), "vertex_starts must rise"),
-        "short": (good._replace(corners=good.corners[:-1]), "face_starts must rise"),
-        "stride": (good._replace(stride=good.stride + 16), "stride must be"),
-        "n": (good._replace(n=good.n + 1), "starts must rise|stride"),
+def grid_arguments(**changed):
+    """Arguments of a canvas of 32 x 16 scattered samples."""
+    n_blocks = 16 * 4
+    scattered = {
+        "offsets": np.zeros(16 * n_blocks, np.int32),
+        "used": np.zeros(n_blocks, np.uint16),
+        "cell_bounds": np.zeros(n_blocks // 16, np.float32),
+        "lanes": np.zeros(0, np.int32),
+        "samples": np.zeros(0, np.int32),
+        "places": np.zeros((0, 2), np.float32),
     }
+    rest = {
+        "width": 32,
+        "height": 16,
+        "lens": np.array((20, 20, 16, 8.0)),
+        "mix": np.eye(2),
+        "runs": np.tile(np.array(((0,), (32,)), np.int32), 16),
+        "is_rolled": False,
+        "max_band": cpu.MAX_BAND,
+    }
+    tuple_of = {name: changed.get(name, value) for name, value in scattered.items()}
+    named = {name: changed.get(name, value) for name, value in rest.items()}
+    return tuple(tuple_of.values()), *named.values()
+
+
+SPOILT = {
+    "width": 0, "height": 1 << 40, "runs": np.zeros((2, 15), np.int32), "is_rolled": True,
+    "offsets": np.zeros(16, np.int32), "used": np.zeros(3, np.uint16),
+    "cell_bounds": np.zeros(9, np.float32), "lanes": np.zeros(1, np.int32),
+}  # fmt: skip
 
 
 @pytest.mark.native
-@pytest.mark.parametrize("name", spoilt_clusters())
-def test_clusters_that_are_none_are_refused(name):
-    spoilt, words = spoilt_clusters()[name]
-    with pytest.raises(ValueError, match=words):
-        native.raster_loops.Scene(spoilt, 600)
+@pytest.mark.parametrize("name", SPOILT)
+def test_a_canvas_that_is_none_is_refused(name):
+    native.engine_raster.Canvas(*grid_arguments())
+    with pytest.raises(ValueError, match="must"):
+        native.engine_raster.Canvas(*grid_arguments(**{name: SPOILT[name]}))
 
 
 @pytest.mark.native
-def test_counts_that_do_not_fit_the_memory_are_refused():
+def test_lanes_and_samples_outside_are_refused():
+    drawing = cpu.drawing_of(self_test.MESH, 1)
+    corners = self_test.MESH.vertices[self_test.MESH.faces]
+    looks = np.eye(4)[None, None], np.full(1, 1e-3), np.zeros(1, bool)
+    places = np.zeros((3, 2), np.float32)
+    for lanes, samples in (
+        ((1, 2, 3), (0, 1, 9)),
+        ((1, 2, 3), (0, 1, -1)),
+        ((40, -3, 50), (0, 1, 2)),
+    ):
+        own = {"lanes": np.array(lanes, np.int32), "samples": np.array(samples, np.int32)}
+        canvas = native.engine_raster.Canvas(*grid_arguments(**own, places=places))
+        image = np.zeros(3, np.int32), np.zeros(3, np.float32)
+        with suppress(ValueError):
+            drawing.render_lanes([canvas], looks, corners, False, *image, 2)
+
+
+@pytest.mark.native
+def test_output_that_does_not_fit_is_refused():
     mesh, poses = SCENES["torus"]
-    scene = cpu._Scene(mesh)
-    worker = cpu._Worker(scene, cpu.SampleGrid(CAMERA))
+    drawing, canvas = cpu.drawing_of(mesh, 1), cpu.canvas_of(cpu.SampleGrid(CAMERA))
     near, cull, _ = limits(mesh, CAMERA, poses)
-    looks, rows = (poses, near, cull), worker.all_bands
-    visible = np.empty((len(poses), mesh.n_faces), np.int32)
-    filled, none = np.empty(len(poses), np.int64), (cpu.NO_COUNTS, cpu.NO_WEIGHTS, cpu.NO_BOUNDS)
-    small = native.raster_loops.Worker(scene.checked, 1, 1)
-
-    def count_with(memory=worker.memory, canvas=worker.canvas, bands=rows, weights=none[1]):
-        output = visible, none[0], filled, weights, none[2]
-        memory.count(looks, canvas, bands, output)
-
-    count_with()
-    for changed in (
-        {"memory": small},
-        {"bands": rows + 1},
-        {"bands": rows[:, ::-1].copy()},
-        {"bands": rows * 4},
-        {"canvas": worker.canvas._replace(width=0)},
-        {"canvas": worker.canvas._replace(width=1 << 40)},
-        {"canvas": worker.canvas._replace(height=worker.canvas.height - 1)},
-        {"weights": np.zeros(16, np.uint8)},
+    n, looks = len(poses), (poses[None], near, cull)
+    visible, filled = np.empty((n, mesh.n_faces), np.int32), np.empty(n, np.int64)
+    good = [canvas], looks, (visible, visible[:0], filled, False), 1, 1
+    drawing.count(*good)
+    for k, spoilt in (
+        (0, [canvas, canvas]),
+        (1, (poses[None], near[1:].copy(), cull)),
+        (2, (visible[1:], visible[:0], filled, False)),
+        (2, (visible[:, 1:].copy(), visible[:0], filled, False)),
+        (2, (visible, visible[:1].copy(), filled, False)),
+        (2, (visible, visible[:0], filled[1:], False)),
+        (3, 0),
     ):
         with pytest.raises(ValueError, match="must"):
-            count_with(**changed)
-    with pytest.raises(ValueError, match="one column for each face"):
-        worker.memory.count(
-            looks, worker.canvas, rows, (visible[:, 1:].copy(), none[0], filled, *none[1:])
-        )
-    for size in (-1, 1 << 60):
-        with pytest.raises(ValueError, match="sizes"):
-            native.raster_loops.Worker(scene.checked, size, 0)
+            drawing.count(*good[:k], spoilt, *good[k + 1 :])
+    images = np.empty((n, 9, 9), np.int32), np.empty((n, 9, 9), np.float32)
+    with pytest.raises(ValueError, match="one element for each sample"):
+        drawing.render(canvas, looks, *images, 1)
 
 
 @pytest.mark.parametrize("far", [(-1e7, 60), (1e7, 60), (80, -1e7), (80, 1e7)])

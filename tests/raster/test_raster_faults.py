@@ -112,12 +112,12 @@ def test_device_or_backend_is_what_counts_and_threads_judge(lens):
     by_cpu = {"device": "cpu"}, {"backend": "cpu", "device": "auto"}
     by_gl = {"backend": "gl"}, {"device": "gl"}, {"device": "surfaceless"}
     for options in (*by_cpu, *by_gl):
-        backend = "cpu" if options in by_cpu else "gl"
+        backend = "cpu" if options in by_cpu or lens else "gl"
         with open_rasterizer(MESH, camera, **options) as rasterizer:
             assert rasterizer.info.backend == backend
     for device, backend in (("cpu", "cpu"), ("gl", "gl"), ("surfaceless", "gl")):
         with open_observer(MESH, camera, f"sampled:{device}", threads=2) as observer:
-            assert (observer.info.backend, observer.threads) == (backend, 2)
+            assert (observer.info.backend, observer.threads) == ("cpu" if lens else backend, 2)
 
 
 def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):

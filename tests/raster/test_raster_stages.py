@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from rastercov.native import raster_stages as stages
-from rastercov.native.raster_clusters import BOUNDS_OF_CLUSTER
-from rastercov.native.raster_loops import LANES, SIDE, STEPS
+from rastercov.native.engine_raster import BOUNDS_OF_CLUSTER, LANES, SIDE, STEPS
 from rastercov.reference import raster_stages as twin
 
 pytestmark = pytest.mark.native
@@ -249,8 +247,3 @@ def test_every_mask_is_listed_in_order_behind_what_was_there():
         expected = twin.append_set_bits(np.full(start, -1), is_set, 3 * mask)
         assert np.array_equal(listed[:n], expected)
         assert (listed[start + LANES :] == -1).all()  # no more than it has room for
-
-
-@given(arrays(np.uint8, LANES), st.integers(0, 65535))
-def test_weights_of_a_block_are_bytes_without_a_sign(weights, bits):
-    assert stages.count_block(bits, weights) == weights[split(bits, 1)[0]].sum()

@@ -17,7 +17,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
-from rastercov.native.raster_targets import TIE_REL, count_triangle
+from rastercov.native.engine_raster import TIE_REL, count_triangle
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl.strategy import Strategy
 from rastercov.reference import raster_stages as twin
@@ -197,9 +197,6 @@ def test_samples_of_a_triangle_are_those_of_the_twin(seed):
     last = np.maximum(first, rng.integers(0, corner[0] + width + 9, len(first)).astype(np.int32))
     plane = 1.0, *rng.uniform(-0.05, 0.05, 2)
     depth = rng.choice((0.5, 0.9, 1.0, 1.1, np.inf), (height, width)).astype(np.float32)
-    weights = rng.integers(0, 3, (height, width + 1)) * (rng.random() < 0.7)
-    sums = (np.cumsum(weights, axis=1) - weights[:, :1]).astype(np.int32)
     depth = depth if rng.random() < 0.7 else depth[:0, :0]
-    sums = sums if rng.random() < 0.5 else sums[:0, :0]
-    arguments = x, y, plane, 0.8, 1.2, (*corner, width, height), (first, last), depth, sums
+    arguments = x, y, plane, 0.8, 1.2, (*corner, width, height), (first, last), depth
     assert count_triangle(*arguments) == twin.count_triangle(*arguments)

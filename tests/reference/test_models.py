@@ -320,7 +320,8 @@ def test_a_two_sided_face_is_covered_from_either_side_alike(name, seed):
     mesh, groups = soup(seed), [Group("mesh", is_two_sided=True)]
     sides = (Mesh(each.vertices, each.faces, groups) for each in (mesh, turned(mesh)))
     one, other = (covered(name, side)[0] for side in sides)
-    assert one == pytest.approx(other, abs=1e-9)
+    # The angle of a face that is edge-on to rounding is known to the root of that, radians.
+    assert one == pytest.approx(other, abs=3e-8)
     # From the front it counts as it did.
     front = face_geometry(mesh, CAMERA, AHEAD[0]).is_front
     assert one[front] == pytest.approx(covered(name, mesh)[0, front], abs=1e-9)

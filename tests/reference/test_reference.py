@@ -356,3 +356,44 @@ def test_areas_that_cannot_be_right_are_an_error_that_names_the_faces(
         monkeypatch.setattr(shapely, name, stand_in)
     with pytest.raises(polygons.PolygonError, match=words):
         reference.visible_area(*screens, faces=[0] if "add up" in words else None)
+
+
+def overlapping():
+    """A square behind three triangles that overlap, and its camera."""
+    behind = [(-1, -1, 5), (1, -1, 5), (1, 1, 5), (-1, 1, 5)]
+    before = [
+        [(-0.8, -0.8, 4), (0.4, -0.7, 4), (-0.3, 0.5, 4)],
+        [(-0.2, -0.6, 3.5), (0.7, -0.2, 3.5), (0.1, 0.6, 3.5)],
+        [(-0.6, 0.0, 3), (0.3, -0.1, 3), (0.2, 0.6, 3)],
+    ]
+    vertices = np.concatenate([behind, *before])
+    faces = [(0, 2, 1), (0, 3, 2), (4, 5, 6), (7, 8, 9), (10, 11, 12)]
+    camera = Camera(width=640, height=480, fx=600, fy=600, cx=320, cy=240)
+    return Mesh(vertices, faces), camera
+
+
+@pytest.mark.parametrize("has_clipper2", [True, False])
+@pytest.mark.parametrize("lost", [0, 1, -1])
+def test_a_union_that_loses_a_piece_is_an_error(monkeypatch, has_clipper2, lost):
+    mesh, camera = overlapping()
+    if not has_clipper2:
+        monkeypatch.setattr(polygons, "clipper2", None)
+    true = polygons.visible_area(mesh, camera, np.eye(4), [0, 1])
+    assert true == pytest.approx(rational.visible_area(mesh, camera, np.eye(4), [0, 1]), abs=1e-7)
+    union_all = shapely.union_all
+
+    def losing(parts, **options):
+        parts = list(parts)
+        del parts[lost]
+        return union_all(parts, **options)
+
+    monkeypatch.setattr(shapely, "union_all", losing)
+    with pytest.raises(polygons.PolygonError, match=r"face [01] .*more than a second way"):
+        polygons.visible_area(mesh, camera, np.eye(4), [0, 1])
+
+
+def test_an_intersection_that_is_wrong_is_an_error(monkeypatch):
+    mesh, camera = overlapping()
+    monkeypatch.setattr(shapely, "intersection", lambda one, other, **options: one)
+    with pytest.raises(polygons.PolygonError, match="too much"):
+        polygons.visible_area(mesh, camera, np.eye(4), [0, 1])

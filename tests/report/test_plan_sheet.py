@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 from commands import call, enter, write_part
+from ezdxf import bbox
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -104,10 +105,16 @@ def test_the_files_of_the_command_are_to_scale(capsys, tmp_path, monkeypatch):
     assert drawing.header["$INSUNITS"] == 6
     entities = drawing.modelspace().query("LWPOLYLINE[layer=='WALLS']")
     corners = np.concatenate([line.get_points("xy") for line in entities])
-    inside = corners[(abs(corners) < 3.1).all(axis=1)]  # not the sample in the legend
-    np.testing.assert_allclose(abs(inside).max(axis=0), (3, 2.5), atol=1e-5)
+    np.testing.assert_allclose(abs(corners).max(axis=0), (3, 2.5), atol=1e-5)
     layers = {entity.dxf.layer for entity in drawing.modelspace()}
     assert {"WALLS", "CAMERAS", "FOV", "FOV_IDENTIFY", "FOV_DETECT", "DEAD", "TEXT"} <= layers
+    border = bbox.extents(drawing.modelspace().query("*[layer=='SHEET']")).extmin.x
+    panel = border + (420 - 10 - 10 - 142) * 25 / 1e3
+    for entity in drawing.modelspace().query("*[layer!='SHEET' & layer!='LEGEND' & layer!='TEXT']"):
+        assert bbox.extents([entity]).extmax.x <= panel + 1e-6, entity.dxf.layer
+    swatches = drawing.modelspace().query("LWPOLYLINE[layer=='LEGEND']")
+    assert len(swatches) == 1 + 1 + 4 + 1 + 4
+    assert len({entity.dxf.get("true_color") for entity in swatches}) == 8
 
 
 ANYWHERE = """

@@ -179,7 +179,8 @@ LIES = ("../mine.txt", "/mine.txt", "notes.md")
 @pytest.mark.parametrize(
     "text",
     ["", "{", "[]", "null", '{"files": []}', '{"last": "", "files": {"a.txt": 1}}',
-     *(json.dumps({"last": "", "files": {name: {"bytes": 4, "sha256": ""}}}) for name in LIES)],
+     *(json.dumps({"last": "", "files": {name: {"bytes": 4, "sha256": ""}}}) for name in LIES),
+     '{"last": "", "files": {"a.txt": {"bytes": Infinity, "sha256": ""}}}', "[" * 100_000],
 )  # fmt: skip
 def test_a_manifest_that_is_damaged_or_lies_deletes_nothing(tmp_path, text):
     write(tmp_path / "out", OLD)
@@ -285,7 +286,7 @@ def failing(real, number, first, last):
 
 @pytest.mark.parametrize(
     ("operation", "number", "least"),
-    [("fsync", errno.EIO, 6), ("rename", errno.ENOSPC, 3), ("replace", errno.ENOSPC, 2),
+    [("fsync", errno.EIO, 6), ("replace", errno.ENOSPC, 5),
      ("unlink", errno.EIO, 3), ("mkdir", errno.EDQUOT, 3)],
 )  # fmt: skip
 @pytest.mark.parametrize("last", [0, 1000])
@@ -330,7 +331,7 @@ def half_swapped(tmp_path, monkeypatch):
     """A folder as an end in the midst of a swap leaves it: the new report is on record."""
     write(tmp_path, OLD)
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "rename", failing(Path.rename, errno.ENOSPC, 2, 1000))
+        patch.setattr(Path, "replace", failing(Path.replace, errno.ENOSPC, 3, 1000))
         with pytest.raises(OSError, match="No space"):
             write(tmp_path, NEW)
     assert reports(tmp_path) == {"b.txt": NEW["b.txt"]}

@@ -11,13 +11,43 @@ from hypothesis import strategies as st
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import BLOCK, LIVE, MIXED
+from rastercov.exact.cameras import engine_camera
 from rastercov.exact.surface import surface_of
+from rastercov.native import engine_visibility
+from rastercov.native.engine_visibility import BLOCK, LIVE, MIXED
 from rastercov.reference import rational
 
-PATHS = (HalfPlaneSolver, CertificateSolver)
+
+class HalfPlanes:
+    """Solver of a surface through a camera, one pose at a time: every face is measured.
+
+    Its figures, and what else the engine tells of the last pose, are attributes.
+    """
+
+    is_certifying = False
+
+    def __init__(self, surface, camera, keeps_pieces=False):
+        self.surface, self.camera = surface, engine_camera(camera)
+        keeps_pieces = keeps_pieces or not camera.is_pinhole
+        self._own = engine_visibility.Solver(surface.native, self.is_certifying, keeps_pieces)
+
+    def solve(self, pose, near, front_only):
+        """Measure all faces of a pose."""
+        matrix = np.ascontiguousarray(pose, np.float64)
+        self._own.solve(self.camera, matrix, float(near), bool(front_only))
+
+    def __getattr__(self, name):
+        own = object.__getattribute__(self, "_own")
+        return own.counts[name] if name.startswith("n_") else getattr(own, name)
+
+
+class Certificate(HalfPlanes):
+    """The same by a certificate."""
+
+    is_certifying = True
+
+
+PATHS = (HalfPlanes, Certificate)
 """Every face measured, and regions of faces decided together."""
 SEEDS = st.integers(0, 2**32 - 1)
 on_both_paths = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.__name__)
@@ -36,8 +66,8 @@ def soup(rng, n=60, size=0.6):
     return triangles(*(faces + np.array((0, 0, 5))))
 
 
-def look(mesh, camera, pose, path=CertificateSolver, *, front_only=False):
-    """Solver of a mesh after `solve_all`."""
+def look(mesh, camera, pose, path=Certificate, *, front_only=False):
+    """Solver of a mesh after a pose."""
     view = path(surface_of(mesh), camera)
     see_again(view, mesh, camera, pose, front_only=front_only)
     return view
@@ -46,14 +76,13 @@ def look(mesh, camera, pose, path=CertificateSolver, *, front_only=False):
 def see_again(view, mesh, camera, pose, *, front_only=False):
     """Measure all with a view that may have looked elsewhere before."""
     near = float(near_limit(camera, mesh.bounds, pose[None])[0])
-    view.set_pose(np.asarray(pose, np.float64), near, front_only)
-    view.solve_all()
+    view.solve(pose, near, front_only)
 
 
 def assert_agree(mesh, camera, pose, *, front_only=False):
     """Both paths have the same areas, to their bounds; returns the view with a certificate."""
     view = look(mesh, camera, pose, front_only=front_only)
-    other = look(mesh, camera, pose, HalfPlaneSolver, front_only=front_only)
+    other = look(mesh, camera, pose, HalfPlanes, front_only=front_only)
     bound = np.where(view.is_certified, 0.0, view.area_error) + other.area_error
     assert (np.abs(view.visible - other.visible) <= bound + 1e-12).all()
     assert ((view.visible == 0) | (view.visible == view.area))[view.is_certified].all()
@@ -89,6 +118,9 @@ def assert_within_bounds(mesh, camera, pose, faces=None, paths=PATHS):
         whole = np.where(view.visible[faces] > 0, area, 0.0)
         assert np.abs(visible - whole)[sure].max(initial=0) <= 1e-12
         assert (off <= view.area_error[faces] + 1e-12)[~sure].all()
+        is_drawn = view.area[faces] > 0  # the others are left out, or outside
+        own = np.abs(view.area[faces] - area)
+        assert (own <= view.area_error[faces])[sure & is_drawn].all()
     return views
 
 
@@ -146,7 +178,7 @@ def wrong_certificates(mesh, n_poses, rng):
     for number, (pose, field) in enumerate(zip(*hard_poses(mesh, n_poses, rng), strict=True)):
         camera = seen_with(field, rng)
         front_only = bool(mesh.can_cull_back_faces and number % 14 == 0)
-        truth = look(mesh, camera, pose, HalfPlaneSolver, front_only=front_only)
+        truth = look(mesh, camera, pose, HalfPlanes, front_only=front_only)
         view = look(mesh, camera, pose, front_only=front_only)
         sure = view.is_certified
         assert np.array_equal(view.area, truth.area)
@@ -168,9 +200,9 @@ def wrong_certificates(mesh, n_poses, rng):
 
 def regions_of(view):
     """(F,) number of the region that decides over each face, -1 for none."""
-    blocks, state = view.surface.blocks, view.projected.block_state
-    is_whole = (state == LIVE) & (view.projected.block_side != MIXED)
+    blocks = view.surface.blocks
+    is_whole = (view.block_state == LIVE) & (view.block_side != MIXED)
     is_whole = is_whole.repeat(BLOCK)[: len(blocks.patch)]
-    by_patch, by_face = np.split(view._region, [len(blocks.lowest)])
+    by_patch, by_face = np.split(view.regions, [len(blocks.lowest)])
     found = np.where(is_whole, by_patch[blocks.patch], by_face)
     return np.where(view.is_certified[: len(found)], found, -1)

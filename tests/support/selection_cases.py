@@ -112,7 +112,7 @@ def problems(
         goal = BestCoverage(cameras, budget=float(rng.uniform(0, 1.2 * n)))
     else:
         named = {name: float(rng.choice([0.5, 1.0])) for name in groups if rng.random() < 0.5}
-        goal = FewestCameras(float(rng.choice([0, 0.5, 0.9, 1])), named, of_reachable=True)
+        goal = FewestCameras(float(rng.choice([1e-9, 0.5, 0.9, 1])), named, of_reachable=True)
     return problem_of_matrix(covers, goal, **options)
 
 

@@ -122,6 +122,7 @@ def whole(mesh, n_rows=1):
         one, xy=frames.corners[face].reshape(-1, 2), starts=3 * np.arange(len(face) + 1),
         face=face.astype(np.int32), pose=rows.astype(np.int32), pair_pose=rows.astype(np.int32),
         pair_face=face.astype(np.int32), area=frames.areas[face], bound=np.zeros(len(face)),
+        excess=None,
     )  # fmt: skip
 
 

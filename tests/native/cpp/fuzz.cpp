@@ -1,0 +1,204 @@
+// Random calls of the border to C: fuzz N SEED. Handles that are alive, freed, null and of another
+// kind; sizes that are right and wrong; coordinates that are none. A crash, or a code that there is
+// not, is a fault; the counts of the codes are printed.
+#include "scenes.hpp"
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <random>
+
+namespace {
+std::mt19937_64 numbers;
+int64_t below(int64_t n) { return int64_t(numbers() % uint64_t(n)); }
+bool rarely() { return below(12) == 0; }
+double real() {
+    static const double ODD[] = {NAN, INFINITY, -INFINITY, 1e31, 1e-300, -0.0, 1e30};
+    return rarely() ? ODD[below(7)] : double(below(9)) / 4 - 1;
+}
+
+template <class Handle> class Pool {
+  public:
+    void keep(Handle *made) { _all.push_back(made); }
+    // One that was made, which may be freed; null; or any number.
+    Handle *any() const {
+        const int64_t way = below(30);
+        if (way == 0 || _all.empty()) return nullptr;
+        if (way == 1) return reinterpret_cast<Handle *>(uintptr_t(numbers()));
+        if (way == 2) return reinterpret_cast<Handle *>(uintptr_t(below(4000)));
+        return _all[_all.size() - 1 - size_t(below(std::min<int64_t>(4, int64_t(_all.size()))))];
+    }
+
+  private:
+    std::vector<Handle *> _all;
+};
+Pool<rc_surface> surfaces;
+Pool<rc_solver> solvers;
+Pool<rc_regions> results;
+Pool<rc_union> unions;
+
+rc_status make_surface() {
+    const int64_t n_vertices = 1 + below(12), n_faces = 1 + below(20);
+    std::vector<double> vertices(size_t(3 * n_vertices));
+    for (double &each : vertices) each = rarely() && rarely() ? real() : double(below(9)) / 4 - 1;
+    std::vector<int32_t> faces(size_t(3 * n_faces));
+    for (int32_t &each : faces) each = int32_t(below(n_vertices + (below(200) == 0)));
+    std::vector<uint8_t> roles(static_cast<size_t>(n_faces));
+    for (uint8_t &each : roles) each = uint8_t(below(below(40) ? 8 : 9));
+    const int64_t wrong[] = {0, -1, int64_t(1) << 31, INT64_MAX, INT64_MIN};
+    rc_surface *made = nullptr;
+    const rc_status status = rc_surface_create(
+        rarely() && rarely() ? nullptr : vertices.data(), rarely() ? wrong[below(5)] : n_vertices,
+        faces.data(), rarely() ? wrong[below(5)] : n_faces, below(2) ? roles.data() : nullptr,
+        rarely() && rarely() ? nullptr : &made);
+    if (made) surfaces.keep(made);
+    return status;
+}
+
+std::vector<double> poses_of(int64_t n) {
+    std::vector<double> poses;
+    for (int64_t p = 0; p < n; p++) {
+        const double a = double(below(8)) * 0.785398163, b = double(below(8)) * 0.785398163;
+        const double ca = std::cos(a), sa = std::sin(a), cb = std::cos(b), sb = std::sin(b);
+        const double pose[16] = {ca, -sa * cb, sa * sb,  double(below(9)) / 2 - 2,
+                                 sa, ca * cb,  -ca * sb, double(below(9)) / 2 - 2,
+                                 0,  sb,       cb,       double(below(9)) / 2 - 2,
+                                 0,  0,        0,        1};
+        poses.insert(poses.end(), pose, pose + 16);
+    }
+    if (n > 0 && rarely()) poses[size_t(below(16 * n))] = real();
+    return poses;
+}
+
+rc_camera camera() {
+    rc_camera made = {64, 48, 30 + double(below(3)), 30, 32, 24, 0};
+    if (rarely()) (&made.width)[below(7)] = real();
+    return made;
+}
+
+int n_asked = 0;
+int go_on(void *) { return ++n_asked % 50 != 0; }
+
+rc_status make_solver() {
+    rc_solver *made = nullptr;
+    const int32_t threads = below(30) ? 1 + int32_t(below(2)) : int32_t(below(5000)) - 2000;
+    const rc_status status =
+        rc_solver_create(surfaces.any(), int32_t(below(rarely() ? 9 : 2)), threads, &made);
+    if (made) solvers.keep(made);
+    return status;
+}
+
+// Room for the faces of any surface: no more than 20.
+rc_status observe() {
+    const int64_t n = below(4);
+    const auto poses = poses_of(n);
+    const rc_camera by = camera();
+    Figures figures(4 * 20, 0.0);
+    rc_figures out = figures.out();
+    if (rarely()) (rarely() ? out.visible : out.area_error) = nullptr;
+    return rc_observe(solvers.any(), rarely() ? nullptr : &by, poses.data(), rarely() ? -n : n,
+                      below(2) ? go_on : nullptr, nullptr, rarely() ? nullptr : &out);
+}
+
+rc_status find() {
+    const int64_t n = below(4);
+    const auto poses = poses_of(n);
+    const rc_camera by = camera();
+    rc_task task = rc_task_default();
+    if (below(3) == 0) task.max_incidence_deg = double(below(92));
+    if (below(3) == 0) task.min_pixel_density = double(below(20));
+    if (rarely()) (&task.min_depth)[below(5)] = real();
+    rc_regions *made = nullptr;
+    const rc_status status =
+        rc_find_regions(solvers.any(), &by, rarely() ? nullptr : &task, poses.data(), n,
+                        below(2) ? go_on : nullptr, nullptr, &made);
+    if (made) results.keep(made);
+    return status;
+}
+
+rc_status read() {
+    double areas[64], bounds[64];
+    const int64_t n = 1 + below(21), pose = below(5) - 1;
+    switch (below(4)) {
+    case 0:
+        return rc_surface_areas(surfaces.any(), n, areas);
+    case 1:
+        return rc_regions_areas(results.any(), pose, n, areas, rarely() ? nullptr : bounds);
+    case 2:
+        return rc_union_areas(unions.any(), int32_t(below(5)), n, areas, bounds);
+    default:
+        break;
+    }
+    rc_regions *from = results.any();
+    int64_t n_polygons = 0, n_corners = 0;
+    if (const rc_status status = rc_regions_size(from, pose, &n_polygons, &n_corners))
+        return status;
+    std::vector<int32_t> faces(size_t(n_polygons + 1)), counts(faces);
+    std::vector<double> corners(size_t(3 * n_corners + 1));
+    return rc_regions_read(from, pose, n_polygons + (rarely() ? 1 : 0), n_corners, faces.data(),
+                           counts.data(), corners.data());
+}
+
+rc_status unite() {
+    if (below(3)) return rc_union_add(unions.any(), results.any());
+    rc_union *made = nullptr;
+    const rc_status status = rc_union_create(surfaces.any(), int32_t(below(5)), &made);
+    if (made) unions.keep(made);
+    return status;
+}
+
+rc_status release() {
+    switch (below(4)) {
+    case 0:
+        return rc_surface_free(surfaces.any());
+    case 1:
+        return rc_solver_free(solvers.any());
+    case 2:
+        return rc_regions_free(results.any());
+    default:
+        return rc_union_free(unions.any());
+    }
+}
+
+rc_status call() {
+    switch (below(10)) {
+    case 0:
+        return make_surface();
+    case 1:
+        return make_solver();
+    case 2:
+    case 3:
+        return observe();
+    case 4:
+    case 5:
+        return find();
+    case 6:
+    case 7:
+        return read();
+    case 8:
+        return unite();
+    default:
+        return release();
+    }
+}
+} // namespace
+
+int main(int n_arguments, char **arguments) {
+    const int64_t n = n_arguments > 1 ? std::atoll(arguments[1]) : 20000;
+    numbers.seed(n_arguments > 2 ? std::strtoull(arguments[2], nullptr, 10) : 1);
+    int64_t counts[6] = {};
+    for (int64_t k = 0; k < n; k++) {
+        const rc_status status = call();
+        if (status < 0 || status > RC_STOPPED || (status && !*rc_last_error())) {
+            std::printf("call %lld: code %d: %s\n", static_cast<long long>(k), int(status),
+                        rc_last_error());
+            return 1;
+        }
+        counts[status]++;
+    }
+    std::printf("%lld calls: %lld ok, %lld bad arguments, %lld bad handles, %lld out of memory, "
+                "%lld stopped\n",
+                static_cast<long long>(n), static_cast<long long>(counts[0]),
+                static_cast<long long>(counts[1]), static_cast<long long>(counts[2]),
+                static_cast<long long>(counts[3]), static_cast<long long>(counts[4]));
+    return 0;
+}

@@ -1,0 +1,236 @@
+"""The library of C: its example and its figures beside those of Python, its tests in C++."""
+
+import ctypes
+import math
+import re
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rastercov as rc
+
+ROOT = Path(__file__).parents[2]
+LIBRARY, HEADERS = ROOT / "build/lib/librastercov.so", ROOT / "build/include"
+TESTS = ROOT / "build/c/tests"
+pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="no build/lib; run: make lib")
+COMPILERS = {"gcc": ["gcc"], "clang": ["clang"], "zig": [sys.executable, "-m", "ziglang", "cc"]}
+"""Commands of compilers of C; that of Zig is a clang."""
+
+
+def has_compiler(name):
+    if name == "zig":
+        found = subprocess.run([*COMPILERS[name][:3], "version"], capture_output=True, check=False)
+        return found.returncode == 0
+    return shutil.which(name) is not None
+
+
+CAMERA_FIELDS = ("width", "height", "fx", "fy", "cx", "cy", "near")
+FIGURES = ("visible", "area", "area_error", "is_certified")
+
+
+class Camera(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_double) for name in CAMERA_FIELDS]
+
+
+class Task(ctypes.Structure):
+    _fields_ = [
+        (name, ctypes.c_double)
+        for name in ("min_depth", "max_depth", "max_incidence_deg", "min_pixel_density",
+                     "min_pixels_per_m2")
+    ]  # fmt: skip
+
+
+class Figures(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in FIGURES]
+
+
+class Library:
+    """The functions of rastercov.h; a code that is not 0 is a RuntimeError with the text."""
+
+    def __init__(self):
+        self._own = ctypes.CDLL(str(LIBRARY))
+        self._own.rc_last_error.restype = ctypes.c_char_p
+        self._own.rc_task_default.restype = Task
+
+    def call(self, name, *arguments):
+        converted = [
+            ctypes.c_void_p(each.ctypes.data) if isinstance(each, np.ndarray)
+            else ctypes.c_int64(each) if isinstance(each, int)
+            else each
+            for each in arguments
+        ]  # fmt: skip
+        if code := getattr(self._own, name)(*converted):
+            raise RuntimeError(f"{code}: {self._own.rc_last_error().decode()}")
+
+    def make(self, name, *arguments):
+        handle = ctypes.c_void_p()
+        self.call(name, *arguments, ctypes.byref(handle))
+        return handle
+
+    def task(self):
+        return self._own.rc_task_default()
+
+    def surface(self, mesh):
+        roles = np.array(
+            [each.is_occluder + 2 * each.is_target + 4 * each.is_two_sided for each in mesh.groups],
+            np.uint8,
+        )[mesh.face_group]  # fmt: skip
+        return self.make(
+            "rc_surface_create", np.ascontiguousarray(mesh.vertices), mesh.n_vertices,
+            mesh.faces.astype(np.int32), mesh.n_faces, roles,
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def library():
+    return Library()
+
+
+def c_camera(camera):
+    return Camera(*(getattr(camera, name) for name in CAMERA_FIELDS))
+
+
+CAMERA = rc.Camera(width=640, height=480, fx=800, fy=800, cx=320, cy=240)
+
+
+@pytest.mark.parametrize("name", COMPILERS)
+def test_the_example_prints_what_python_computes(name, tmp_path):
+    if not has_compiler(name):
+        pytest.skip(f"no {name} to compile with")
+    program = tmp_path / "coverage"
+    source = ROOT / "examples/c/coverage.c"
+    assert len(source.read_text().splitlines()) < 60
+    subprocess.run(
+        [*COMPILERS[name], "-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic", str(source),
+         f"-I{HEADERS}", str(LIBRARY), f"-Wl,-rpath,{LIBRARY.parent}", "-o", str(program)],
+        check=True,
+    )  # fmt: skip
+    said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    lid = [(-0.2, -0.2, 1.5), (1.2, -0.2, 1.5), (1.2, 0.5, 1.5), (-0.2, 0.5, 1.5)]
+    corners = np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    sides = [(0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4), (1, 2, 6), (1, 6, 5),
+             (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7), (8, 9, 10), (8, 10, 11)]  # fmt: skip
+    mesh = rc.Mesh(
+        np.concatenate((corners, lid)), sides,
+        [rc.Group("box"), rc.Group("lid", is_occluder=True)], [0] * 12 + [1] * 2,
+    )  # fmt: skip
+    poses = np.array(
+        [[[1, 0, 0, 0.5], [0, -1, 0, 0.5], [0, 0, -1, 4], [0, 0, 0, 1]],
+         [[-1, 0, 0, 0.5], [0, 0, -1, 4], [0, -1, 0, 0.5], [0, 0, 0, 1]]], float,
+    )  # fmt: skip
+    regions = rc.regions(mesh, CAMERA, poses, rc.Task())
+    together = rc.unite(regions)
+    areas = [regions.area[regions.pair_pose == row].sum() for row in range(2)]
+    assert said.splitlines() == [
+        *(f"camera {row} covers {area:.9f} m2" for row, area in enumerate(areas)),
+        f"together they cover {together.area[0].sum():.9f} m2, "
+        f"within {together.bound.sum():.1e} m2",
+    ]
+
+
+def scene(seed):
+    """A torus, soup and squares, with roles; some poses around."""
+    rng = np.random.default_rng(seed)
+    ring = rc.shapes.torus(16, 8)
+    soup = rng.uniform(-1, 1, (20, 3, 3))
+    vertices = np.concatenate((ring.vertices, soup.reshape(-1, 3)))
+    faces = np.concatenate((ring.faces, ring.n_vertices + np.arange(60).reshape(-1, 3)))
+    groups = [rc.Group("a"), rc.Group("b", is_occluder=True), rc.Group("c", is_target=True),
+              rc.Group("d", is_two_sided=True)]  # fmt: skip
+    mesh = rc.Mesh(vertices, faces, groups, rng.integers(0, 4, len(faces)))
+    eyes = rng.normal(size=(3, 3))
+    eyes *= 4 / np.linalg.norm(eyes, axis=1)[:, None]
+    return mesh, rc.look_at(eyes, np.zeros((3, 3)))
+
+
+@given(seed=st.integers(0, 2**32 - 1), method=st.sampled_from(["certified", "exact"]))
+@settings(max_examples=15, deadline=None)
+def test_figures_of_c_and_of_python_agree_within_their_bounds(library, seed, method):
+    mesh, poses = scene(seed)
+    shape = len(poses), mesh.n_faces
+    surface = library.surface(mesh)
+    solver = library.make("rc_solver_create", surface, int(method == "exact"), 2)
+    visible, area, error = np.empty((3, *shape))
+    certified, world = np.empty(shape, np.uint8), np.ascontiguousarray(poses)
+    camera = c_camera(CAMERA)
+    figures = Figures(*(each.ctypes.data for each in (visible, area, error, certified)))
+    library.call(
+        "rc_observe", solver, ctypes.byref(camera), world, len(poses), None, None,
+        ctypes.byref(figures),
+    )  # fmt: skip
+    with rc.open_observer(mesh, CAMERA, method) as observer:
+        seen = observer.observe(poses)
+    assert np.abs(area - seen.drawn_pixels).max() <= 1e-6
+    assert (np.abs(visible - seen.visible_pixels) <= error + seen.area_error + 1e-12).all()
+    regions = library.make(
+        "rc_find_regions", solver, ctypes.byref(camera), ctypes.byref(library.task()), world,
+        len(poses), None, None,
+    )  # fmt: skip
+    union = library.make("rc_union_create", surface, 2)
+    library.call("rc_union_add", union, regions)
+    expected = rc.unite(rc.regions(mesh, CAMERA, poses, rc.Task(), method=method), views=2)
+    areas, bounds = np.empty((2, mesh.n_faces))
+    for views in (1, 2):
+        library.call("rc_union_areas", union, views, mesh.n_faces, areas, bounds)
+        off = np.abs(areas - expected.area[views - 1])
+        assert (off <= bounds + expected.bound + 1e-12).all()
+    for name, handle in (("union", union), ("regions", regions), ("solver", solver),
+                         ("surface", surface)):  # fmt: skip
+        library.call(f"rc_{name}_free", handle)
+        with pytest.raises(RuntimeError, match="2: expected a handle"):
+            library.call(f"rc_{name}_free", handle)
+
+
+LIMITED = """
+import ctypes, resource, sys
+import numpy as np
+library = ctypes.CDLL(sys.argv[1])
+library.rc_last_error.restype = ctypes.c_char_p
+n = 2_000_000
+vertices, faces = np.random.default_rng(0).random((n, 3)), np.arange(3 * n, dtype=np.int32) % n
+nine = np.arange(9, dtype=np.int32)  # kept, as the library reads it where it lies
+size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (size + (100 << 20), -1))
+handle, p = ctypes.c_void_p(), ctypes.c_void_p
+code = library.rc_surface_create(
+    p(vertices.ctypes.data), ctypes.c_int64(n), p(faces.ctypes.data), ctypes.c_int64(n), None,
+    ctypes.byref(handle))
+print(code, library.rc_last_error().decode(), handle.value)
+small = library.rc_surface_create(
+    p(vertices.ctypes.data), ctypes.c_int64(9), p(nine.ctypes.data), ctypes.c_int64(3),
+    None, ctypes.byref(handle))
+print(small)
+"""
+
+
+@pytest.mark.skipif(not hasattr(resource, "RLIMIT_AS"), reason="no limit of memory here")
+def test_memory_that_a_limit_denies_is_a_code_and_a_line():
+    said = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(LIBRARY)], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    text = "out of memory while making a surface; ask for less, or free objects"
+    assert said == [f"3 {text} None", "0"]
+
+
+@pytest.mark.parametrize("program", ["cases", "fuzz"])
+def test_the_tests_in_cpp_pass(program):
+    if not (TESTS / program).exists():
+        pytest.skip(f"no {TESTS / program}: doctest-dev was not there for make lib")
+    ended = subprocess.run([TESTS / program], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout[-2000:]
+
+
+def test_the_header_says_what_the_library_has(library):
+    header = (HEADERS / "rastercov.h").read_text()
+    assert (ROOT / "rastercov/native/include/rastercov.h").read_text() == header
+    names = set(re.findall(r"\b(rc_\w+)\(", header)) - {"rc_go_on"}
+    assert len(names) >= 18
+    assert all(hasattr(library._own, name) for name in names)
+    assert math.isinf(library.task().max_depth)

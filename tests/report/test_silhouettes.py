@@ -1,0 +1,136 @@
+"""Visible and truncated shares of groups: rectangles that face the camera, in closed form."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rastercov as rc
+from rastercov.camera.pose import Poses
+from rastercov.coverage.silhouettes import group_views
+from tests.support.commands import call, enter
+
+CAMERA = rc.Camera(width=64, height=48, fx=50, fy=40, cx=30, cy=25)
+NEAR = st.floats(0.5, 0.9)
+FAR = st.floats(1.0, 3.0)
+PLACE = st.floats(-1.5, 1.5)
+SIDE = st.floats(0.05, 1.5)
+
+
+def rectangle(x, y, z, width, height):
+    corners = np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
+    return np.column_stack((corners, np.full(4, z)))
+
+
+def scene(*rectangles):
+    """Rectangles across the axis of a camera at the origin, each a group."""
+    vertices = np.concatenate([rectangle(*each) for each in rectangles])
+    one = np.array([(0, 2, 1), (0, 3, 2)])
+    faces = np.concatenate([one + 4 * row for row in range(len(rectangles))])
+    groups = [rc.Group(name) for name in ("near", "far")]
+    return rc.Mesh(vertices, faces, groups, np.repeat(np.arange(len(rectangles)), 2))
+
+
+def image_of(rectangle, factor=1):
+    """Edges of the image of a rectangle within the image, or one `factor` times as wide around."""
+    x, y, z, width, height = rectangle
+    u = CAMERA.fx * np.array([x, x + width]) / z + CAMERA.cx
+    v = CAMERA.fy * np.array([y, y + height]) / z + CAMERA.cy
+    more = (factor - 1) // 2 * np.array([CAMERA.width, CAMERA.height])
+    ends = [
+        np.clip(each, -own, size + own)
+        for each, own, size in zip((u, v), more, (CAMERA.width, CAMERA.height), strict=True)
+    ]
+    return np.array(ends)
+
+
+def area(ends):
+    return float(np.prod(np.diff(ends, axis=1)))
+
+
+def overlap(one, other):
+    low, high = np.maximum(one[:, 0], other[:, 0]), np.minimum(one[:, 1], other[:, 1])
+    return float(np.prod(np.maximum(high - low, 0.0)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(near=st.tuples(PLACE, PLACE, NEAR, SIDE, SIDE), far=st.tuples(PLACE, PLACE, FAR, SIDE, SIDE))
+@pytest.mark.parametrize("method", ["certified", "exact"])
+def test_shares_of_rectangles_have_closed_forms(method, near, far):
+    found = group_views(scene(near, far), CAMERA, Poses.of(np.eye(4)), rc.Engine(method))
+    seen = [area(image_of(near)), area(image_of(far)) - overlap(image_of(near), image_of(far))]
+    for column, own in enumerate((near, far)):
+        values = (seen[column], area(image_of(own)), area(image_of(own, 3)))
+        given = (found.visible, found.inside, found.silhouette)
+        for value, figure in zip(values, given, strict=True):
+            assert abs(figure[0, column] - value) <= found.bound[0, column] + 1e-9 * (1 + value)
+        whole = values[2]
+        if whole > 1e-3:
+            assert found.visible_share[0, column] == pytest.approx(values[0] / whole, abs=1e-6)
+            assert found.truncated_share[0, column] == pytest.approx(
+                1 - values[1] / whole, abs=1e-6
+            )
+
+
+def test_a_rig_of_a_pinhole_and_lenses_has_a_row_for_each_image_and_group():
+    mesh = rc.shapes.room()
+    fisheye = rc.Camera(
+        width=640, height=480, fx=200, fy=200, model="opencv_fisheye", distortion=(0.01, 0, 0, 0)
+    )
+    panorama = rc.Camera(
+        width=640, height=320, model="equirectangular", fx=640 / (2 * np.pi), fy=640 / (2 * np.pi)
+    )
+    cameras = [CAMERA, fisheye, panorama]
+    eyes = rc.look_at((0.3, -0.2, 1.4), (2.0, 1.0, 0.5))
+    poses = Poses.of(np.repeat(eyes, 3, axis=0), camera=np.arange(3))
+    found = group_views(mesh, cameras, poses, rc.Engine())
+    assert found.names == ("room", "crates")
+    assert (found.visible <= found.inside + 2 * found.bound).all()
+    assert (found.inside <= found.silhouette + 2 * found.bound).all()
+    assert found.truncated_share[2] == pytest.approx(0, abs=1e-9)  # all directions
+    columns = found.columns()
+    assert len(columns["pose"]) == len(columns["group"]) == 6
+    assert (columns["share_bound"][:4] < 0.01).all()
+
+
+def test_targets_and_empty_groups_have_no_silhouette():
+    mesh = scene((0, 0, 0.8, 0.1, 0.1), (0, 0, 1.5, 0.2, 0.2))
+    groups = [rc.Group("near"), rc.Group("far", is_target=True), rc.Group("nothing")]
+    mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
+    assert group_views(mesh, CAMERA, Poses.of(np.eye(4)), rc.Engine()).names == ("near",)
+
+
+def test_a_group_behind_the_camera_has_no_row():
+    found = group_views(
+        scene((0, 0, 0.8, 0.1, 0.1), (0, 0, -1.5, 0.2, 0.2)),
+        CAMERA,
+        Poses.of(np.eye(4)),
+        rc.Engine(),
+    )
+    assert found.columns()["group"] == ["near"]
+    assert np.isnan(found.visible_share[0, 1])
+
+
+def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    line = "evaluate room -c khepra -p sphere:3 --pictures 0 --table groups -o out"
+    assert call(capsys, line)[0] == 0
+    rows = pq.read_table(tmp_path / "out" / "groups.parquet").to_pylist()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["group_views"] == rows
+    assert not (tmp_path / "out" / "coverage.parquet").exists()
+    assert all(one["pose"] <= other["pose"] for one, other in pairwise(rows))
+    assert {row["group"] for row in rows} <= {"room", "crates"}
+
+
+def test_counts_are_refused_before_the_work(tmp_path, monkeypatch, capsys):
+    enter(tmp_path, monkeypatch)
+    line = "evaluate room -c khepra -p sphere:3 --method sampled --table groups -o out"
+    code, _, said = call(capsys, line)
+    assert code != 0
+    assert "expected method certified or exact for silhouettes of groups, got sampled" in said
+    assert not (tmp_path / "out" / "groups.parquet").exists()
