@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import rastercov
-from rastercov.cli import COMMANDS, LazyCommand
-from rastercov.cli.console import _names
+from rastercov.cli.console import COMMANDS, LazyCommand, _names
 from rastercov.placement.plan.file import schema
 
 FOLDER = Path(__file__).parent / "reference"
