@@ -4,6 +4,7 @@ A `Mesh` is checked once, at construction, and never changes, so all other modul
 arrays. Topology is computed on positions, because files repeat vertices along seams.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -479,8 +480,9 @@ class Mesh(InNotebook):
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the diagonal of the bounding box, metres."""
-        return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        """Length of the diagonal of the bounding box, metres; not by BLAS, whose bits may differ."""
+        x, y, z = np.ptp(self.bounds, axis=0).tolist()
+        return math.sqrt(x * x + y * y + z * z)
 
     @property
     def size_in_words(self) -> str:
