@@ -480,7 +480,7 @@ class Mesh(InNotebook):
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the diagonal of the bounding box, metres; not by BLAS, whose bits may differ."""
+        """Length of the diagonal of the bounding box, metres, not by BLAS: its bits may differ."""
         x, y, z = np.ptp(self.bounds, axis=0).tolist()
         return math.sqrt(x * x + y * y + z * z)
 

@@ -143,7 +143,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
     each pose.
     """
     mounts, cameras = placement.prepared.mounts, placement.cameras
-    is_chosen = placement.prepared.plan.existing is None
+    is_chosen = placement.prepared.plan.chooses_cameras
     content: dict[str, Any] = {
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
@@ -276,7 +276,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
     for row, pose in enumerate(cameras.poses):
         owner = int(cameras.owner[row])
         entry: dict[str, Any] = {"origin": placement.origin[owner]}
-        if placement.prepared.plan.existing is None:
+        if placement.prepared.plan.chooses_cameras:
             candidate = int(placement.chosen[owner])
             entry |= {"candidate": candidate, "cost": costs[candidate]}
         entry |= {"position": pose[:3, 3], "direction": pose[:3, 2]}
@@ -325,7 +325,7 @@ def lines(placement: Placement) -> list[str]:
     """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
     said: list[str] = []
-    if prepared.plan.existing is None:
+    if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
         said.append(_selected(placement))
     if placement.lamps is not None:
