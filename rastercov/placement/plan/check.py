@@ -23,8 +23,10 @@ from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Views, lamps_of, names_of_poses
+from rastercov.camera.rig import Views, gates_of, lamps_of, names_of_poses
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import rule_lines
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -149,16 +151,29 @@ class Checked(InOneLine, InNotebook):
             if hidden := list(entry["hidden_by"]):
                 text += f"; in the way: {', '.join(hidden[:3])}"
             lines.append(text)
-        return lines
+        return [*self._of_rules, *lines]
+
+    @cached_property
+    def _regions(self) -> Regions | None:
+        """Regions of each camera by itself; None by face, and where bodies move."""
+        if self.cameras.areas is None or self.plan.motion is not None:
+            return None
+        scene = self.mesh, self.plan.rig, self.task
+        with closing(RegionPass(*scene, method=self.plan.task.method)) as finder:
+            return finder.find(self.cameras.placed)
+
+    @cached_property
+    def _of_rules(self) -> list[str]:
+        """Lines on limits of rigs with a rule that no place of theirs meets."""
+        if not gates_of(self.plan.rig) or (found := self._regions) is None:
+            return []
+        return rule_lines(found, self.plan.rig, self.cameras.placed)
 
     @cached_property
     def _seen_by(self) -> list[str]:
         """The cameras that cover some of what may not be covered."""
         sees = np.array((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-        if self.cameras.areas is not None and self.plan.motion is None:
-            scene = self.mesh, self.plan.rig, self.task
-            with closing(RegionPass(*scene, method=self.plan.task.method)) as finder:
-                found = finder.find(self.cameras.placed)
+        if (found := self._regions) is not None:
             sees[found.pair_pose[found.area > 0]] = True
         rows = np.flatnonzero(sees).tolist()
         names = [self.names[row] for row in rows[:MOST_GROUPS]]

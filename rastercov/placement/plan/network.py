@@ -143,7 +143,9 @@ class Requirement:
             points = percent(self.short_by).removesuffix(" %")
             end = "too much" if self.is_most else f"short, {uncovered} uncovered"
             return f"{text}: {points} points {end}"
-        return f"{text}: not decided, {ends}" if self.status == UNDECIDED else text
+        if self.status == UNDECIDED:
+            return f"{text}: not decided, {ends}"
+        return f"{text}: proved" if self.is_most else text
 
     def _parts(self) -> tuple[str, str, str]:
         """Words on what is covered, on what is not, and on the bounds of both."""

@@ -30,6 +30,7 @@ from rastercov.cluster.inputs import INPUTS
 from rastercov.cluster.store import remove, remove_halves
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.sensors import rule_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import Reason
@@ -255,11 +256,14 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     if job.folder is not None:
         _forget(job.folder, measuring.used)
     notes += _notes_on(matrix)
-    if not problem.reachable.any():
-        what = "no face" if cells is None else "no cell"
-        some = plan.mounts.cameras(without(found.candidates, matrix.quarantined))[0]
-        notes.append(_why_nothing(observer, some, task, what))
     together = _for_goal(job, objectives, problem, found)
+    if problem.goal != together.problem.goal or not problem.reachable.any():
+        some = plan.mounts.cameras(_sample(without(found.candidates, matrix.quarantined)))[0]
+        lines = _of_rules(objectives, some)
+        if not lines and not problem.reachable.any():
+            what = "no face" if cells is None else "no cell"
+            lines = [_why_nothing(observer, some, task, what)]
+        notes += lines
     # The lists of a matrix are freed here: the problem has their bits.
     return Prepared(
         plan=plan,
@@ -502,9 +506,21 @@ def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
     return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 
-def _why_nothing(observer: Observer, poses: Poses, task: Task, what: str) -> str:
+def _sample(poses: Poses) -> Poses:
+    """Some of the poses, evenly spread."""
+    return poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
+
+
+def _of_rules(objectives: Objectives, some: Poses) -> list[str]:
+    """Lines on limits of rigs with a rule that no candidate of a sample meets."""
+    if objectives.cells is None or not len(some):
+        return []
+    finder = objectives.cells.finder
+    return rule_lines(finder.find(some), finder.camera, some)
+
+
+def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
-    some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(Reason))
