@@ -128,10 +128,14 @@ def sample_bounds(places: Array, right: int, top: int, bottom: int) -> Any:
     """First and last column, first and last row of the samples in reach, (4, N)."""
     low, high = places.min(axis=1), places.max(axis=1)
     first, last = -((STEPS // 2 - low) // STEPS), (high - STEPS // 2) // STEPS
-    return np.stack((
-        first[:, 0].clip(0), last[:, 0].clip(None, right),
-        first[:, 1].clip(top), last[:, 1].clip(None, bottom),
-    ))  # fmt: skip
+    return np.stack(
+        (
+            first[:, 0].clip(0),
+            last[:, 0].clip(None, right),
+            first[:, 1].clip(top),
+            last[:, 1].clip(None, bottom),
+        )
+    )
 
 
 def signed_area(places: Array) -> Any:

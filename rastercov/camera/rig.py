@@ -222,9 +222,10 @@ class Rig(InOneLine):
         new = {row: at for at, row in enumerate(rows)}
         names = tuple(self.names[row] for row in rows)
         gates = {
-            new[at]: gate for at, gate in self.gates.items()
+            new[at]: gate
+            for at, gate in self.gates.items()
             if all(row in new for row in range(at, at + gate.n))
-        }  # fmt: skip
+        }
         fixed = tuple(name for name in self.fixed if name in names)
         return self._with(
             cameras=tuple(self.cameras[row] for row in rows),
@@ -311,10 +312,14 @@ def gates_to_json(cameras: Cameras) -> dict[str, Any]:
     """
     if not isinstance(cameras, Rig) or not (cameras.tasks or cameras.fixed or is_joint(cameras)):
         return {}
-    lamps = {} if cameras.lamps is None else {
-        "lamps": cameras.lamps.to_json(),
-        "places": cameras.rig_from_camera.tolist(),
-    }  # fmt: skip
+    lamps = (
+        {}
+        if cameras.lamps is None
+        else {
+            "lamps": cameras.lamps.to_json(),
+            "places": cameras.rig_from_camera.tolist(),
+        }
+    )
     return lamps | {
         "gates": {str(first): list(gate) for first, gate in cameras.gates.items()},
         "tasks": {name: task_to_json(task) for name, task in cameras.tasks.items()},

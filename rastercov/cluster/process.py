@@ -48,10 +48,13 @@ class Process(Closing):
         self.has_ended = False
         # A session of its own: Ctrl-C is for this process, which then ends the other.
         self._child = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            env={**child_environment(), **environment}, start_new_session=True,
+            [sys.executable, "-c", PROGRAM],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**child_environment(), **environment},
+            start_new_session=True,
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows
-        )  # fmt: skip
+        )
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Result of a function of a module.

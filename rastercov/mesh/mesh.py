@@ -223,9 +223,12 @@ class Mesh(InNotebook):
             mesh = BUILT_IN[name]()
         else:
             scene, files = read_files(
-                paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
+                paths,
+                scales,
+                drop_invalid=drop_invalid,
+                max_bytes=max_bytes,
                 memory_budget=memory_budget,
-            )  # fmt: skip
+            )
             spaces = [
                 (product, Mesh(points, corners).moved(**places[row]))
                 for (row, product), points, corners in scene.spaces

@@ -278,9 +278,11 @@ def quaternions_of(rotations: FloatArray) -> FloatArray:
         else:
             i, j, k = (largest - 1 + np.arange(3)) % 3
             values = {
-                0: m[k, j] - m[j, k], 1 + i: 1 + m[i, i] - m[j, j] - m[k, k],
-                1 + j: m[j, i] + m[i, j], 1 + k: m[k, i] + m[i, k],
-            }  # fmt: skip
+                0: m[k, j] - m[j, k],
+                1 + i: 1 + m[i, i] - m[j, j] - m[k, k],
+                1 + j: m[j, i] + m[i, j],
+                1 + k: m[k, i] + m[i, k],
+            }
             q = tuple(values[at] for at in range(4))
         found[row] = np.array(q) / np.linalg.norm(q)
         if row and found[row] @ found[row - 1] < 0:

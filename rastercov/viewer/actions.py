@@ -355,19 +355,49 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
 
 _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
     ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right.", _with_angle),
-    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.",
-     lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx)),
-    ("width", 64, 8192, "px", "Pixels across, at the same field of view.",
-     lambda camera, value: camera.resized(image_side("width", value) / camera.width)),
+    (
+        "fx",
+        10.0,
+        20_000.0,
+        "px",
+        "Focal length over pixel width.",
+        lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
+    ),
+    (
+        "width",
+        64,
+        8192,
+        "px",
+        "Pixels across, at the same field of view.",
+        lambda camera, value: camera.resized(image_side("width", value) / camera.width),
+    ),
     ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus.", _with_focus),
     ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture.", _with_f_number),
-    ("focus_near", 0.0, 100.0, "m", "Least depth in focus.",
-     lambda camera, value: _with_range(camera, value, None)),
-    ("focus_far", 0.01, 1000.0, "m", "Greatest depth in focus.",
-     lambda camera, value: _with_range(camera, None, value)),
-    ("near", 0.0, 10.0, "m", "Surfaces nearer than this are not seen.",
-     lambda camera, value: replace(camera, near=value)),
-)  # fmt: skip
+    (
+        "focus_near",
+        0.0,
+        100.0,
+        "m",
+        "Least depth in focus.",
+        lambda camera, value: _with_range(camera, value, None),
+    ),
+    (
+        "focus_far",
+        0.01,
+        1000.0,
+        "m",
+        "Greatest depth in focus.",
+        lambda camera, value: _with_range(camera, None, value),
+    ),
+    (
+        "near",
+        0.0,
+        10.0,
+        "m",
+        "Surfaces nearer than this are not seen.",
+        lambda camera, value: replace(camera, near=value),
+    ),
+)
 CAMERA_FIELDS = [
     {"name": name, "low": low, "high": high, "unit": unit, "words": words}
     for name, low, high, unit, words, _ in _FIELDS

@@ -39,9 +39,17 @@ UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tou
 """Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
 RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 KNOWN = UNUSED | {
-    "cameras", "rig_from_camera", "world_from_camera", "camera", "frame", "has_unit", *RULE,
-    "tasks", "fixed", "lamps",
-}  # fmt: skip
+    "cameras",
+    "rig_from_camera",
+    "world_from_camera",
+    "camera",
+    "frame",
+    "has_unit",
+    *RULE,
+    "tasks",
+    "fixed",
+    "lamps",
+}
 """Entries of a file of cameras and poses."""
 
 

@@ -330,8 +330,10 @@ def _windows(accessor: dict[str, Any]) -> Iterator[tuple[dict[str, Any], int, in
     sparse = accessor.get("sparse", {})
     indices, values = sparse.get("indices", {}), sparse.get("values", {})
     for owner, counted, size in (
-        (accessor, accessor, row), (indices, sparse, _width(indices)), (values, sparse, row)
-    ):  # fmt: skip
+        (accessor, accessor, row),
+        (indices, sparse, _width(indices)),
+        (values, sparse, row),
+    ):
         if "bufferView" in owner:
             yield owner, json_count(counted, "count"), size
 

@@ -142,9 +142,18 @@ class Resources:
         self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
         self._call("glBindTexture", _TEXTURE_2D_ARRAY, name.value)
         self._call(
-            "glTexImage3D", _TEXTURE_2D_ARRAY, 0, _DEPTH_COMPONENT32F, width, height, layers, 0,
-            _DEPTH_COMPONENT, _FLOAT, None,
-        )  # fmt: skip
+            "glTexImage3D",
+            _TEXTURE_2D_ARRAY,
+            0,
+            _DEPTH_COMPONENT32F,
+            width,
+            height,
+            layers,
+            0,
+            _DEPTH_COMPONENT,
+            _FLOAT,
+            None,
+        )
         self._call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
         self._call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
         status = self._call("glCheckFramebufferStatus", _FRAMEBUFFER)
