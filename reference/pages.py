@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
@@ -244,7 +244,7 @@ def opened(out: Path | ReportFolder, kind: ReportKind) -> AbstractContextManager
 
 
 def publish(
-    folder: ReportFolder, page: str, data: Any, pictures: Mapping[str, Picture] | None = None
+    folder: ReportFolder, page: str, data: object, pictures: Mapping[str, Picture] | None = None
 ) -> Path:
     """Write the pictures, the page and the JSON of a report, and publish them with signals held.
 

@@ -276,7 +276,7 @@ def depth_of_samples(
     return sample + y % SIDE * SIDE + x % SIDE, np.minimum(np.maximum(depth, least), greatest)
 
 
-def depth_test(old: Array, covered: Array, plane32: Array, start: Any) -> Arrays:
+def depth_test(old: Array, covered: Array, plane32: Array, start: object) -> Arrays:
     """Depths of a block after a triangle is drawn: new ones, where written, written over, equal."""
     k = np.arange(SIDE * SIDE)
     step_x, step_y, least, greatest = plane32
@@ -294,7 +294,7 @@ def _depths(plane32: Array, starts: Array) -> Any:
     return np.minimum(np.maximum(depth, least), greatest)
 
 
-def hidden_blocks(plane32: Array, starts: Array, bound: Any) -> Any:
+def hidden_blocks(plane32: Array, starts: Array, bound: object) -> Any:
     """Blocks (N,) at whose samples 1/z of a triangle is less than a bound."""
     return (_depths(plane32, starts) < bound).all(axis=1)
 

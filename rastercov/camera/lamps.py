@@ -184,7 +184,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 8,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points in a row along x, metres, in the middle of equal parts of it.
 
@@ -202,7 +202,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 12,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points on a circle around z, metres, which look along z; see `bar`."""
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
@@ -216,7 +216,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 16,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points on half a sphere behind its origin, which look at it; see `bar`."""
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
@@ -231,7 +231,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 16,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points in the cells of a rectangle, metres, a square for one side; see `bar`.
 
@@ -531,7 +531,7 @@ def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
     return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
 
 
-def _checked(profile: Any) -> Profile:
+def _checked(profile: object) -> Profile:
     """Profile as pairs of numbers."""
     pairs = members("profile", profile, (tuple, list), "pairs of angle and share", CameraError)
     found = tuple(

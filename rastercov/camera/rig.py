@@ -203,7 +203,7 @@ class Rig(InOneLine):
         by_name = dict(zip(rigs[0].names, names, strict=True))
         return found._with(rule=renamed(rigs[0].rule, by_name))
 
-    def _with(self, **changes: Any) -> "Rig":
+    def _with(self, **changes: object) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""
         found = copy(self)
         for name, value in changes.items():
@@ -271,7 +271,7 @@ def preset_rig(name: str, catalogue: StrPath | None = None) -> Rig:
     return Rig([camera] * 2, ["left", "right"], places, rule=All())
 
 
-def cameras_of(cameras: Any) -> tuple[Camera, ...]:
+def cameras_of(cameras: object) -> tuple[Camera, ...]:
     """The cameras of a camera, a rig or a sequence of cameras; `CameraError` for anything else."""
     if isinstance(cameras, Camera):
         return (cameras,)
@@ -425,13 +425,13 @@ def short_names(names: Sequence[str]) -> list[str]:
     return [re.sub(r"^camera (?=\d+$)", "", name) for name in names]
 
 
-def check_scene(mesh: Any, camera: Any) -> None:
+def check_scene(mesh: object, camera: object) -> None:
     """Raise MeshError or CameraError unless they are a Mesh and a camera, or several."""
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
     cameras_of(camera)
 
 
-def _checked(cameras: Any) -> tuple[Camera, ...]:
+def _checked(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
     found = members("camera", cameras, Camera, wanted, CameraError)
     if not 1 <= len(found) <= MOST_CAMERAS:

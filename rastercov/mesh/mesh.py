@@ -388,7 +388,7 @@ class Mesh(InNotebook):
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 
-    def _with_vertices(self, vertices: NDArray[np.float64], **derived: Any) -> Self:
+    def _with_vertices(self, vertices: NDArray[np.float64], **derived: object) -> Self:
         """Mesh of the same faces with other vertices, which are not checked, and derived values."""
         other = object.__new__(type(self))
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}

@@ -150,7 +150,7 @@ def read_motion(path: StrPath) -> dict[str, Any]:
         raise ConfigError(f"{printable(Path(path).name)}: {error}") from None
 
 
-def _of_json(content: Any) -> dict[str, Any]:
+def _of_json(content: object) -> dict[str, Any]:
     known = {"bodies", "durations", "times"}
     if not isinstance(content, dict) or not isinstance(content.get("bodies"), dict):
         raise ConfigError('a motion holds {"bodies": {NAME: {"poses": [4 x 4, ...]}}}')

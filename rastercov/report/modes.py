@@ -330,7 +330,7 @@ def mode_of(name: str) -> Mode:
     return MODES[name]
 
 
-def mode_picture(name: str, mesh: Mesh, values: Any, eyes: ArrayLike = ()) -> Image.Image:
+def mode_picture(name: str, mesh: Mesh, values: object, eyes: ArrayLike = ()) -> Image.Image:
     """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
     mode = mode_of(name)
     painted = mode.paint(mesh, values)

@@ -72,7 +72,7 @@ class Picture:
         return cls(alt, light, png_in_the_dark(light))
 
 
-def rendered(template: str, package: str = "rastercov.report", **values: Any) -> str:
+def rendered(template: str, package: str = "rastercov.report", **values: object) -> str:
     """HTML of a template in the folder `templates` of a package, with some values."""
     return _environment(package).get_template(template).render(values)
 
@@ -380,7 +380,7 @@ def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
     return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
 
 
-def levels_of(levels: Any) -> dict[str, str]:
+def levels_of(levels: object) -> dict[str, str]:
     """Level of each face, as a frame of an exported page has it."""
     return {"levels": _base64(levels)}
 
@@ -506,7 +506,7 @@ def _script(name: str) -> str:
     return "".join(made.values())
 
 
-def _inside(data: Any) -> str:
+def _inside(data: object) -> str:
     """JSON that no element of a page ends in."""
     return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
 

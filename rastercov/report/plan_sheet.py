@@ -81,7 +81,7 @@ class Frame(NamedTuple):
     floor: float
     cut: float
 
-    def path(self, found: Any) -> str:
+    def path(self, found: object) -> str:
         """Lines, and the borders of areas, of the world as an SVG path."""
         parts = shapely.get_parts(found)
         parts = parts[~shapely.is_empty(parts)]
@@ -238,7 +238,7 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: Any) -> dict[str, str]:
+def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: object) -> dict[str, str]:
     """Paths of what cameras see at the height of the cut, by level, and "FOV", of each camera."""
     cameras = cameras_of(found.camera)
     seen: dict[str, list[Any]] = {level: [] for level in LEVELS}

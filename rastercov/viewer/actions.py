@@ -305,7 +305,7 @@ def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
     return camera
 
 
-def _with_angle(camera: Camera, value: Any) -> Camera:
+def _with_angle(camera: Camera, value: object) -> Camera:
     wanted = number("hfov_deg", value)
     if not camera.is_pinhole:
         raise CameraError(f"hfov_deg is of a pinhole; change fx of a lens of model {camera.model}")
@@ -323,7 +323,7 @@ def _scaled(camera: Camera, factor: float) -> Camera:
     return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f)
 
 
-def _with_focus(camera: Camera, value: Any) -> Camera:
+def _with_focus(camera: Camera, value: object) -> Camera:
     distance = positive("focus_distance", value)
     aperture = camera.aperture
     if aperture is None:
@@ -331,7 +331,7 @@ def _with_focus(camera: Camera, value: Any) -> Camera:
     return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
 
 
-def _with_f_number(camera: Camera, value: Any) -> Camera:
+def _with_f_number(camera: Camera, value: object) -> Camera:
     aperture = _focal_length(camera) / positive("f_number", value)
     distance = camera.focus_distance or max(1.0, 2 * _focal_length(camera))
     return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
@@ -346,7 +346,7 @@ def _focal_length(camera: Camera) -> float:
     return camera.focal_length
 
 
-def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
+def _with_range(camera: Camera, low: object, high: object) -> Camera:
     near, far = camera.focus_range or (0.0, math.inf)
     near = near if low is None else number("focus_near", low)
     far = far if high is None else number("focus_far", high)

@@ -286,7 +286,7 @@ class Work:
         self._thread: Thread | None = None
         self._said: dict[str, Any] = {"id": None}
 
-    def start(self, entries: Any) -> int:
+    def start(self, entries: object) -> int:
         """Begin work; its number.
 
         Raises

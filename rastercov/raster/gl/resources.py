@@ -83,7 +83,7 @@ class Resources:
         self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
         self.gl.cull_face = "back"
 
-    def _call(self, name: str, *arguments: Any) -> Any:
+    def _call(self, name: str, *arguments: object) -> Any:
         return self.context.function(name, *FUNCTIONS[name])(*arguments)
 
     def own(self, thing: Any) -> Any:

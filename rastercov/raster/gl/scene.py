@@ -69,7 +69,7 @@ class Scene:
         positions = np.concatenate((high, low), axis=1)
         vertices = resources.buffer("vertices", positions[corners]), *POSITIONS
 
-        def drawable(program: str, index_buffer: Any, *layout: Any) -> Any:
+        def drawable(program: str, index_buffer: object, *layout: object) -> Any:
             return resources.own(
                 resources.gl.vertex_array(
                     programs[program],
