@@ -224,9 +224,12 @@ class Mesh(InNotebook):
             mesh = BUILT_IN[name]()
         else:
             scene, files = read_files(
-                paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
+                paths,
+                scales,
+                drop_invalid=drop_invalid,
+                max_bytes=max_bytes,
                 memory_budget=memory_budget,
-            )  # fmt: skip
+            )
             spaces = [
                 (product, Mesh(points, corners).moved(**places[row]))
                 for (row, product), points, corners in scene.spaces
@@ -386,7 +389,7 @@ class Mesh(InNotebook):
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 
-    def _with_vertices(self, vertices: NDArray[np.float64], **derived: Any) -> Self:
+    def _with_vertices(self, vertices: NDArray[np.float64], **derived: object) -> Self:
         """Mesh of the same faces with other vertices, which are not checked, and derived values."""
         other = object.__new__(type(self))
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}

@@ -229,17 +229,26 @@ def run(
             of_poses = np.zeros(len(accepted.given), np.int32)
             of_poses[accepted.ids] = accepted.camera
             return CoverageTable(
-                folder.file("coverage.parquet"), mesh, header, by_area=unit == "area",
+                folder.file("coverage.parquet"),
+                mesh,
+                header,
+                by_area=unit == "area",
                 cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
-            )  # fmt: skip
+            )
 
         wanted = Wanted(options.engine, unit == "area", pairs)
         with open_for(mesh, camera, task, wanted) as observer:
             found = measure(
-                observer, accepted, task, wanted, reason=reason, options=asdict(options),
+                observer,
+                accepted,
+                task,
+                wanted,
+                reason=reason,
+                options=asdict(options),
                 folder=folder.path,
-                open_table=None if pairs == "none" else open_table, staff=staff,
-            )  # fmt: skip
+                open_table=None if pairs == "none" else open_table,
+                staff=staff,
+            )
         if moving is not None:
             n_pictures = len(moving.motion) * len(found.poses)
             is_kept = n_pictures > MOST_PICTURES or is_long(n_pictures, mesh.n_faces)
@@ -433,21 +442,36 @@ def network_of(
         ]
         poses = poses[leads]
     return NetworkPage(
-        title, mesh, found.camera, poses, noun, names,
-        found.network, found.network.covered, np.full(mesh.n_faces, found.task.views), summary,
-        areas, None if areas is None else areas.zones(), parts,
+        title,
+        mesh,
+        found.camera,
+        poses,
+        noun,
+        names,
+        found.network,
+        found.network.covered,
+        np.full(mesh.n_faces, found.task.views),
+        summary,
+        areas,
+        None if areas is None else areas.zones(),
+        parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
         uncertainty_um=found.apart.uncertainty_um,
-    )  # fmt: skip
+    )
 
 
 def _page_of(shown: NetworkPage, summary: Mapping[str, Any], images: Any, *, has_view: bool) -> str:
     return shown.page(
-        "network.html", images, answer=shown.answer, lines=missed_lines(summary), summary=summary,
-        run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
+        "network.html",
+        images,
+        answer=shown.answer,
+        lines=missed_lines(summary),
+        summary=summary,
+        run=summary["run"],
+        notes=[*summary["warnings"], *summary["doubts"]],
         files="summary.json and coverage.parquet" if has_parquet() else "summary.json",
         has_view=has_view,
-    )  # fmt: skip
+    )
 
 
 def title_of(run: Mapping[str, Any], other: str) -> str:

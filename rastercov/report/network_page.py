@@ -275,9 +275,16 @@ class NetworkPage:
             best = best_covering(self.network)
             zones, said = self.dead
             shown = Overview(
-                self.mesh, self.camera, self.poses, self.labels, best, self.parts,
-                zones=zones, said=said["dead_zones"], noun=self.noun,
-            )  # fmt: skip
+                self.mesh,
+                self.camera,
+                self.poses,
+                self.labels,
+                best,
+                self.parts,
+                zones=zones,
+                said=said["dead_zones"],
+                noun=self.noun,
+            )
             if self.timed is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
                 best = np.append(np.unique(rows, return_index=True)[1], -1)[self.timed.longest()]
@@ -319,14 +326,19 @@ class NetworkPage:
     def view(self) -> str | None:
         """The page to look around in; None for a large mesh."""
         return view_page(
-            self.title, self.mesh, self.camera, self.poses,
-            self.names, self.values,
+            self.title,
+            self.mesh,
+            self.camera,
+            self.poses,
+            self.names,
+            self.values,
             figures_of(
                 self.figures, self.network.covered_faces, self.seen_m2, self.lost_m2, self.task_m2
             ),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
-            unit=self.unit, timed=self.timed,
-        )  # fmt: skip
+            unit=self.unit,
+            timed=self.timed,
+        )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
         """The page with images as of `drawn`, by a template that extends `report.html`.
@@ -493,13 +505,16 @@ class NetworkPage:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 advice = f"{self.noun} {self.labels[place]} comes nearest: {advice}"
-            found.append({
-                "heading": heading,
-                "reason": f"{zone_parts(zone)[0]}: {reason}" if len(self.mesh.groups) > 1
-                else f"{reason[:1].upper()}{reason[1:]}",
-                "advice": f"{advice[:1].upper()}{advice[1:]}.",
-                "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
-            })  # fmt: skip
+            found.append(
+                {
+                    "heading": heading,
+                    "reason": f"{zone_parts(zone)[0]}: {reason}"
+                    if len(self.mesh.groups) > 1
+                    else f"{reason[:1].upper()}{reason[1:]}",
+                    "advice": f"{advice[:1].upper()}{advice[1:]}.",
+                    "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
+                }
+            )
         return found
 
 
