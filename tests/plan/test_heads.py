@@ -535,6 +535,8 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
     first = found(1e-3 * noise)
     (line,) = [each for each in first.prepared.notes if each.startswith("rig fringe: uncertainty")]
     words = r"uncertainty ([\d.]+) (m?m) at best, .* wanted: .* noise ([\d.]+) times as large"
+    assert first.leftover.summary()["could_be_covered"]["faces"] == 0  # single cameras do
+    assert first.prepared.bounds.covering.any()
     value, unit, factor = re.search(words, line).groups()
     best = float(value) * (1e-3 if unit == "mm" else 1.0)
     assert found(1.3 * best).cameras.share > 0

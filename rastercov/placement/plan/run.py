@@ -21,7 +21,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import led_by, names_of_poses, rows_of_result
+from rastercov.camera.rig import is_joint, led_by, names_of_poses, rows_of_result
 from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import TimeAreas
@@ -29,6 +29,7 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.coverage import in_batches
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
@@ -765,7 +766,15 @@ def _explain_uncovered(
 ) -> Placement:
     prepared, observer = placement.prepared, objectives.faces.observer
     wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
-    return replace(placement, leftover=left_over(observer, placement.cameras, *wanted))
+    found = left_over(observer, placement.cameras, *wanted)
+    if prepared.cells is not None and is_joint(prepared.mounts.rig):
+        # Not faces that single cameras of a rig with a rule cover.
+        cells = prepared.cells
+        is_covered = prepared.problem.bits.counts_up_to(1)[: len(cells)] > 0
+        covering = np.zeros(prepared.mesh.n_faces, np.int64)
+        covering[cells.source_face[is_covered]] = 1
+        found = replace(found, n_covering=frozen(covering))
+    return replace(placement, leftover=found)
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
