@@ -109,6 +109,8 @@ class NetworkPage:
         Of the tree of groups in the table of parts, as of `coverage.parts.entries_at`.
     uncertainty_um : (2, F) float64, or None
         As of `ByCamera`.
+    serves_goals : bool
+        True where cameras serve goals that are not shown: none is said to be spare.
     """
 
     title: str
@@ -129,6 +131,7 @@ class NetworkPage:
     level: int | None = None
     together: NDArray[np.int64] | None = None
     uncertainty_um: FloatArray | None = None
+    serves_goals: bool = False
 
     @property
     def eyes(self) -> FloatArray:
@@ -432,6 +435,7 @@ class NetworkPage:
             said.append(f"{area(hidden)} are left out of that: no camera outside can ever see it.")
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
+            spare = 0 if self.serves_goals else spare
             rest = f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} adds most: {area(lost[best])} that "
@@ -485,7 +489,7 @@ class NetworkPage:
         order = np.arange(len(self.poses))
         if lost is not None:
             columns["only by it"] = self._areas(lost)
-            if (lost <= self._least).any():
+            if (lost <= self._least).any() and not self.serves_goals:
                 spare = ["yes" if each == "0" else "" for each in columns["only by it"]]
                 columns["could be left out"] = spare
             if not more:  # which follow the order of the names

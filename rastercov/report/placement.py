@@ -168,4 +168,5 @@ def network_of(
         cameras.covers,
         together=together,
         uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
+        serves_goals=bool(plan.goals),
     )

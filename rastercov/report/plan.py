@@ -33,6 +33,7 @@ from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import named_cameras, provenance_of
 from rastercov.placement.plan.arm import MOST_LOST, ArmPoses
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
@@ -338,10 +339,9 @@ def lines(placement: Placement) -> list[str]:
     if placement.refined is not None:
         done = placement.refined
         what = _what(prepared)
-        said.append(
-            f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}: "
-            f"{percent(done.start_share)} -> {percent(done.share)} of {of} ({done.status})"
-        )
+        moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
+        shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
+        said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
         said += [
             f"{what} {row} of the selection added nothing after refinement and was left out"
             for row in placement.left_out
@@ -411,6 +411,8 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
     goal, wanted = prepared.problem.goal, goal_of(prepared.selection)
     if not isinstance(goal, FewestCameras) or not isinstance(wanted, FewestCameras):
         return []
+    if has_goals(prepared.problem):  # it is of parts
+        return []
     if goal.coverage == wanted.coverage or goal.of_reachable != wanted.of_reachable:
         return []
     of = OF[prepared.plan.task.weight_by]
@@ -423,6 +425,7 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
 def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
     of, cells = OF[prepared.plan.task.weight_by], prepared.cells
+    of += " of task and goals" if has_goals(prepared.problem) else ""
     return of if cells is None else f"{of} on {len(cells):,} cells of {cells.size:g} m"
 
 

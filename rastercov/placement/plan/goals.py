@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base.format import plural, verb
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.cells import Cells, cells, usual_size
@@ -316,10 +316,8 @@ def with_goals(
         is_over = shares[goal.name] > goal.limit + SHARE_TOLERANCE
         own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
         if own:
-            text = (
-                f"existing {', '.join(own)}: each covers more of goal {goal.name} than it permits"
-            )
-            notes.append(f"{text}, whatever is chosen")
+            covers = f"existing {', '.join(own)} {verb(len(own), 'cover')} more of goal {goal.name}"
+            notes.append(f"{covers} than it permits, whatever is chosen")
         is_over[: len(given)] = False
         if n := int(is_over.sum()):
             left_out = f"{plural(n, 'candidate', 'are')} left out"
@@ -337,11 +335,16 @@ def with_goals(
     return WithGoals(problem, wanted, shares, tuple(notes))
 
 
+def has_goals(problem: Problem) -> bool:
+    """True where some elements are of goals to cover."""
+    return any(name.startswith(f"{OF_GOALS}/") for name in problem.groups)
+
+
 def place_of(requirement: Requirement, problem: Problem) -> str | None:
     """Group or part of the elements of a problem that a requirement is of; None for all."""
     if requirement.goal:
         return f"{OF_GOALS}/{requirement.goal}"
-    if not any(name.startswith(f"{OF_GOALS}/") for name in problem.groups):
+    if not has_goals(problem):
         return requirement.group
     return OF_TASK if requirement.group is None else f"{OF_TASK}/{requirement.group}"
 

@@ -44,7 +44,7 @@ from rastercov.placement.matrix_folder import describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.arm import PlanArm
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
-from rastercov.placement.plan.goals import Objectives, WithGoals, with_goals
+from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
@@ -437,8 +437,9 @@ def _for_goal(
         problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
         on = "" if cells is None else f"on cells of {cells.size:g} m: "
+        said = str(error).replace(f"group '{OF_GOALS}/", "goal '")
         notes.append(
-            f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
+            f"{on}{said}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
         )
         nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
         problem = replace(all_of.problem, goal=nearest)
