@@ -44,9 +44,12 @@ struct Corner {
 struct Triangle {
     Corner a, b, c;
     void copy_to(Points target) const {
-        target(0, U) = a.u, target(0, V) = a.v;
-        target(1, U) = b.u, target(1, V) = b.v;
-        target(2, U) = c.u, target(2, V) = c.v;
+        target(0, U) = a.u;
+        target(0, V) = a.v;
+        target(1, U) = b.u;
+        target(1, V) = b.v;
+        target(2, U) = c.u;
+        target(2, V) = c.v;
     }
     double twice_area() const {
         return 0.0 + ((b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v));
@@ -150,7 +153,8 @@ void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Sta
         poll();
         if (!is_asked[f]) continue;
         const int64_t first = first_node[f], end = first_node[f + 1], last_cell = first_cell[f + 1];
-        int64_t node = first, cell = first_cell[f];
+        int64_t node = first;
+        int64_t cell = first_cell[f];
         const auto fill = [&](const Triangle &triangle, bool is_leaf) {
             if (node == end || (is_leaf && cell == last_cell)) return false;
             leaves[node++] = is_leaf;
@@ -192,7 +196,8 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
     const char *const wanted = "trees must be those of fill_cells";
     require(n_nodes > 0 && trees.leaves[first_node] == n_cells, wanted);
     stack[0].triangle = triangle_of(trees.corners, f);
-    stack[0].node = stack[0].cell = 0, stack[0].n_corners = n_corners;
+    stack[0].node = stack[0].cell = 0;
+    stack[0].n_corners = n_corners;
     std::copy(piece, piece + 2 * n_corners, stack[0].corners);
     double values[PIECE_ROOM], spare[PIECE_ROOM * 2];
     const Points whole = {spare, {PIECE_ROOM, 2}};
@@ -221,7 +226,8 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
         Triangle turned = part.triangle;
         turn_to_longest(turned);
         const auto [first_half, second_half] = halves_of(turned);
-        half.triangle = first_half, part.triangle = second_half;
+        half.triangle = first_half;
+        part.triangle = second_half;
         // The first half is on the right of the line from the opposite corner to the middle.
         const auto &[opposite, start, middle] = first_half;
         const Line line = {opposite.u, opposite.v, middle.u - opposite.u, middle.v - opposite.v,
@@ -230,12 +236,18 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
         for (int64_t p = 0; p < n; p++) values[p] = line.value(whole(p, U), whole(p, V));
         const auto [inside, outside] =
             split(whole, n, {values, {PIECE_ROOM}}, part.polygon(), half.polygon());
-        part.n_corners = inside, part.node = right, part.cell = cell + left;
-        half.n_corners = outside, half.node = node + 1, half.cell = cell;
+        part.n_corners = inside;
+        part.node = right;
+        part.cell = cell + left;
+        half.n_corners = outside;
+        half.node = node + 1;
+        half.cell = cell;
         if (outside >= 3 && inside >= 3) {
             top++;
         } else if (outside >= 3) {
-            part.triangle = half.triangle, part.node = half.node, part.cell = half.cell;
+            part.triangle = half.triangle;
+            part.node = half.node;
+            part.cell = half.cell;
             part.n_corners = outside;
             copy_polygon(half.polygon(), outside, part.polygon());
         } else if (inside < 3) {

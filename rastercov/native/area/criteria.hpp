@@ -41,7 +41,10 @@ struct RayAngle {
         Vector u = less(eye, p), v = less(other, p);
         const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
         if (!(d > r && e > r)) return UNKNOWN;
-        for (int k = 0; k < 3; k++) u[k] /= d, v[k] /= e;
+        for (int k = 0; k < 3; k++) {
+            u[k] /= d;
+            v[k] /= e;
+        }
         const double cosine = dot(u, v), near = 1 / (d - r) + 1 / (e - r);
         const double m = std::min(d, e) - r, b = length_between(eye, other) / m;
         Vector slope;
@@ -84,8 +87,10 @@ struct Cosines {
 // Intensity of a lamp by the cosine c of the angle to its axis, relative: c^m where c > 0, 1 for m
 // = 0; or a table of knots (c, value, slope before, slope after), cubic in between.
 struct Intensity {
-    struct Bounds {
-        double value = 0.0, slope = 0.0, curvature = 0.0; // greatest absolute values
+    struct Bounds { // greatest absolute values
+        double value = 0.0;
+        double slope = 0.0;
+        double curvature = 0.0;
     };
     double exponent;
     Array<const double, Any, 4> knots; // none for c^m
@@ -192,7 +197,8 @@ struct Illuminance {
 
     Value at(double x, double y, double r) const {
         const Vector p = plane.point(x, y);
-        double value = 0.0, doubt = 0.0;
+        double value = 0.0;
+        double doubt = 0.0;
         Vector slope = {0.0, 0.0, 0.0};
         for (int64_t i = 0; i < lamps.centre.extent(1); i++) {
             if (!has(set, i)) continue;
@@ -251,7 +257,11 @@ struct Highlight {
         const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
         if (!(d > r && e > r)) return UNKNOWN;
         Vector s;
-        for (int k = 0; k < 3; k++) u[k] /= d, v[k] /= e, s[k] = u[k] + v[k];
+        for (int k = 0; k < 3; k++) {
+            u[k] /= d;
+            v[k] /= e;
+            s[k] = u[k] + v[k];
+        }
         const double a = 1 / (d - r), b = 1 / (e - r), size = std::sqrt(dot(s, s));
         const double least = size - r * (a + b);
         if (!(least > 0)) return UNKNOWN;

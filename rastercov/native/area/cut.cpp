@@ -47,7 +47,8 @@ bool append(Points polygon, int64_t n, int64_t piece, const Parts &out) {
         const int64_t m = exact::corners_of_part(first, n);
         exact::copy_part(polygon, first, m, exact::from(out.xy, at));
         out.piece[count] = piece;
-        at += m, count++;
+        at += m;
+        count++;
         out.starts[count] = at;
         first += m - 2;
     }
@@ -92,7 +93,8 @@ int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width
         };
         const Undecided doubtful = cutter.cut(piece, g, width, keep);
         if (!has_room) {
-            out.used[0] = before[0], out.used[1] = before[1];
+            out.used[0] = before[0];
+            out.used[1] = before[1];
             return i;
         }
         undecided(i, 0) = doubtful.area + lost;
@@ -116,7 +118,9 @@ void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> fac
     for (int64_t i = 0; i < n; i++) {
         const auto g = criteria.of(plane_of(planes, face[i]), row[i], set[i]);
         const Value found = g.at(xyr(i, 0), xyr(i, 1), xyr(i, 2));
-        out(i, 0) = found.value, out(i, 1) = found.along_x, out(i, 2) = found.along_y;
+        out(i, 0) = found.value;
+        out(i, 1) = found.along_x;
+        out(i, 2) = found.along_y;
         out(i, 3) = found.doubt;
     }
 }

@@ -50,7 +50,8 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
         const auto [found, depth] =
             coverage::judge_point(camera, rules, rotation, near, {x, y, z},
                                   {normal[0], normal[1], normal[2]}, points.two_sided[i]);
-        reason[i] = found, hider[i] = -1;
+        reason[i] = found;
+        hider[i] = -1;
         if (found != coverage::COVERED && !(is_nearest && found == coverage::TOO_OBLIQUE)) continue;
         const double length = std::sqrt(x * x + y * y + z * z), share = near / depth;
         const double reach = length * (1.0 - share) - margin;
@@ -129,7 +130,8 @@ void register_area_point(nanobind::module_ &m) {
             "points", "camera", "rules", "rotation", "eye", "near", "margin", "is_nearest",
             "corners", "nodes", "reason", "hider");
     };
-    judge(Lens{}), judge(CurvedLens{});
+    judge(Lens{});
+    judge(CurvedLens{});
     def(m, "find_covering", find_covering, "Mark, in `out`, the poses that cover points.", "xy",
         "face", "order", "of_face", "corners", "starts", "boxes", "row", "slack", "out");
 }

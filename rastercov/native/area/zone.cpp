@@ -40,18 +40,21 @@ double side_overlap(const Corners &xy, int64_t p, int64_t q, int64_t r, int64_t 
     double x = xy(q, 0) - xy(p, 0), y = xy(q, 1) - xy(p, 1);
     const double length = std::sqrt(x * x + y * y);
     if (!(length > 0)) return 0.0;
-    x /= length, y /= length;
+    x /= length;
+    y /= length;
     const double a = xy(r, 0) - xy(p, 0), b = xy(r, 1) - xy(p, 1);
     const double c = xy(s, 0) - xy(p, 0), d = xy(s, 1) - xy(p, 1);
     const double start = a * x + b * y, end = c * x + d * y;
     if (!(end < start)) return 0.0;
     const double off = b * x - a * y, off_end = d * x - c * y;
     // Part of r s whose distance from the line is within the tolerance, from 0 to 1.
-    double first = 0.0, last = 1.0;
+    double first = 0.0;
+    double last = 1.0;
     const double slope = off_end - off;
     if (std::abs(slope) > 0) {
         const double one = (-tolerance - off) / slope, other = (tolerance - off) / slope;
-        first = std::max(first, std::min(one, other)), last = std::min(last, std::max(one, other));
+        first = std::max(first, std::min(one, other));
+        last = std::min(last, std::max(one, other));
     } else if (std::abs(off) > tolerance) {
         return 0.0;
     }
@@ -128,15 +131,20 @@ double overlap_in_space(const Segments &ends, int64_t a, int64_t b, double toler
     double z = ends(a, 1, 2) - ends(a, 0, 2);
     const double length = std::sqrt(x * x + y * y + z * z);
     if (!(length > 0)) return 0.0;
-    x /= length, y /= length, z /= length;
+    x /= length;
+    y /= length;
+    z /= length;
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (int k = 0; k < 2; k++) {
         double u = ends(b, k, 0) - ends(a, 0, 0), v = ends(b, k, 1) - ends(a, 0, 1);
         double w = ends(b, k, 2) - ends(a, 0, 2);
         const double along = u * x + v * y + w * z;
-        u -= along * x, v -= along * y, w -= along * z;
+        u -= along * x;
+        v -= along * y;
+        w -= along * z;
         if (u * u + v * v + w * w > tolerance * tolerance) return 0.0;
-        low = std::min(low, along), high = std::max(high, along);
+        low = std::min(low, along);
+        high = std::max(high, along);
     }
     return std::min(high, length) - std::max(low, 0.0);
 }
