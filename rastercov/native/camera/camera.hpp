@@ -190,8 +190,10 @@ inline double along(const CurvedSlopes &s, double a, double b, double c) {
 
 // J is 0 along the ray, so its least singular value is across.
 inline double facing(const CurvedSlopes &s) {
-    const double a = s.uy * s.vz - s.uz * s.vy, b = s.uz * s.vx - s.ux * s.vz,
-                 c = s.ux * s.vy - s.uy * s.vx, largest = largest_of(s);
+    const double a = s.uy * s.vz - s.uz * s.vy;
+    const double b = s.uz * s.vx - s.ux * s.vz;
+    const double c = s.ux * s.vy - s.uy * s.vx;
+    const double largest = largest_of(s);
     return largest > 0 ? std::sqrt(a * a + b * b + c * c) / largest : 0.0;
 }
 
