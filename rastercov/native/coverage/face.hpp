@@ -111,11 +111,15 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
         // A count is no area.
         const double known = seen.kind.size() || !asked.area ? is.drawn : -1.0;
         const auto field = field_of_view(corners, view.near(), camera, memory, known);
-        face.state = field.state, face.part = field.part, face.area = field.area;
+        face.state = field.state;
+        face.part = field.part;
+        face.area = field.area;
     } else {
         const auto field = quick_field_of_view(corners, camera);
         if (any(field.is_cut)) return false;
-        face.state = field.state, face.part = field.part, face.area = field.area;
+        face.state = field.state;
+        face.part = field.part;
+        face.area = field.area;
     }
     const Triple<N> normal = turned(read_triple<N>(scene.normals.begin() + 3 * f), view.pose());
     face.cosine = incidence_cosine(corners, normal, read_mask<N>(scene.two_sided.begin() + f));
@@ -159,7 +163,9 @@ INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, 
     Asked asked = view.asked;
     asked.density = asked.density && any(has_density);
     if (!(asked.density || asked.facing || asked.per_m2) || !any(is_ahead)) return;
-    N density = INFINITY, facing_density = INFINITY, pixels_per_m2 = INFINITY;
+    N density = INFINITY;
+    N facing_density = INFINITY;
+    N pixels_per_m2 = INFINITY;
     unroll<3>(EACH(s) {
         const auto slopes = slopes_of(f, s, view, face);
         if (asked.density) {

@@ -229,7 +229,8 @@ template <class View> struct Adder {
         };
         const auto &is = face.measures;
         const auto &decision = face.decision;
-        rows.pose[at] = int32_t(sink.pose_ids[view.row]), rows.face[at] = int32_t(f + k);
+        rows.pose[at] = int32_t(sink.pose_ids[view.row]);
+        rows.face[at] = int32_t(f + k);
         put(rows.in_view, is.is_inside);
         put(rows.in_view_fraction, face.part);
         put(rows.projected_area, face.area);
@@ -247,7 +248,8 @@ template <class View> struct Adder {
         const double bound = lane_of(face.bound, k) + std::abs(short_visibility - visibility);
         float short_bound = float(bound);
         if (short_bound < bound) short_bound = std::nextafter(short_bound, INFINITY);
-        rows.visibility[at] = short_visibility, rows.visibility_bound[at] = short_bound;
+        rows.visibility[at] = short_visibility;
+        rows.visibility_bound[at] = short_bound;
         rows.incidence[at] = float(incidence_angle(lane_of(face.cosine, k)));
     }
 };

@@ -58,7 +58,8 @@ int64_t add_rays(int64_t c, Array<const int32_t, Any> faces, Places eyes, Places
                 break;
             }
         }
-        before[n_seen] = last[f], camera[n_seen] = c;
+        before[n_seen] = last[f];
+        camera[n_seen] = c;
         last[f] = n_seen++;
     }
     return n_seen;
@@ -79,7 +80,8 @@ void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Plac
         poll();
         counts[f] = n_cameras + 1;
         int64_t n = 0;
-        bool is_spread = min_cosine > 1, is_near = true;
+        bool is_spread = min_cosine > 1;
+        bool is_near = true;
         for (int64_t c = 0; c < n_cameras; c++) {
             if (!covers(c, f)) continue;
             if (!is_spread) {
@@ -186,8 +188,10 @@ void best_densities(Starts starts, Cameras camera, Places points, Places normals
             const int32_t c = camera[at];
             if (lens_of_pose[c] != index) continue;
             const double density = density_at(point, poses[c], normal, lens);
-            if (density > best[e] || (density == best[e] && c < by[e]))
-                best[e] = density, by[e] = c;
+            if (density > best[e] || (density == best[e] && c < by[e])) {
+                best[e] = density;
+                by[e] = c;
+            }
         }
     }
 }
