@@ -263,7 +263,8 @@ void find_edges(BuiltPart &part) {
     part.edge_faces = Room<int32_t>(2 * n_edges, -1);
     part.kind = Room<int8_t>(n_edges, CONSISTENT);
     part.of_face = Room<int32_t>(part.faces.size());
-    int64_t e = -1, n_uses = 0;
+    int64_t e = -1;
+    int64_t n_uses = 0;
     for (int64_t v = 0; v + 1 < starts.size(); v++)
         for (int64_t k = starts[v]; k < starts[v + 1]; k++) {
             const Use use = uses[k];
@@ -420,7 +421,8 @@ void place_faces(BuiltSurface &built, Array<const bool, Any> is_target) {
         return;
     }
     built.place = Room<int64_t>(is_target.rows());
-    int64_t n_opaque = 0, n_targets = 0;
+    int64_t n_opaque = 0;
+    int64_t n_targets = 0;
     for (int64_t f = 0; f < is_target.rows(); f++)
         built.place[f] = is_target[f] ? n + n_targets++ : own[n_opaque++];
 }

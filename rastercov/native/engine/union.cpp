@@ -247,7 +247,8 @@ void Union::unite_face(int64_t face, int64_t whole, bool is_waiting, Tally tally
         const int64_t n_cells = int64_t(_cells.size());
         double lost = 0.0;
         order_parts();
-        int64_t first = 0, n_left = int64_t(_order.size());
+        int64_t first = 0;
+        int64_t n_left = int64_t(_order.size());
         _next.clear();
         for (const int64_t cell : cells) {
             int64_t last = first;
@@ -518,7 +519,8 @@ void Union::write(area::Points xy, Array<int64_t, Any> starts, Array<int32_t, An
     require(xy.rows() == n_corners && starts.rows() == n + 1 && face.rows() == n &&
                 tag.rows() == n && area.rows() == n,
             "arrays must have the size of the union");
-    int64_t row = 0, at = 0;
+    int64_t row = 0;
+    int64_t at = 0;
     starts[0] = 0;
     each_piece([&](int64_t f, int64_t i) {
         const Polygon piece = _pieces[i];
