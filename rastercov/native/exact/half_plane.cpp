@@ -280,10 +280,13 @@ Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, Verti
     double error = b.n_error * far_a + a.n_error * far_b + b.n_size * a.d_error +
                    a.n_size * b.d_error + PAIR_ERROR_REL * (b.n_size * far_a + a.n_size * far_b);
     error *= camera.longest_ray;
-    double least = INF, most = -INF, size = std::abs(normal[2]);
+    double least = INF;
+    double most = -INF;
+    double size = std::abs(normal[2]);
     for (int64_t p = 0; p < gap_n; p++) {
         const double u = work.spare(p, U), v = work.spare(p, V), value = line.value(u, v);
-        least = std::min(least, value), most = std::max(most, value);
+        least = std::min(least, value);
+        most = std::max(most, value);
         size = std::max(size, std::abs(slope_u * (u - camera.cx)) +
                                   std::abs(slope_v * (v - camera.cy)) + std::abs(normal[2]));
     }
