@@ -32,10 +32,14 @@ void move_points(Vectors points, Labels body, Poses poses, Array<double, Any, 3>
         for (int k = 0; k < 3; k++) {
             const double moved = pose(k, 0) * x + pose(k, 1) * y + pose(k, 2) * z + pose(k, 3);
             out(i, k) = moved;
-            low[k] = std::min(low[k], moved), high[k] = std::max(high[k], moved);
+            low[k] = std::min(low[k], moved);
+            high[k] = std::max(high[k], moved);
         }
     }
-    for (int k = 0; k < 3; k++) bounds(0, k) = low[k], bounds(1, k) = high[k];
+    for (int k = 0; k < 3; k++) {
+        bounds(0, k) = low[k];
+        bounds(1, k) = high[k];
+    }
 }
 
 void turn(Vectors vectors, Labels body, Poses poses, Array<double, Any, 3> out) {

@@ -53,7 +53,8 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
     require(marks.rows() == faces.rows() && other_marks.rows() == other_faces.rows(),
             "marks must have one value for each face");
     const double far = reach / scale;
-    int64_t n = 0, depth = 1;
+    int64_t n = 0;
+    int64_t depth = 1;
     std::array<std::array<int64_t, 2>, 2 * STACK_SIZE> stack;
     Poll poll;
     for (stack[0] = {1, 1}; depth;) {
@@ -62,11 +63,13 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
         if (!near_by(nodes[a], other_nodes[b], far)) continue;
         if (!one.is_leaf(a) &&
             (other.is_leaf(b) || width_of(nodes[a]) >= width_of(other_nodes[b]))) {
-            stack[depth++] = {2 * a, b}, stack[depth++] = {2 * a + 1, b};
+            stack[depth++] = {2 * a, b};
+            stack[depth++] = {2 * a + 1, b};
             continue;
         }
         if (!other.is_leaf(b)) {
-            stack[depth++] = {a, 2 * b}, stack[depth++] = {a, 2 * b + 1};
+            stack[depth++] = {a, 2 * b};
+            stack[depth++] = {a, 2 * b + 1};
             continue;
         }
         const int64_t from = (a - one.leaves()) * LEAF, first = (b - other.leaves()) * LEAF;
@@ -80,7 +83,10 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
                 if (are_apart(one.face(t, origin, scale), other.face(m, origin, scale), reach))
                     continue;
                 marks[t] = other_marks[m] = true;
-                if (!is_full) pairs(n, 0) = int32_t(t), pairs(n, 1) = int32_t(m);
+                if (!is_full) {
+                    pairs(n, 0) = int32_t(t);
+                    pairs(n, 1) = int32_t(m);
+                }
                 n++;
             }
     }
