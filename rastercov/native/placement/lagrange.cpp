@@ -128,7 +128,8 @@ double most_earned(Values earned, Values costs, int64_t cameras, double budget, 
     if (!(budget < INF)) return income;
     const auto by_value =
         least_of(n, n, [&](int64_t c) { return -earned[c] / std::max(costs[c], LEAST_COST); });
-    double left = budget, by_cost = 0.0;
+    double left = budget;
+    double by_cost = 0.0;
     size_t last = 0;
     for (; last < by_value.size() && costs[by_value[last].at] <= left; last++) {
         left -= costs[by_value[last].at];
@@ -154,7 +155,8 @@ void cheapest(Values price, Values weights, Faces kind, Values least, double lea
     for (const auto &[value, f] : order) {
         double &of_kind = missing[size_t(kind[f])];
         const double part = std::min(weights[f], std::max(0.0, of_kind));
-        of_kind -= part, total -= part;
+        of_kind -= part;
+        total -= part;
         z[f] = part / weights[f];
     }
     for (const auto &[value, f] : order) {

@@ -261,7 +261,10 @@ int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces
         std::array<Worth, 3> amounts = amounts_of(n);
         each_run(lists.starts, lists.cameras, lists.owner, state.gain.rows(), f,
                  [&](int64_t candidate, int64_t first, int64_t last) {
-                     if (last - first != n) n = last - first, amounts = amounts_of(n);
+                     if (last - first != n) {
+                         n = last - first;
+                         amounts = amounts_of(n);
+                     }
                      int64_t &gain = state.gain(candidate, kind);
                      if (amounts[0] == amounts[1] && amounts[1] == amounts[2])
                          return add_to(gain, amounts[0]); // wherever its cameras are
@@ -308,7 +311,8 @@ struct Choice {
     double score(int64_t c) const {
         constexpr double LEAST_COST = 1e-12;
         if (barred[c] || costs[c] > most_cost) return 0.0;
-        Worth worth = 0, total = 0;
+        Worth worth = 0;
+        Worth total = 0;
         for (int64_t g = 0; g < room.rows(); g++) {
             worth += Worth(std::min(gain(c, g), room[g]));
             total += Worth(gain(c, g));
@@ -338,8 +342,10 @@ int64_t next_camera(Gains gain, Weights room, int64_t total_room, Array<const do
     double best_score = 0.0;
     for (int64_t c = 0; c < gain.rows(); c++) {
         const double score = choice.score(c);
-        if (score > best_score || (score == best_score && best >= 0 && rank[c] < rank[best]))
-            best = c, best_score = score;
+        if (score > best_score || (score == best_score && best >= 0 && rank[c] < rank[best])) {
+            best = c;
+            best_score = score;
+        }
     }
     return best;
 }
