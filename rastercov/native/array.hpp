@@ -49,7 +49,8 @@ template <class T, int64_t... Extents> struct Array {
 
     template <class... Index> T &operator()(Index... index) const {
         static_assert(sizeof...(Index) == N, "one index an axis");
-        int64_t at = 0, k = 0;
+        int64_t at = 0;
+        int64_t k = 0;
         ((check_index(index, extent(k)), at = at * extent(k) + int64_t(index), k++), ...);
         return data[at];
     }
@@ -72,7 +73,10 @@ template <class T, int64_t... Extents> struct Array {
     template <int64_t First, int64_t... Rest> Array<T, Rest...> row(int64_t i) const {
         Array<T, Rest...> one;
         int64_t length = 1;
-        for (int k = 1; k < N; k++) length *= extent(k), one.shape[k - 1] = shape[k];
+        for (int k = 1; k < N; k++) {
+            length *= extent(k);
+            one.shape[k - 1] = shape[k];
+        }
         one.data = data + i * length;
         return one;
     }
