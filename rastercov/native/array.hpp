@@ -7,6 +7,7 @@
 // IndexError raised in Python.
 #pragma once
 #include "error.hpp"
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string>
@@ -86,6 +87,18 @@ template <class T, int64_t... Extents> struct Array {
 // belong together, and that indices are inside.
 inline void require(bool is_right, const char *wanted) {
     if (!is_right) fail(wanted);
+}
+
+template <class... Arrays> bool have_rows(int64_t n, const Arrays &...arrays) {
+    return ((arrays.rows() == n) && ...);
+}
+
+// Where n lists of `items` things start, and the end of the last.
+inline void require_starts(const Array<const int64_t, Any> &starts, int64_t n, int64_t items,
+                           const char *wanted) {
+    require(n >= 0 && starts.rows() == n + 1 && starts[0] >= 0 && starts[n] <= items &&
+                std::is_sorted(starts.begin(), starts.end()),
+            wanted);
 }
 
 // All of them from 0 to n - 1.

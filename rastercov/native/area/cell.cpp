@@ -114,7 +114,7 @@ template <class Visit> bool visit_nodes(const Faces &corners, int64_t f, double 
 // number of all, or some number above `most`.
 int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size, int64_t most,
                     Array<int64_t, Any> counts) {
-    require(is_asked.rows() == corners.rows() && counts.rows() == corners.rows(),
+    require(have_rows(corners.rows(), is_asked, counts),
             "is_asked and counts must have one row for each face");
     int64_t total = 0;
     Poll poll(64);
@@ -132,12 +132,6 @@ int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size,
     return total;
 }
 
-void require_firsts(Starts first, int64_t n_faces, int64_t n, const char *wanted) {
-    bool is_right = first.rows() == n_faces + 1 && first[0] >= 0 && first[n_faces] <= n;
-    for (int64_t f = 0; is_right && f < n_faces; f++) is_right = first[f] <= first[f + 1];
-    require(is_right, wanted);
-}
-
 // Fills the trees of all faces: the leaves below each node, the areas of the cells in m^2, and
 // their corners, `cells`. `first_cell` and `first_node` follow from the counts of count_cells.
 void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Starts first_cell,
@@ -146,8 +140,8 @@ void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Sta
     const int64_t n = corners.rows();
     require(is_asked.rows() == n && areas.rows() == cells.rows(),
             "is_asked must have one row for each face, and areas one for each cell");
-    require_firsts(first_cell, n, cells.rows(), "first_cell must rise, within the cells");
-    require_firsts(first_node, n, leaves.rows(), "first_node must rise, within the leaves");
+    require_starts(first_cell, n, cells.rows(), "first_cell must rise, within the cells");
+    require_starts(first_node, n, leaves.rows(), "first_node must rise, within the leaves");
     Poll poll(64);
     for (int64_t f = 0; f < n; f++) {
         poll();
@@ -268,7 +262,7 @@ int64_t find_shares(Array<const double, Any, 2> xy, Starts starts, Array<const i
     require(cell.rows() == share.rows(), "cell and share must have one row for each pair");
     require_indices(Array<const int32_t, Any>{face.data + first, {last - first}}, n_faces,
                     "face must hold faces");
-    require(trees.first_cell.rows() == n_faces + 1 && trees.first_node.rows() == n_faces + 1,
+    require(have_rows(n_faces + 1, trees.first_cell, trees.first_node),
             "first_cell and first_node must have one row for each face, and one");
     Stack stack(last > first ? DEEPEST + 2 : 0);
     std::vector<double> covered;

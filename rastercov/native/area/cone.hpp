@@ -91,8 +91,7 @@ struct Span {
 inline Span turns_of(Points polygon, int64_t n, const Cone &cone) {
     constexpr double WIDEST = 0.4, TURN = 2 * std::numbers::pi;
     const double first = cone.turn_of(polygon(0, U), polygon(0, V)) / TURN;
-    double low = 0.0;
-    double high = 0.0;
+    Range all = {0.0, 0.0};
     double at = 0.0;
     double last = first;
     for (int64_t p = 1; p <= n; p++) {
@@ -100,12 +99,11 @@ inline Span turns_of(Points polygon, int64_t n, const Cone &cone) {
         const double turn = cone.turn_of(polygon(q, U), polygon(q, V)) / TURN;
         at += turn - last - std::round(turn - last);
         last = turn;
-        low = std::min(low, at);
-        high = std::max(high, at);
+        all.add(at);
     }
-    if (!(high - low < WIDEST) || std::abs(at) > 0.25) return {0, WHOLE_TURN};
-    return {int64_t(std::floor((first + low) * WHOLE_TURN)) - 1,
-            int64_t(std::ceil((first + high) * WHOLE_TURN)) + 1};
+    if (!(all.most - all.least < WIDEST) || std::abs(at) > 0.25) return {0, WHOLE_TURN};
+    return {int64_t(std::floor((first + all.least) * WHOLE_TURN)) - 1,
+            int64_t(std::ceil((first + all.most) * WHOLE_TURN)) + 1};
 }
 
 // Area before the planes that touch an arc at its ends and in its middle, to that of the last

@@ -174,10 +174,7 @@ struct Lamps {
         require(is_like(axis) && is_like(intensity) && is_like(exponent) && is_like(table),
                 "lamps must have one row for each row of regions, of as many lamps");
         require(centre.extent(1) <= 64, "lamps must be 64 at most");
-        require(starts.rows() >= 1 && starts[0] >= 0, "starts must be of tables");
-        for (int64_t t = 0; t + 1 < starts.rows(); t++)
-            require(starts[t] <= starts[t + 1], "starts must ascend");
-        require(starts[starts.rows() - 1] <= knots.rows(), "starts must be within knots");
+        require_starts(starts, starts.rows() - 1, knots.rows(), "starts must rise, within knots");
         for (const int64_t t : table)
             require(t >= -1 && t < starts.rows() - 1, "table must be a row of tables, or -1");
     }
@@ -328,7 +325,7 @@ struct Beams {
     Array<const double, Any> scale, limit;
     int64_t rows() const { return centre.rows(); }
     void check() const {
-        require(axis.rows() == rows() && scale.rows() == rows() && limit.rows() == rows(),
+        require(have_rows(rows(), axis, scale, limit),
                 "axis, scale and limit must have one row for each centre");
     }
     Beam of(const Plane &plane, int64_t row, int64_t) const {

@@ -28,8 +28,7 @@ struct Parts {
 };
 
 void check_planes(const Planes &planes, const Array<const int32_t, Any> &face) {
-    require(planes.x_axis.rows() == planes.origin.rows() &&
-                planes.y_axis.rows() == planes.origin.rows(),
+    require(have_rows(planes.origin.rows(), planes.x_axis, planes.y_axis),
             "planes must have one row for each face");
     require_indices(face, planes.origin.rows(), "face must hold rows of planes");
 }
@@ -64,8 +63,7 @@ template <class Criteria>
 int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width, double nearest,
                    int64_t first, Array<double, Any, 2> undecided, Parts out) {
     const int64_t n = pieces.face.rows();
-    require(pieces.starts.rows() == n + 1 && pieces.row.rows() == n && pieces.set.rows() == n &&
-                undecided.rows() == n,
+    require(pieces.starts.rows() == n + 1 && have_rows(n, pieces.row, pieces.set, undecided),
             "face, row, set and undecided must have one row for each piece, starts one more");
     check_planes(planes, pieces.face);
     criteria.check();
@@ -110,7 +108,7 @@ void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> fac
                  Array<const int32_t, Any> row, Array<const int64_t, Any> set,
                  Array<const double, Any, 3> xyr, Array<double, Any, 4> out) {
     const int64_t n = face.rows();
-    require(row.rows() == n && set.rows() == n && xyr.rows() == n && out.rows() == n,
+    require(have_rows(n, row, set, xyr, out),
             "row, set, xyr and out must have one row for each face");
     check_planes(planes, face);
     criteria.check();

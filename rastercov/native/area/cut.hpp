@@ -87,11 +87,9 @@ class Cutter {
                 return here.value + here.along_x * (corners(p, U) - x) +
                        here.along_y * (corners(p, V) - y);
             };
-            double low = linear(0), high = low;
-            for (int64_t p = 1; p < part.n; p++) {
-                low = std::min(low, linear(p));
-                high = std::max(high, linear(p));
-            }
+            Range all = {linear(0), linear(0)};
+            for (int64_t p = 1; p < part.n; p++) all.add(linear(p));
+            const auto [low, high] = all;
             if (low >= doubt) {
                 keep(corners, part.n);
                 continue;

@@ -83,11 +83,11 @@ inline lens::Bends bounds_of(const LensCriteria &criteria, const Bounds &box) {
 }
 
 // Least and greatest |det A| within a box of the plane.
-inline lens::Range sizes_of(const Criteria &criteria, const Bounds &) {
+inline Range sizes_of(const Criteria &criteria, const Bounds &) {
     const double size = criteria.lens.fx * criteria.lens.fy;
     return {size, size};
 }
-inline lens::Range sizes_of(const LensCriteria &criteria, const Bounds &box) {
+inline Range sizes_of(const LensCriteria &criteria, const Bounds &box) {
     return lens::sizes_within(criteria.slopes, box.u_min, box.u_max, box.v_min, box.v_max);
 }
 
@@ -368,16 +368,13 @@ inline Affine line_along(const Fit &fit, int i, double offset, const Plane &plan
 
 // Range of the affine part of criterion i over the corners of a polygon.
 inline double range_of(const Fit &fit, int i, Points polygon, int64_t n, const Corners &places) {
-    double least = INF;
-    double most = -INF;
+    Range all;
     for (int64_t p = 0; p < n; p++) {
         const double x = i == OF_DISTANT ? polygon(p, U) : places[p].x;
         const double y = i == OF_DISTANT ? polygon(p, V) : places[p].y;
-        const double at = fit.a * x + fit.b * y;
-        least = std::min(least, at);
-        most = std::max(most, at);
+        all.add(fit.a * x + fit.b * y);
     }
-    return most - least;
+    return all.most - all.least;
 }
 
 // Corner that is farthest from another one, the first of equals.

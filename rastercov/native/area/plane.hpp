@@ -202,21 +202,16 @@ Cut cut_by_lines(Points polygon, int64_t n, const Border (&borders)[N], size_t f
     Cut cut = {n, 0.0};
     for (size_t s = first; s < last; s++) {
         const auto &[line, error] = borders[s];
-        double least = INF;
-        double most = -INF;
-        for (int64_t p = 0; p < cut.n; p++) {
-            const double value = line.value(polygon(p, U), polygon(p, V));
-            least = std::min(least, value);
-            most = std::max(most, value);
-        }
-        if (least > error) continue;
-        if (most < -error) return {0, cut.undecided};
+        Range all;
+        for (int64_t p = 0; p < cut.n; p++) all.add(line.value(polygon(p, U), polygon(p, V)));
+        if (all.least > error) continue;
+        if (all.most < -error) return {0, cut.undecided};
         const double slope = length2(line.du, line.dv);
         const double area = std::max(twice_area(polygon, cut.n) / 2, 0.0);
         double strip = area;
         if (slope > 0) strip = std::min(area, error / slope * perimeter_of(polygon, cut.n));
         cut.undecided += strip;
-        if (least < 0) {
+        if (all.least < 0) {
             cut.n = exact::keep_inside(polygon, cut.n, line, spare.points());
             copy_polygon(spare.points(), cut.n, polygon);
         }

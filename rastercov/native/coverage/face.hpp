@@ -46,8 +46,7 @@ template <class Camera>
 void require_scene(const Scene &scene, const Camera &camera, VertexRows<Camera> points) {
     require_lens(camera);
     const int64_t n = scene.faces.rows();
-    require(scene.normals.rows() == n && scene.degenerate.rows() == n &&
-                scene.two_sided.rows() == n && scene.offsets.rows() == n,
+    require(have_rows(n, scene.normals, scene.degenerate, scene.two_sided, scene.offsets),
             "arrays of a scene must have one row for each face");
     require(points.rows() >= scene.vertices.rows(), "points must have a row for each vertex");
     require_indices(scene.faces, scene.vertices.rows(), "faces must hold rows of vertices");

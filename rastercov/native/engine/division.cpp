@@ -72,14 +72,10 @@ class DividerSearch {
     void measure(double a, double b) {
         for (size_t i = 0; i < _low.size(); i++) {
             const Polygon piece = _pieces[int64_t(i)];
-            double low = piece(0, U) * a + piece(0, V) * b, high = low;
-            for (int64_t p = 1; p < piece.rows(); p++) {
-                const double value = piece(p, U) * a + piece(p, V) * b;
-                low = std::min(low, value);
-                high = std::max(high, value);
-            }
-            _low[i] = low;
-            _high[i] = high;
+            Range all;
+            for (int64_t p = 0; p < piece.rows(); p++) all.add(piece(p, U) * a + piece(p, V) * b);
+            _low[i] = all.least;
+            _high[i] = all.most;
         }
     }
 
@@ -154,15 +150,13 @@ bool find_divider(const PieceList &pieces, double nearest, Divider &line) {
 Halver::Parts Halver::cut(Polygon polygon, const Divider &line, double nearest) {
     const int64_t n = polygon.rows();
     const double slack = area::SLACK_REL * nearest;
-    double least = 0.0;
-    double most = 0.0;
+    Range all = {0.0, 0.0};
     for (int64_t p = 0; p < n; p++) {
         const double value = line.a * polygon(p, U) + line.b * polygon(p, V) - line.c;
         _values[p] = std::abs(value) > slack ? value : 0.0;
-        least = std::min(least, _values[p]);
-        most = std::max(most, _values[p]);
+        all.add(_values[p]);
     }
-    if (!(least < 0 && 0 < most)) return {false, most > 0, 0, 0, 0.0, 0.0};
+    if (!(all.least < 0 && 0 < all.most)) return {false, all.most > 0, 0, 0, 0.0, 0.0};
     const Points copy = points_of(_polygon);
     area::copy_polygon(polygon, n, copy);
     const auto [kept, lost] =

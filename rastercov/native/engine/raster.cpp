@@ -71,8 +71,7 @@ Canvas::Canvas(const Scattered &scattered, int64_t width, int64_t height,
 
 void Canvas::check() const {
     const auto &[offsets, used, cell_bounds, lanes, samples, places] = scattered;
-    require(samples.rows() == lanes.rows() && places.rows() == lanes.rows() &&
-                lanes.rows() <= INT32_MAX,
+    require(have_rows(lanes.rows(), samples, places) && lanes.rows() <= INT32_MAX,
             "lanes, samples and places must be as long as one another");
     if (!is_scattered()) return;
     require(!is_rolled && width % (SIDE * SIDE) == 0 && height % (SIDE * SIDE) == 0,
@@ -358,7 +357,7 @@ void Rasterizer::count(const Canvases &canvases, const Looks &looks, const Outpu
     require_looks(canvases, looks);
     const int64_t n_poses = looks.near.rows(), n_faces = _scene.n_faces();
     const bool with_drawn = out.drawn.rows() > 0;
-    require(out.visible.rows() == n_poses && out.filled.rows() == n_poses &&
+    require(have_rows(n_poses, out.visible, out.filled) &&
                 (!with_drawn || out.drawn.rows() == n_poses),
             "output must have one row for each pose");
     require(out.visible.extent(1) == n_faces && (!with_drawn || out.drawn.extent(1) == n_faces),

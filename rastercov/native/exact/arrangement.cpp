@@ -67,8 +67,7 @@ int64_t divide_piece(const Pieces &pieces, int64_t p, int64_t count, Row segment
     if (least == 0 || most == 0) return count;
     // The part of the line within the piece must hold a part of the crossing.
     const double squared = du * du + dv * dv;
-    double low = INF;
-    double high = -INF;
+    Range along;
     for (int64_t k = 0; k < n; k++) {
         const int64_t m = k + 1 < n ? k + 1 : 0;
         double at_u, at_v;
@@ -82,12 +81,11 @@ int64_t divide_piece(const Pieces &pieces, int64_t p, int64_t count, Row segment
         } else {
             continue;
         }
-        const double t = ((at_u - u) * du + (at_v - v) * dv) / squared;
-        low = std::min(low, t);
-        high = std::max(high, t);
+        along.add(((at_u - u) * du + (at_v - v) * dv) / squared);
     }
     const double reach = tolerance * (std::abs(du) + std::abs(dv)) / squared;
-    if (std::min(high, segment[LAST]) - std::max(low, segment[FIRST]) <= reach) return count;
+    if (std::min(along.most, segment[LAST]) - std::max(along.least, segment[FIRST]) <= reach)
+        return count;
     const auto [kept, lost] = split(corners, n, values, work.spare, pieces.corners[count]);
     if (kept < 3 || lost < 3) return count;
     copy_polygon(work.spare, kept, corners);

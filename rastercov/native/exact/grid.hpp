@@ -270,15 +270,14 @@ inline void sort_cell(int64_t at, const Array<double, Any, 6> &box, const CellGr
     int32_t *const entries = grid.entries.data + first, *const found = grid.found.data;
     double *const nearest = grid.nearest.data + first, *const key = grid.bounds.data + first;
     int64_t *const ends = grid.buckets.data;
-    double least = INF;
-    double most = -INF;
+    Range all;
     for (int64_t i = 0; i < n; i++) {
         const double w = box(entries[i], W_MAX);
         key[i] = w;
         found[i] = entries[i];
-        least = std::min(least, w);
-        most = std::max(most, w);
+        all.add(w);
     }
+    const auto [least, most] = all;
     const double per_w = most > least ? BUCKETS / (most - least) : 0.0;
     std::fill(ends, ends + BUCKETS + 1, 0);
     for (int64_t i = 0; i < n; i++) ends[cell(-key[i], -most, per_w, BUCKETS) + 1]++;

@@ -51,7 +51,7 @@ double inner_radius2(const lens::Corners &window) {
 void vertex_images(Vertices uvw, const lens::PlaneRecord &plane, Array<double, Any, 4> places,
                    Array<bool, Any> is_inside) {
     const int64_t n = uvw.rows();
-    require(places.rows() == n && is_inside.rows() == n,
+    require(have_rows(n, places, is_inside),
             "places and is_inside must have one row for each vertex");
     const lens::Cone cone(plane.params);
     const bool has_cone = plane.has_border();
@@ -134,7 +134,7 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
 int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
                     Array<const double, Any, 4> places, Array<double, Any> bulge,
                     Array<int32_t, Any> longer) {
-    require(bulge.rows() == ends.rows() && longer.rows() == ends.rows(),
+    require(have_rows(ends.rows(), bulge, longer),
             "bulge and longer must have one row for each edge");
     require_indices(ends, places.rows(), "ends must be rows of places");
     double limits2[TABLE], x[lens::MOST * GROUP], y[lens::MOST * GROUP], u[lens::MOST * GROUP],

@@ -11,6 +11,7 @@
 // Twins: rastercov.reference.polygons.
 #pragma once
 #include "exact/records.hpp"
+#include "range.hpp"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -172,10 +173,6 @@ template <class Source> Line side_at(const Source &polygon, int64_t n, int64_t i
     return {x, y, polygon(j, 0) - x, polygon(j, 1) - y, 0.0};
 }
 
-struct Range {
-    double least, most;
-};
-
 // Fills `values` with those of a line at the corners, 0 within the slack. Neither the least nor the
 // greatest is beyond 0, so that it is 0 for a polygon on one side of the line.
 inline Range values_on_line(Points polygon, int64_t n, const Line &line, double slack,
@@ -184,7 +181,7 @@ inline Range values_on_line(Points polygon, int64_t n, const Line &line, double 
     for (int64_t p = 0; p < n; p++) {
         const double value = line.value(polygon(p, U), polygon(p, V));
         values[p] = std::abs(value) > slack ? value : 0.0;
-        all = {std::min(all.least, values[p]), std::max(all.most, values[p])};
+        all.add(values[p]);
     }
     return all;
 }
@@ -309,18 +306,13 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
         for (int64_t s = 0; s < n_lines; s++) {
             const Line line = line_at(lines, s);
             const double slack = slack_of(line);
-            double least = 0.0;
-            double most = 0.0;
-            for (int64_t p = 0; p < n; p++) {
-                const double value = line.value(corners(i, p, U), corners(i, p, V));
-                least = std::min(least, value);
-                most = std::max(most, value);
-            }
-            if (most <= slack) {
+            Range all = {0.0, 0.0};
+            for (int64_t p = 0; p < n; p++) all.add(line.value(corners(i, p, U), corners(i, p, V)));
+            if (all.most <= slack) {
                 missed = true;
                 break;
             }
-            if (least < -slack) splitting |= int64_t(1) << s;
+            if (all.least < -slack) splitting |= int64_t(1) << s;
         }
         if (missed) {
             i++;

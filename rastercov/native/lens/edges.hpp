@@ -13,6 +13,7 @@
 // Twins: tests/lenses/test_quadrature.py, tests/lenses/test_areas.py by polygons of many corners.
 #pragma once
 #include "lens/planes.hpp"
+#include "range.hpp"
 #include <tuple>
 
 namespace rastercov::lens {
@@ -150,12 +151,9 @@ inline void bernstein_of(int64_t n, const double *values, double level, double *
 // False where an edge with values at its nodes cannot take a level: neither can the polynomial
 // through them, nor an arc between two nodes, which leaves its chord by the stray at most.
 inline bool may_cross(int64_t n, const double *values, double level, double stray) {
-    double low = values[0];
-    double high = values[0];
-    for (int64_t k = 1; k <= n; k++) {
-        low = std::min(low, values[k]);
-        high = std::max(high, values[k]);
-    }
+    Range all = {values[0], values[0]};
+    for (int64_t k = 1; k <= n; k++) all.add(values[k]);
+    const auto [low, high] = all;
     if (low - stray > level || high + stray < level) return false;
     return std::abs(level - 0.5 * (low + high)) <= GROWTH[n] * 0.5 * (high - low);
 }

@@ -85,11 +85,8 @@ struct Growing {
 };
 
 Range extremes(const Straight &line, const Points &polygon, int64_t n) {
-    Range all = {INFINITE, -INFINITE};
-    for (int64_t p = 0; p < n; p++) {
-        const double value = line.value(polygon(p, 0), polygon(p, 1));
-        all = {std::min(all.least, value), std::max(all.most, value)};
-    }
+    Range all;
+    for (int64_t p = 0; p < n; p++) all.add(line.value(polygon(p, 0), polygon(p, 1)));
     return all;
 }
 
@@ -157,10 +154,8 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
     fit[0][2] = u - fit[0][0] * cx - fit[0][1] * cy;
     fit[1][2] = v - fit[1][0] * cx - fit[1][1] * cy;
     fit[0][3] = fit[1][3] = fit[0][4] = fit[1][4] = 0.0;
-    double low_u = u;
-    double high_u = u;
-    double low_v = v;
-    double high_v = v;
+    Range along_u = {u, u};
+    Range along_v = {v, v};
     for (int64_t p = 0; p < n; p++) {
         const int64_t q = p + 1 < n ? p + 1 : 0;
         for (int i = 0; i <= SAMPLES; i++)
@@ -170,10 +165,8 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
                 const double x = cx + s * (polygon(p, 0) - cx) + t * (polygon(q, 0) - cx);
                 const double y = cy + s * (polygon(p, 1) - cy) + t * (polygon(q, 1) - cy);
                 auto [su, sv] = plane_value(plane, x, y);
-                low_u = std::min(low_u, su);
-                high_u = std::max(high_u, su);
-                low_v = std::min(low_v, sv);
-                high_v = std::max(high_v, sv);
+                along_u.add(su);
+                along_v.add(sv);
                 su -= fit[0][0] * x + fit[0][1] * y + fit[0][2];
                 sv -= fit[1][0] * x + fit[1][1] * y + fit[1][2];
                 fit[0][3] = std::min(fit[0][3], su);
@@ -182,6 +175,8 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
                 fit[1][4] = std::max(fit[1][4], sv);
             }
     }
+    const auto [low_u, high_u] = along_u;
+    const auto [low_v, high_v] = along_v;
     fit[2][0] = low_u;
     fit[2][1] = plane.width - high_u;
     fit[2][2] = low_v;
@@ -332,7 +327,7 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
                                    Array<double, Any, 3> lines, Array<int32_t, Any, 2> children,
                                    Array<uint8_t, Any> kinds) {
     require_plane(plane);
-    require(lines.rows() == children.rows() && kinds.rows() == children.rows(),
+    require(have_rows(children.rows(), lines, kinds),
             "lines, children and kinds must have one row for each node");
     Growing out = {lines, children, kinds};
     Work work;

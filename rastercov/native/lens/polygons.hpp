@@ -30,16 +30,14 @@ struct Where {
 // Of an image of n + 1 nodes that leaves the chords between them by the stray at most.
 inline Where where_is(const PlaneRecord &plane, const double *u, const double *v, int64_t n,
                       double stray) {
-    double low_u = u[0];
-    double high_u = u[0];
-    double low_v = v[0];
-    double high_v = v[0];
+    Range along_u = {u[0], u[0]};
+    Range along_v = {v[0], v[0]};
     for (int64_t k = 1; k <= n; k++) {
-        low_u = std::min(low_u, u[k]);
-        high_u = std::max(high_u, u[k]);
-        low_v = std::min(low_v, v[k]);
-        high_v = std::max(high_v, v[k]);
+        along_u.add(u[k]);
+        along_v.add(v[k]);
     }
+    const auto [low_u, high_u] = along_u;
+    const auto [low_v, high_v] = along_v;
     const double W = plane.width, H = plane.height;
     const bool is_in = low_u > stray && low_v > stray && high_u < W - stray && high_v < H - stray;
     const bool is_beside = high_u < -stray || high_v < -stray || low_v > H + stray;

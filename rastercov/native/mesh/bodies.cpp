@@ -16,8 +16,7 @@ using Labels = Array<const int32_t, Any>;
 using Poses = Array<const double, Any, 4, 4>;
 
 void require_bodies(Vectors vectors, Labels body, Poses poses, Array<double, Any, 3> out) {
-    require(body.rows() == vectors.rows() && out.rows() == vectors.rows(),
-            "body and out must have one row for each vector");
+    require(have_rows(vectors.rows(), body, out), "body and out must have one row for each vector");
     require_indices(body, poses.rows(), "body must hold rows of poses");
 }
 

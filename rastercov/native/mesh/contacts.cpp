@@ -44,12 +44,8 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
                      Array<bool, Any> other_marks, Array<int32_t, Any, 2> pairs) {
     const Body one = {points, faces, boxes, nodes};
     const Body other = {other_points, other_faces, other_boxes, other_nodes};
-    for (const Body &body : {one, other})
-        require(body.leaves() > 0 && std::has_single_bit(uint64_t(body.leaves())) &&
-                    body.nodes.rows() == 2 * body.leaves() &&
-                    body.boxes.rows() == body.faces.rows() &&
-                    body.faces.rows() <= body.leaves() * LEAF,
-                "boxes must have one row for each face, nodes two for each leaf, a power of two");
+    require_tree(faces.rows(), boxes, nodes);
+    require_tree(other_faces.rows(), other_boxes, other_nodes);
     require(marks.rows() == faces.rows() && other_marks.rows() == other_faces.rows(),
             "marks must have one value for each face");
     const double far = reach / scale;

@@ -147,7 +147,7 @@ inline Slab slab_of(const Triangle &face) {
 // Node that follows a node and its descendants; 1 after the last.
 inline int64_t next_of(int64_t node) { return (node + 1) >> std::countr_zero(uint64_t(node + 1)); }
 
-inline void require_tree(int64_t faces, Boxes boxes, Boxes nodes) {
+template <class Rows> void require_tree(int64_t faces, Rows boxes, Rows nodes) {
     const int64_t leaves = nodes.rows() / 2;
     require(leaves > 0 && std::has_single_bit(uint64_t(leaves)) && nodes.rows() == 2 * leaves &&
                 boxes.rows() == faces && faces <= leaves * LEAF,

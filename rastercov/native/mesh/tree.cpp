@@ -19,7 +19,7 @@ void first_hits(Points origins, Points directions, Array<const double, Any> reac
                 Array<const int64_t, Any> own, bool is_nearest, Corners corners, Nodes nodes,
                 Array<int64_t, Any> hit) {
     const int64_t n = origins.rows();
-    require(directions.rows() == n && reaches.rows() == n && own.rows() == n && hit.rows() == n,
+    require(have_rows(n, directions, reaches, own, hit),
             "directions, reaches, own and hit must have one row for each origin");
     require_tree(corners, nodes);
     Hits hits = {corners, nodes, is_nearest};
@@ -50,7 +50,7 @@ double box_distance(Point p, Array<const double, 6> box) {
 void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squared,
              Array<int64_t, Any> triangle, Array<double, Any, 3> where) {
     const int64_t n = points.rows(), leaves = nodes.rows() / 2;
-    require(squared.rows() == n && triangle.rows() == n && where.rows() == n,
+    require(have_rows(n, squared, triangle, where),
             "squared, triangle and where must have one row for each point");
     require_tree(corners, nodes);
     Poll poll;

@@ -113,8 +113,7 @@ template <class Value> std::vector<Ranked> least_of(int64_t n, int64_t most, Val
 
 double most_earned(Values earned, Values costs, int64_t cameras, double budget, Out amounts) {
     const int64_t n = earned.rows();
-    require(costs.rows() == n && amounts.rows() == n,
-            "costs and amounts must have one row for each candidate");
+    require(have_rows(n, costs, amounts), "costs and amounts must have one row for each candidate");
     require(cameras >= 0, "cameras must be 0 or more");
     std::fill(amounts.begin(), amounts.end(), 0.0);
     const int64_t most = std::min(cameras, n);
@@ -146,8 +145,7 @@ double most_earned(Values earned, Values costs, int64_t cameras, double budget, 
 
 void cheapest(Values price, Values weights, Faces kind, Values least, double least_total, Out z) {
     const int64_t n = price.rows();
-    require(weights.rows() == n && kind.rows() == n && z.rows() == n,
-            "weights, kind and z must have one row for each face");
+    require(have_rows(n, weights, kind, z), "weights, kind and z must have one row for each face");
     require_indices(kind, least.rows(), "kind must hold rows of least");
     const auto order = least_of(n, n, [&](int64_t f) { return price[f]; });
     std::vector<double> missing(least.begin(), least.end());

@@ -85,9 +85,9 @@ void require_lists(const Lists &lists) {
 }
 
 void require_faces(const Faces &faces, int64_t n) {
-    require(faces.views.rows() == n && faces.need.rows() == n && faces.step.rows() == n &&
-                faces.bonus.rows() == n && faces.kind.rows() == n && faces.weights.rows() == n,
-            "views, need, step, bonus, kind and weights must have one row for each face");
+    require(
+        have_rows(n, faces.views, faces.need, faces.step, faces.bonus, faces.kind, faces.weights),
+        "views, need, step, bonus, kind and weights must have one row for each face");
 }
 
 void require_state(const State &state, int64_t n_faces) {
@@ -214,7 +214,7 @@ int64_t change(int64_t row, int64_t sign, const Lists &lists, const Faces &faces
 int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces &faces,
                       const State &state, const Rays &rays, const Seen &seen) {
     require_rays(rays, lists.n_cameras(), lists.n_faces());
-    require(seen.cameras.rows() == lists.n_faces() && seen.is_spread.rows() == lists.n_faces(),
+    require(have_rows(lists.n_faces(), seen.cameras, seen.is_spread),
             "seen and is_spread must have one row for each face");
     const auto &eyes = rays.eyes, &centroids = rays.centroids;
     const double min_cosine = rays.min_cosine;
@@ -302,8 +302,7 @@ struct Choice {
     bool by_cost;
 
     void check() const {
-        require(costs.rows() == gain.rows() && barred.rows() == gain.rows() &&
-                    room.rows() == gain.extent(1),
+        require(have_rows(gain.rows(), costs, barred) && room.rows() == gain.extent(1),
                 "costs and barred must have one row for each candidate, room for each requirement");
     }
 

@@ -243,7 +243,7 @@ void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Ti
                    Array<int64_t, Any> drawn) {
     const int64_t n = view.corners.rows();
     require_tile(tile, runs, depth);
-    require(rows.rows() == n && visible.rows() == n && drawn.rows() == n,
+    require(have_rows(n, rows, visible, drawn),
             "rows, visible and drawn must have one row for each target");
     const Lens lens = lens_of(view);
     Poll poll(64);
@@ -264,8 +264,7 @@ void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
                      Array<int64_t, Any> visible, Array<int64_t, Any> drawn) {
     const int64_t n = view.corners.rows(), n_rows = (tile.height + SIDE - 1) >> SIDE_BITS;
     require_size(tile);
-    require(visible.rows() == n && drawn.rows() == n,
-            "visible and drawn must have one row for each target");
+    require(have_rows(n, visible, drawn), "visible and drawn must have one row for each target");
     require(lanes.columns >= (tile.width + SIDE - 1) >> SIDE_BITS && lanes.columns <= MAX_SIDE &&
                 lanes.used.rows() >= n_rows * lanes.columns &&
                 lanes.offsets.rows() >= n_rows * lanes.columns * LANES &&
