@@ -7,6 +7,7 @@
 // IndexError raised in Python.
 #pragma once
 #include "error.hpp"
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string>
@@ -49,7 +50,8 @@ template <class T, int64_t... Extents> struct Array {
 
     template <class... Index> T &operator()(Index... index) const {
         static_assert(sizeof...(Index) == N, "one index an axis");
-        int64_t at = 0, k = 0;
+        int64_t at = 0;
+        int64_t k = 0;
         ((check_index(index, extent(k)), at = at * extent(k) + int64_t(index), k++), ...);
         return data[at];
     }
@@ -72,7 +74,10 @@ template <class T, int64_t... Extents> struct Array {
     template <int64_t First, int64_t... Rest> Array<T, Rest...> row(int64_t i) const {
         Array<T, Rest...> one;
         int64_t length = 1;
-        for (int k = 1; k < N; k++) length *= extent(k), one.shape[k - 1] = shape[k];
+        for (int k = 1; k < N; k++) {
+            length *= extent(k);
+            one.shape[k - 1] = shape[k];
+        }
         one.data = data + i * length;
         return one;
     }
@@ -82,6 +87,18 @@ template <class T, int64_t... Extents> struct Array {
 // belong together, and that indices are inside.
 inline void require(bool is_right, const char *wanted) {
     if (!is_right) fail(wanted);
+}
+
+template <class... Arrays> bool have_rows(int64_t n, const Arrays &...arrays) {
+    return ((arrays.rows() == n) && ...);
+}
+
+// Where n lists of `items` things start, and the end of the last.
+inline void require_starts(const Array<const int64_t, Any> &starts, int64_t n, int64_t items,
+                           const char *wanted) {
+    require(n >= 0 && starts.rows() == n + 1 && starts[0] >= 0 && starts[n] <= items &&
+                std::is_sorted(starts.begin(), starts.end()),
+            wanted);
 }
 
 // All of them from 0 to n - 1.

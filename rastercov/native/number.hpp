@@ -111,7 +111,8 @@ template <class N> INLINE Triple<N> read_triple(const double *from) {
         Triple<N> found;
         unroll<AT_A_TIME<N>>(EACH(k) {
             constexpr int row = k / N::WIDTH, lane = k % N::WIDTH;
-            found.x.r[row][lane] = from[3 * k], found.y.r[row][lane] = from[3 * k + 1];
+            found.x.r[row][lane] = from[3 * k];
+            found.y.r[row][lane] = from[3 * k + 1];
             found.z.r[row][lane] = from[3 * k + 2];
         });
         return found;

@@ -447,12 +447,15 @@ template <int N> struct Pairs {
     alignas(64) int64_t pairs[PERMUTES ? 1 : N];
 
     INLINE void put(int at, int32_t first, int32_t second) {
-        if constexpr (PERMUTES) columns[0][at] = first, columns[1][at] = second;
-        else pairs[at] = int64_t(uint32_t(first)) | int64_t(second) << 32;
+        if constexpr (PERMUTES) {
+            columns[0][at] = first;
+            columns[1][at] = second;
+        } else pairs[at] = int64_t(uint32_t(first)) | int64_t(second) << 32;
     }
     INLINE void store(int at, Int first, Int second) {
         if constexpr (PERMUTES) {
-            first.store(columns[0] + at), second.store(columns[1] + at);
+            first.store(columns[0] + at);
+            second.store(columns[1] + at);
         } else {
             unroll<2 * Int::N>([&](auto k) __attribute__((always_inline)) {
                 constexpr int W = Int::WIDTH, half = k % 2 * (W / 2);

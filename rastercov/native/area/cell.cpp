@@ -44,9 +44,12 @@ struct Corner {
 struct Triangle {
     Corner a, b, c;
     void copy_to(Points target) const {
-        target(0, U) = a.u, target(0, V) = a.v;
-        target(1, U) = b.u, target(1, V) = b.v;
-        target(2, U) = c.u, target(2, V) = c.v;
+        target(0, U) = a.u;
+        target(0, V) = a.v;
+        target(1, U) = b.u;
+        target(1, V) = b.v;
+        target(2, U) = c.u;
+        target(2, V) = c.v;
     }
     double twice_area() const {
         return 0.0 + ((b.u - a.u) * (c.v - a.v) - (c.u - a.u) * (b.v - a.v));
@@ -111,7 +114,7 @@ template <class Visit> bool visit_nodes(const Faces &corners, int64_t f, double 
 // number of all, or some number above `most`.
 int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size, int64_t most,
                     Array<int64_t, Any> counts) {
-    require(is_asked.rows() == corners.rows() && counts.rows() == corners.rows(),
+    require(have_rows(corners.rows(), is_asked, counts),
             "is_asked and counts must have one row for each face");
     int64_t total = 0;
     Poll poll(64);
@@ -129,12 +132,6 @@ int64_t count_cells(Faces corners, Array<const bool, Any> is_asked, double size,
     return total;
 }
 
-void require_firsts(Starts first, int64_t n_faces, int64_t n, const char *wanted) {
-    bool is_right = first.rows() == n_faces + 1 && first[0] >= 0 && first[n_faces] <= n;
-    for (int64_t f = 0; is_right && f < n_faces; f++) is_right = first[f] <= first[f + 1];
-    require(is_right, wanted);
-}
-
 // Fills the trees of all faces: the leaves below each node, the areas of the cells in m^2, and
 // their corners, `cells`. `first_cell` and `first_node` follow from the counts of count_cells.
 void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Starts first_cell,
@@ -143,14 +140,15 @@ void fill_cells(Faces corners, Array<const bool, Any> is_asked, double size, Sta
     const int64_t n = corners.rows();
     require(is_asked.rows() == n && areas.rows() == cells.rows(),
             "is_asked must have one row for each face, and areas one for each cell");
-    require_firsts(first_cell, n, cells.rows(), "first_cell must rise, within the cells");
-    require_firsts(first_node, n, leaves.rows(), "first_node must rise, within the leaves");
+    require_starts(first_cell, n, cells.rows(), "first_cell must rise, within the cells");
+    require_starts(first_node, n, leaves.rows(), "first_node must rise, within the leaves");
     Poll poll(64);
     for (int64_t f = 0; f < n; f++) {
         poll();
         if (!is_asked[f]) continue;
         const int64_t first = first_node[f], end = first_node[f + 1], last_cell = first_cell[f + 1];
-        int64_t node = first, cell = first_cell[f];
+        int64_t node = first;
+        int64_t cell = first_cell[f];
         const auto fill = [&](const Triangle &triangle, bool is_leaf) {
             if (node == end || (is_leaf && cell == last_cell)) return false;
             leaves[node++] = is_leaf;
@@ -192,7 +190,8 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
     const char *const wanted = "trees must be those of fill_cells";
     require(n_nodes > 0 && trees.leaves[first_node] == n_cells, wanted);
     stack[0].triangle = triangle_of(trees.corners, f);
-    stack[0].node = stack[0].cell = 0, stack[0].n_corners = n_corners;
+    stack[0].node = stack[0].cell = 0;
+    stack[0].n_corners = n_corners;
     std::copy(piece, piece + 2 * n_corners, stack[0].corners);
     double values[PIECE_ROOM], spare[PIECE_ROOM * 2];
     const Points whole = {spare, {PIECE_ROOM, 2}};
@@ -221,7 +220,8 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
         Triangle turned = part.triangle;
         turn_to_longest(turned);
         const auto [first_half, second_half] = halves_of(turned);
-        half.triangle = first_half, part.triangle = second_half;
+        half.triangle = first_half;
+        part.triangle = second_half;
         // The first half is on the right of the line from the opposite corner to the middle.
         const auto &[opposite, start, middle] = first_half;
         const Line line = {opposite.u, opposite.v, middle.u - opposite.u, middle.v - opposite.v,
@@ -230,12 +230,18 @@ void add_to_cells(int64_t f, const double *piece, int64_t n_corners, const Trees
         for (int64_t p = 0; p < n; p++) values[p] = line.value(whole(p, U), whole(p, V));
         const auto [inside, outside] =
             split(whole, n, {values, {PIECE_ROOM}}, part.polygon(), half.polygon());
-        part.n_corners = inside, part.node = right, part.cell = cell + left;
-        half.n_corners = outside, half.node = node + 1, half.cell = cell;
+        part.n_corners = inside;
+        part.node = right;
+        part.cell = cell + left;
+        half.n_corners = outside;
+        half.node = node + 1;
+        half.cell = cell;
         if (outside >= 3 && inside >= 3) {
             top++;
         } else if (outside >= 3) {
-            part.triangle = half.triangle, part.node = half.node, part.cell = half.cell;
+            part.triangle = half.triangle;
+            part.node = half.node;
+            part.cell = half.cell;
             part.n_corners = outside;
             copy_polygon(half.polygon(), outside, part.polygon());
         } else if (inside < 3) {
@@ -256,7 +262,7 @@ int64_t find_shares(Array<const double, Any, 2> xy, Starts starts, Array<const i
     require(cell.rows() == share.rows(), "cell and share must have one row for each pair");
     require_indices(Array<const int32_t, Any>{face.data + first, {last - first}}, n_faces,
                     "face must hold faces");
-    require(trees.first_cell.rows() == n_faces + 1 && trees.first_node.rows() == n_faces + 1,
+    require(have_rows(n_faces + 1, trees.first_cell, trees.first_node),
             "first_cell and first_node must have one row for each face, and one");
     Stack stack(last > first ? DEEPEST + 2 : 0);
     std::vector<double> covered;

@@ -33,7 +33,11 @@ struct Point {
 // in camera axes, continuous except for a plane seen exactly from behind.
 inline Point anchor(const Plane &plane) {
     auto [x, y, z] = plane.normal;
-    if (plane.height < 0) x = -x, y = -y, z = -z;
+    if (plane.height < 0) {
+        x = -x;
+        y = -y;
+        z = -z;
+    }
     const double a = 1.0 / std::max(1.0 - z, 1e-9);
     const double first = 1.0 - x * x * a, second = -x * y * a;
     const double along = first * plane.x_axis.x + second * plane.x_axis.y + x * plane.x_axis.z;
@@ -70,7 +74,10 @@ class Circle {
     int64_t divide(int64_t start, int64_t end, Arc (&arcs)[CHORDS]) {
         const bool is_all = start == 0 && end == n_chords;
         if (is_all && has_first) return std::copy_n(first, CHORDS, arcs) - arcs;
-        if (!has_towards) towards = anchor(plane), has_towards = true;
+        if (!has_towards) {
+            towards = anchor(plane);
+            has_towards = true;
+        }
         const int64_t n = std::min(CHORDS, end - start);
         Point from = corner(start);
         for (int64_t c = 0; c < n; c++) {
@@ -81,14 +88,18 @@ class Circle {
             arcs[c] = {begin, stop, from, to, radius * (1 - turn) + error};
             from = to;
         }
-        if (is_all) std::copy_n(arcs, CHORDS, first), has_first = true;
+        if (is_all) {
+            std::copy_n(arcs, CHORDS, first);
+            has_first = true;
+        }
         return n;
     }
 
   private:
     const Plane &plane;
     Point towards; // the first corner
-    bool has_towards = false, has_first = false;
+    bool has_towards = false;
+    bool has_first = false;
     Arc first[CHORDS]; // of the whole circle
 
     Point corner(int64_t k) const {

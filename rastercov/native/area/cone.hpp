@@ -25,7 +25,8 @@ class Cone {
         for (int k = 0; k < 3; k++)
             axes[k] = line_in_plane(frame(k, 0), frame(k, 1), frame(k, 2), plane);
         const lens::Cone cone(params);
-        sine = is_convex ? cone.sine : -cone.sine, cosine = std::abs(cone.cosine);
+        sine = is_convex ? cone.sine : -cone.sine;
+        cosine = std::abs(cone.cosine);
     }
 
     // Line of the flat side between two rays of the cone, `half` a turn to both sides of `turn`;
@@ -52,7 +53,8 @@ class Cone {
         Affine line = {0.0, 0.0, 0.0};
         for (int k = 0; k < 3; k++) {
             line.value += weight[k] * axes[k].value;
-            line.x += weight[k] * axes[k].x, line.y += weight[k] * axes[k].y;
+            line.x += weight[k] * axes[k].x;
+            line.y += weight[k] * axes[k].y;
         }
         return line;
     }
@@ -89,16 +91,19 @@ struct Span {
 inline Span turns_of(Points polygon, int64_t n, const Cone &cone) {
     constexpr double WIDEST = 0.4, TURN = 2 * std::numbers::pi;
     const double first = cone.turn_of(polygon(0, U), polygon(0, V)) / TURN;
-    double low = 0.0, high = 0.0, at = 0.0, last = first;
+    Range all = {0.0, 0.0};
+    double at = 0.0;
+    double last = first;
     for (int64_t p = 1; p <= n; p++) {
         const int64_t q = p < n ? p : 0;
         const double turn = cone.turn_of(polygon(q, U), polygon(q, V)) / TURN;
-        at += turn - last - std::round(turn - last), last = turn;
-        low = std::min(low, at), high = std::max(high, at);
+        at += turn - last - std::round(turn - last);
+        last = turn;
+        all.add(at);
     }
-    if (!(high - low < WIDEST) || std::abs(at) > 0.25) return {0, WHOLE_TURN};
-    return {int64_t(std::floor((first + low) * WHOLE_TURN)) - 1,
-            int64_t(std::ceil((first + high) * WHOLE_TURN)) + 1};
+    if (!(all.most - all.least < WIDEST) || std::abs(at) > 0.25) return {0, WHOLE_TURN};
+    return {int64_t(std::floor((first + all.least) * WHOLE_TURN)) - 1,
+            int64_t(std::ceil((first + all.most) * WHOLE_TURN)) + 1};
 }
 
 // Area before the planes that touch an arc at its ends and in its middle, to that of the last
@@ -206,10 +211,13 @@ enum Place { WITHIN, OUTSIDE, ACROSS }; // of a polygon, of a cone
 
 // Place of a convex polygon; ACROSS where that is not sure.
 inline Place place_of(Points polygon, int64_t n, const Cone &cone) {
-    double least = INF, x = 0.0, y = 0.0;
+    double least = INF;
+    double x = 0.0;
+    double y = 0.0;
     for (int64_t p = 0; p < n; p++) {
         least = std::min(least, cone.within(polygon(p, U), polygon(p, V)));
-        x += polygon(p, U) / double(n), y += polygon(p, V) / double(n);
+        x += polygon(p, U) / double(n);
+        y += polygon(p, V) / double(n);
     }
     const Affine towards = cone.side(cone.turn_of(x, y), 0.0);
     if (least_and_most(polygon, n, towards).most < -cone.error) return OUTSIDE;

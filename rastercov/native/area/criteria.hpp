@@ -41,7 +41,10 @@ struct RayAngle {
         Vector u = less(eye, p), v = less(other, p);
         const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
         if (!(d > r && e > r)) return UNKNOWN;
-        for (int k = 0; k < 3; k++) u[k] /= d, v[k] /= e;
+        for (int k = 0; k < 3; k++) {
+            u[k] /= d;
+            v[k] /= e;
+        }
         const double cosine = dot(u, v), near = 1 / (d - r) + 1 / (e - r);
         const double m = std::min(d, e) - r, b = length_between(eye, other) / m;
         Vector slope;
@@ -84,8 +87,10 @@ struct Cosines {
 // Intensity of a lamp by the cosine c of the angle to its axis, relative: c^m where c > 0, 1 for m
 // = 0; or a table of knots (c, value, slope before, slope after), cubic in between.
 struct Intensity {
-    struct Bounds {
-        double value = 0.0, slope = 0.0, curvature = 0.0; // greatest absolute values
+    struct Bounds { // greatest absolute values
+        double value = 0.0;
+        double slope = 0.0;
+        double curvature = 0.0;
     };
     double exponent;
     Array<const double, Any, 4> knots; // none for c^m
@@ -169,10 +174,7 @@ struct Lamps {
         require(is_like(axis) && is_like(intensity) && is_like(exponent) && is_like(table),
                 "lamps must have one row for each row of regions, of as many lamps");
         require(centre.extent(1) <= 64, "lamps must be 64 at most");
-        require(starts.rows() >= 1 && starts[0] >= 0, "starts must be of tables");
-        for (int64_t t = 0; t + 1 < starts.rows(); t++)
-            require(starts[t] <= starts[t + 1], "starts must ascend");
-        require(starts[starts.rows() - 1] <= knots.rows(), "starts must be within knots");
+        require_starts(starts, starts.rows() - 1, knots.rows(), "starts must rise, within knots");
         for (const int64_t t : table)
             require(t >= -1 && t < starts.rows() - 1, "table must be a row of tables, or -1");
     }
@@ -192,7 +194,8 @@ struct Illuminance {
 
     Value at(double x, double y, double r) const {
         const Vector p = plane.point(x, y);
-        double value = 0.0, doubt = 0.0;
+        double value = 0.0;
+        double doubt = 0.0;
         Vector slope = {0.0, 0.0, 0.0};
         for (int64_t i = 0; i < lamps.centre.extent(1); i++) {
             if (!has(set, i)) continue;
@@ -251,7 +254,11 @@ struct Highlight {
         const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
         if (!(d > r && e > r)) return UNKNOWN;
         Vector s;
-        for (int k = 0; k < 3; k++) u[k] /= d, v[k] /= e, s[k] = u[k] + v[k];
+        for (int k = 0; k < 3; k++) {
+            u[k] /= d;
+            v[k] /= e;
+            s[k] = u[k] + v[k];
+        }
         const double a = 1 / (d - r), b = 1 / (e - r), size = std::sqrt(dot(s, s));
         const double least = size - r * (a + b);
         if (!(least > 0)) return UNKNOWN;
@@ -318,7 +325,7 @@ struct Beams {
     Array<const double, Any> scale, limit;
     int64_t rows() const { return centre.rows(); }
     void check() const {
-        require(axis.rows() == rows() && scale.rows() == rows() && limit.rows() == rows(),
+        require(have_rows(rows(), axis, scale, limit),
                 "axis, scale and limit must have one row for each centre");
     }
     Beam of(const Plane &plane, int64_t row, int64_t) const {

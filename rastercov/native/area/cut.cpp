@@ -28,8 +28,7 @@ struct Parts {
 };
 
 void check_planes(const Planes &planes, const Array<const int32_t, Any> &face) {
-    require(planes.x_axis.rows() == planes.origin.rows() &&
-                planes.y_axis.rows() == planes.origin.rows(),
+    require(have_rows(planes.origin.rows(), planes.x_axis, planes.y_axis),
             "planes must have one row for each face");
     require_indices(face, planes.origin.rows(), "face must hold rows of planes");
 }
@@ -47,7 +46,8 @@ bool append(Points polygon, int64_t n, int64_t piece, const Parts &out) {
         const int64_t m = exact::corners_of_part(first, n);
         exact::copy_part(polygon, first, m, exact::from(out.xy, at));
         out.piece[count] = piece;
-        at += m, count++;
+        at += m;
+        count++;
         out.starts[count] = at;
         first += m - 2;
     }
@@ -63,8 +63,7 @@ template <class Criteria>
 int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width, double nearest,
                    int64_t first, Array<double, Any, 2> undecided, Parts out) {
     const int64_t n = pieces.face.rows();
-    require(pieces.starts.rows() == n + 1 && pieces.row.rows() == n && pieces.set.rows() == n &&
-                undecided.rows() == n,
+    require(pieces.starts.rows() == n + 1 && have_rows(n, pieces.row, pieces.set, undecided),
             "face, row, set and undecided must have one row for each piece, starts one more");
     check_planes(planes, pieces.face);
     criteria.check();
@@ -92,7 +91,8 @@ int64_t cut_pieces(Pieces pieces, Planes planes, Criteria criteria, double width
         };
         const Undecided doubtful = cutter.cut(piece, g, width, keep);
         if (!has_room) {
-            out.used[0] = before[0], out.used[1] = before[1];
+            out.used[0] = before[0];
+            out.used[1] = before[1];
             return i;
         }
         undecided(i, 0) = doubtful.area + lost;
@@ -108,7 +108,7 @@ void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> fac
                  Array<const int32_t, Any> row, Array<const int64_t, Any> set,
                  Array<const double, Any, 3> xyr, Array<double, Any, 4> out) {
     const int64_t n = face.rows();
-    require(row.rows() == n && set.rows() == n && xyr.rows() == n && out.rows() == n,
+    require(have_rows(n, row, set, xyr, out),
             "row, set, xyr and out must have one row for each face");
     check_planes(planes, face);
     criteria.check();
@@ -116,7 +116,9 @@ void find_values(Planes planes, Criteria criteria, Array<const int32_t, Any> fac
     for (int64_t i = 0; i < n; i++) {
         const auto g = criteria.of(plane_of(planes, face[i]), row[i], set[i]);
         const Value found = g.at(xyr(i, 0), xyr(i, 1), xyr(i, 2));
-        out(i, 0) = found.value, out(i, 1) = found.along_x, out(i, 2) = found.along_y;
+        out(i, 0) = found.value;
+        out(i, 1) = found.along_x;
+        out(i, 2) = found.along_y;
         out(i, 3) = found.doubt;
     }
 }

@@ -87,9 +87,9 @@ class Cutter {
                 return here.value + here.along_x * (corners(p, U) - x) +
                        here.along_y * (corners(p, V) - y);
             };
-            double low = linear(0), high = low;
-            for (int64_t p = 1; p < part.n; p++)
-                low = std::min(low, linear(p)), high = std::max(high, linear(p));
+            Range all = {linear(0), linear(0)};
+            for (int64_t p = 1; p < part.n; p++) all.add(linear(p));
+            const auto [low, high] = all;
             if (low >= doubt) {
                 keep(corners, part.n);
                 continue;
@@ -152,14 +152,21 @@ class Cutter {
     // Adds both halves of a part, divided across its longest extent.
     void halve(Part &part) {
         const Points corners = part.corners();
-        double most = -1.0, x = 0.0, y = 0.0, u = 0.0, v = 0.0;
+        double most = -1.0;
+        double x = 0.0;
+        double y = 0.0;
+        double u = 0.0;
+        double v = 0.0;
         for (int64_t p = 0; p < part.n; p++)
             for (int64_t q = 0; q < p; q++) {
                 const double du = corners(p, U) - corners(q, U);
                 const double dv = corners(p, V) - corners(q, V);
                 if (du * du + dv * dv <= most) continue;
-                most = du * du + dv * dv, x = du, y = dv;
-                u = (corners(p, U) + corners(q, U)) / 2, v = (corners(p, V) + corners(q, V)) / 2;
+                most = du * du + dv * dv;
+                x = du;
+                y = dv;
+                u = (corners(p, U) + corners(q, U)) / 2;
+                v = (corners(p, V) + corners(q, V)) / 2;
             }
         const Line middle = {u, v, y, -x, 0.0};
         for (const Line &line : {middle, outside(middle)}) {

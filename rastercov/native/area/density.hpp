@@ -83,11 +83,11 @@ inline lens::Bends bounds_of(const LensCriteria &criteria, const Bounds &box) {
 }
 
 // Least and greatest |det A| within a box of the plane.
-inline lens::Range sizes_of(const Criteria &criteria, const Bounds &) {
+inline Range sizes_of(const Criteria &criteria, const Bounds &) {
     const double size = criteria.lens.fx * criteria.lens.fy;
     return {size, size};
 }
-inline lens::Range sizes_of(const LensCriteria &criteria, const Bounds &box) {
+inline Range sizes_of(const LensCriteria &criteria, const Bounds &box) {
     return lens::sizes_within(criteria.slopes, box.u_min, box.u_max, box.v_min, box.v_max);
 }
 
@@ -179,9 +179,14 @@ inline Singular largest_singular(const Matrix &matrix) {
     const double half = (a + c) / 2, apart = (a - c) / 2;
     const double root = std::sqrt(apart * apart + b * b);
     // The eigenvector of (a b; b c): (root + apart, b) or (b, root - apart), the longer.
-    double x = apart >= 0 ? root + apart : b, y = apart >= 0 ? b : root - apart;
+    double x = apart >= 0 ? root + apart : b;
+    double y = apart >= 0 ? b : root - apart;
     double size = length2(x, y);
-    if (!(size > 0)) x = 1.0, y = 0.0, size = 1.0;
+    if (!(size > 0)) {
+        x = 1.0;
+        y = 0.0;
+        size = 1.0;
+    }
     return {std::sqrt(half + root), x / size, y / size};
 }
 
@@ -226,8 +231,13 @@ inline void place_corners(Points polygon, int64_t n, const Plane &plane, Corners
 }
 
 inline void fit_distance(Points polygon, int64_t n, const Plane &plane, double z_n, Fit &fit) {
-    double mean_x = 0.0, mean_y = 0.0, over = 0.0;
-    for (int64_t p = 0; p < n; p++) mean_x += polygon(p, U) / n, mean_y += polygon(p, V) / n;
+    double mean_x = 0.0;
+    double mean_y = 0.0;
+    double over = 0.0;
+    for (int64_t p = 0; p < n; p++) {
+        mean_x += polygon(p, U) / n;
+        mean_y += polygon(p, V) / n;
+    }
     for (int64_t p = 0; p < n; p++) {
         const double away = length2(polygon(p, U) - mean_x, polygon(p, V) - mean_y);
         over = std::max(over, away * away);
@@ -246,13 +256,19 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
     const Rules &rules = criteria.rules;
     place_corners(polygon, n, plane, places);
     Bounds box = {places[0].x, places[0].x, places[0].y, places[0].y};
-    double x = 0.0, y = 0.0, least_w = INF, most_w = 0.0, r = 0.0;
+    double x = 0.0;
+    double y = 0.0;
+    double least_w = INF;
+    double most_w = 0.0;
+    double r = 0.0;
     for (int64_t p = 0; p < n; p++) {
         const Corner &at = places[p];
         box = {std::min(box.u_min, at.x), std::max(box.u_max, at.x), std::min(box.v_min, at.y),
                std::max(box.v_max, at.y)};
-        x += at.x / n, y += at.y / n;
-        least_w = std::min(least_w, at.w), most_w = std::max(most_w, at.w);
+        x += at.x / n;
+        y += at.y / n;
+        least_w = std::min(least_w, at.w);
+        most_w = std::max(most_w, at.w);
     }
     for (int64_t p = 0; p < n; p++) r = std::max(r, length2(places[p].x - x, places[p].y - y));
     for (Fit &fit : fits) fit.is_known = false;
@@ -295,9 +311,12 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
         const double bend = size * (change * change + log_2 / 3);
         const double off = HALF * c * bend * r * r + rounding * (c * here.size + most_w);
         Fit &fit = fits[OF_PER_M2];
-        fit.a = w_x - c * by_x.size, fit.b = w_y - c * by_y.size;
+        fit.a = w_x - c * by_x.size;
+        fit.b = w_y - c * by_y.size;
         fit.c = w - c * here.size - fit.a * x - fit.b * y;
-        fit.least = -off, fit.most = off, fit.is_known = true;
+        fit.least = -off;
+        fit.most = off;
+        fit.is_known = true;
     }
     const auto fit_norm = [&](const Matrix &at, const Matrix &along_x, const Matrix &along_y,
                               double c, double bend, bool is_square, Fit &fit) {
@@ -310,7 +329,8 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
         const double middle = form_of(at, left, right_x, right_y);
         const double slope_x = form_of(along_x, left, right_x, right_y),
                      slope_y = form_of(along_y, left, right_x, right_y);
-        double over = 0.0, square = 0.0;
+        double over = 0.0;
+        double square = 0.0;
         for (int64_t p = 0; p < n; p++) {
             const double dx = places[p].x - x, dy = places[p].y - y;
             const double own =
@@ -327,7 +347,9 @@ void fit_criteria(Points polygon, int64_t n, int64_t mask, const Plane &plane, c
         fit.a = (is_square ? 2 * w * w_x : w_x) - c * slope_x;
         fit.b = (is_square ? 2 * w * w_y : w_y) - c * slope_y;
         fit.c = value - c * middle - fit.a * x - fit.b * y;
-        fit.least = -off - c * over, fit.most = off + square, fit.is_known = true;
+        fit.least = -off - c * over;
+        fit.most = off + square;
+        fit.is_known = true;
     };
     if (mask & DENSE)
         fit_norm(here.dense, by_x.dense, by_y.dense, rules.min_pixel_density / h,
@@ -346,14 +368,13 @@ inline Affine line_along(const Fit &fit, int i, double offset, const Plane &plan
 
 // Range of the affine part of criterion i over the corners of a polygon.
 inline double range_of(const Fit &fit, int i, Points polygon, int64_t n, const Corners &places) {
-    double least = INF, most = -INF;
+    Range all;
     for (int64_t p = 0; p < n; p++) {
         const double x = i == OF_DISTANT ? polygon(p, U) : places[p].x;
         const double y = i == OF_DISTANT ? polygon(p, V) : places[p].y;
-        const double at = fit.a * x + fit.b * y;
-        least = std::min(least, at), most = std::max(most, at);
+        all.add(fit.a * x + fit.b * y);
     }
-    return most - least;
+    return all.most - all.least;
 }
 
 // Corner that is farthest from another one, the first of equals.
@@ -362,7 +383,10 @@ inline int64_t farthest_from(const Corners &places, int64_t n, int64_t start) {
     double extent = -1.0;
     for (int64_t p = 0; p < n; p++) {
         const double away = length2(places[p].x - places[start].x, places[p].y - places[start].y);
-        if (away > extent) far = p, extent = away;
+        if (away > extent) {
+            far = p;
+            extent = away;
+        }
     }
     return far;
 }
@@ -410,7 +434,10 @@ bool decide_part(int64_t face, const C &criteria, bool may_halve, Scratch &scrat
         // Share of the range of the criterion in the piece that is undecided.
         const double share =
             (fit.most - fit.least) / std::max(range_of(fit, i, part, n, places), 1e-300);
-        if (share < narrowest) best = i, narrowest = share;
+        if (share < narrowest) {
+            best = i;
+            narrowest = share;
+        }
     }
     if (mask == 0) {
         append_piece(face, part, n, nearest, out);

@@ -59,9 +59,8 @@ void build_frames(Array<const double, Any, 3> vertices, Array<const int64_t, Any
                   Array<const bool, Any> is_flat, const FrameRows &out) {
     const int64_t n = faces.rows();
     require_indices(faces, vertices.rows(), "faces must hold vertices");
-    require(is_flat.rows() == n && out.origin.rows() == n && out.x_axis.rows() == n &&
-                out.y_axis.rows() == n && out.normal.rows() == n && out.corners.rows() == n &&
-                out.areas.rows() == n,
+    require(have_rows(n, is_flat, out.origin, out.x_axis, out.y_axis, out.normal, out.corners,
+                      out.areas),
             "is_flat and out must have one row for each face");
     Poll poll;
     for (int64_t f = 0; f < n; f++) {

@@ -60,13 +60,17 @@ struct SetOf {
 class Parts {
   public:
     explicit Parts(int64_t n) { grow(n); }
-    void grow(int64_t n) { xy.resize(n * PIECE_ROOM * 2), counts.resize(n); }
+    void grow(int64_t n) {
+        xy.resize(n * PIECE_ROOM * 2);
+        counts.resize(n);
+    }
     int64_t room() const { return int64_t(counts.size()); }
     int64_t n(int64_t at) const { return counts[at]; }
     Points operator[](int64_t at) { return {xy.data() + at * PIECE_ROOM * 2, {PIECE_ROOM, 2}}; }
     // Sets the first of them to a polygon.
     template <class Source> void set_first(const Source &polygon, int64_t n) {
-        copy_polygon(polygon, n, (*this)[0]), counts[0] = n;
+        copy_polygon(polygon, n, (*this)[0]);
+        counts[0] = n;
     }
     exact::Pieces view() { return {{xy.data(), {room(), PIECE_ROOM}}, {counts.data(), {room()}}}; }
 
@@ -90,7 +94,10 @@ class Overlay {
     Polygon corners(int64_t q) const { return {at(q), {MOST_CORNERS, 2}}; }
 
     // Begins a cell without pieces.
-    void clear(double least_distance) { n_pieces = 0, nearest = least_distance; }
+    void clear(double least_distance) {
+        n_pieces = 0;
+        nearest = least_distance;
+    }
     // Appends a piece as it is.
     void append(Polygon polygon, int64_t n, Tag tag) {
         require(n <= MOST_CORNERS, "pieces of a partition must have at most 20 corners");
@@ -157,7 +164,8 @@ class Overlay {
     }
 
   private:
-    int64_t n_pieces = 0, capacity = 0;
+    int64_t n_pieces = 0;
+    int64_t capacity = 0;
     std::vector<double> xy, areas;
     std::vector<int64_t> counts, near;
     std::vector<Tag> tags;
@@ -184,9 +192,14 @@ class Overlay {
         return n_pieces++;
     }
     void set_piece(int64_t q, int64_t n, Tag tag) {
-        counts[q] = n, tags[q] = tag, areas[q] = twice_area(points(q), n) / 2;
+        counts[q] = n;
+        tags[q] = tag;
+        areas[q] = twice_area(points(q), n) / 2;
         const Bounds b = exact::extent_of(points(q), n);
-        box[0][q] = b.u_min, box[1][q] = b.u_max, box[2][q] = b.v_min, box[3][q] = b.v_max;
+        box[0][q] = b.u_min;
+        box[1][q] = b.u_max;
+        box[2][q] = b.v_min;
+        box[3][q] = b.v_max;
     }
     void leave_out(int64_t q) {
         counts[q] = 0;

@@ -202,19 +202,16 @@ Cut cut_by_lines(Points polygon, int64_t n, const Border (&borders)[N], size_t f
     Cut cut = {n, 0.0};
     for (size_t s = first; s < last; s++) {
         const auto &[line, error] = borders[s];
-        double least = INF, most = -INF;
-        for (int64_t p = 0; p < cut.n; p++) {
-            const double value = line.value(polygon(p, U), polygon(p, V));
-            least = std::min(least, value), most = std::max(most, value);
-        }
-        if (least > error) continue;
-        if (most < -error) return {0, cut.undecided};
+        Range all;
+        for (int64_t p = 0; p < cut.n; p++) all.add(line.value(polygon(p, U), polygon(p, V)));
+        if (all.least > error) continue;
+        if (all.most < -error) return {0, cut.undecided};
         const double slope = length2(line.du, line.dv);
         const double area = std::max(twice_area(polygon, cut.n) / 2, 0.0);
         double strip = area;
         if (slope > 0) strip = std::min(area, error / slope * perimeter_of(polygon, cut.n));
         cut.undecided += strip;
-        if (least < 0) {
+        if (all.least < 0) {
             cut.n = exact::keep_inside(polygon, cut.n, line, spare.points());
             copy_polygon(spare.points(), cut.n, polygon);
         }
@@ -237,7 +234,9 @@ struct Stack {
     Points next() { return entries[top].polygon.points(); }
     void push(int64_t n, int64_t one, int64_t other) {
         Entry &entry = entries[top++];
-        entry.n = n, entry.one = one, entry.other = other;
+        entry.n = n;
+        entry.one = one;
+        entry.other = other;
     }
     Entry &pop() { return entries[--top]; }
     // Puts a polygon on the empty stack, in parts of at most MOST_CORNERS corners.
@@ -284,7 +283,8 @@ inline void append_piece(int64_t face, Points polygon, int64_t n, double nearest
             out.face[piece] = int32_t(face);
             out.starts[piece + 1] = at + m;
         }
-        out.used[0] = piece + 1, out.used[1] = at + m;
+        out.used[0] = piece + 1;
+        out.used[1] = at + m;
         first += m - 2;
     }
 }

@@ -35,8 +35,7 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
                   mesh::Corners corners, mesh::Nodes nodes, Array<uint8_t, Any> reason,
                   Array<int64_t, Any> hider) {
     const int64_t n = points.points.rows();
-    require(points.normals.rows() == n && points.two_sided.rows() == n && points.own.rows() == n &&
-                reason.rows() == n && hider.rows() == n,
+    require(have_rows(n, points.normals, points.two_sided, points.own, reason, hider),
             "normals, two_sided, own, reason and hider must have one row for each point");
     require_lens(camera);
     mesh::require_tree(corners, nodes);
@@ -50,7 +49,8 @@ void judge_points(Judged points, Camera camera, Rules rules, Array<const double,
         const auto [found, depth] =
             coverage::judge_point(camera, rules, rotation, near, {x, y, z},
                                   {normal[0], normal[1], normal[2]}, points.two_sided[i]);
-        reason[i] = found, hider[i] = -1;
+        reason[i] = found;
+        hider[i] = -1;
         if (found != coverage::COVERED && !(is_nearest && found == coverage::TOO_OBLIQUE)) continue;
         const double length = std::sqrt(x * x + y * y + z * z), share = near / depth;
         const double reach = length * (1.0 - share) - margin;
@@ -86,8 +86,7 @@ void find_covering(Array<const double, Any, 2> xy, Array<const int32_t, Any> fac
                    Array<const double, Any, 4> boxes, Array<const int32_t, Any> row, double slack,
                    Array<bool, Any, Any> out) {
     const int64_t n = row.rows();
-    require(xy.rows() == face.rows() && out.rows() == face.rows(),
-            "xy and out must have one row for each point");
+    require(have_rows(face.rows(), xy, out), "xy and out must have one row for each point");
     require(starts.rows() == n + 1 && boxes.rows() == n,
             "starts and boxes must have one row for each piece, starts one more");
     require_indices(face, of_face.rows() - 1, "face must hold faces");
@@ -129,7 +128,8 @@ void register_area_point(nanobind::module_ &m) {
             "points", "camera", "rules", "rotation", "eye", "near", "margin", "is_nearest",
             "corners", "nodes", "reason", "hider");
     };
-    judge(Lens{}), judge(CurvedLens{});
+    judge(Lens{});
+    judge(CurvedLens{});
     def(m, "find_covering", find_covering, "Mark, in `out`, the poses that cover points.", "xy",
         "face", "order", "of_face", "corners", "starts", "boxes", "row", "slack", "out");
 }

@@ -42,11 +42,13 @@ int64_t without_needless(const Source &polygon, int64_t n, double nearest, Point
     };
     for (int64_t p = 0; p < n; p++)
         if (kept == 0 || is_apart(polygon(p, U), polygon(p, V), kept - 1)) {
-            out(kept, U) = polygon(p, U), out(kept, V) = polygon(p, V);
+            out(kept, U) = polygon(p, U);
+            out(kept, V) = polygon(p, V);
             kept++;
         }
     while (kept > 1 && !is_apart(out(0, U), out(0, V), kept - 1)) kept--;
-    n = kept, kept = 0;
+    n = kept;
+    kept = 0;
     for (int64_t p = 0; p < n; p++) {
         if (kept + n - p > 3) {
             const int64_t before = kept > 0 ? kept - 1 : n - 1, after = p + 1 < n ? p + 1 : 0;
@@ -54,7 +56,8 @@ int64_t without_needless(const Source &polygon, int64_t n, double nearest, Point
             const double away = (out(p, V) - out(before, V)) * x - (out(p, U) - out(before, U)) * y;
             if (std::abs(away) <= nearest * length2(x, y)) continue;
         }
-        out(kept, U) = out(p, U), out(kept, V) = out(p, V);
+        out(kept, U) = out(p, U);
+        out(kept, V) = out(p, V);
         kept++;
     }
     return kept;

@@ -50,7 +50,8 @@ double set_borders(const Plane &plane, const Criteria &criteria, double near, do
     const double error = plane.error, height = std::abs(plane.height);
     borders[NEAR_LINE] = border_of(z - near, z_x, z_y, error);
     borders[FOCUS_LINE] = border_of(z - rules.z_n, z_x, z_y, error);
-    double farthest = rules.z_f, its_error = error;
+    double farthest = rules.z_f;
+    double its_error = error;
     if (rules.min_facing_density > 0) {
         // min(fx, fy) / z, a half plane of depth as the end of the depth of field is.
         const double limit = std::min(camera.fx, camera.fy) / rules.min_facing_density;
@@ -98,7 +99,8 @@ int64_t bring_back(const exact::VisiblePieces &kept, int64_t piece, const Plane 
         if (slope * plane.height < 0) z = std::min(z, -plane.height / slope);
         const double along = plane.x_axis.x * x + plane.x_axis.y * y + plane.x_axis.z;
         const double across = plane.y_axis.x * x + plane.y_axis.y * y + plane.y_axis.z;
-        out(p, U) = plane.foot_x + z * along, out(p, V) = plane.foot_y + z * across;
+        out(p, U) = plane.foot_x + z * along;
+        out(p, V) = plane.foot_y + z * across;
     }
     return n;
 }
@@ -154,10 +156,12 @@ void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const S
         bound = std::min(strips, planes.areas[f]);
         return;
     }
-    double deepest = 0.0, shallowest = INF;
+    double deepest = 0.0;
+    double shallowest = INF;
     for (int64_t p = 0; p < n; p++) {
         const double depth = plane.depth_at(base(p, U), base(p, V));
-        deepest = std::max(deepest, depth), shallowest = std::min(shallowest, depth);
+        deepest = std::max(deepest, depth);
+        shallowest = std::min(shallowest, depth);
     }
     if (height + error < shallowest * rules.cos_incidence * (1 - POSITION_ERROR_REL)) return;
     const double largest = std::min(twice_area(base, n) / 2 + strips, planes.areas[f]);

@@ -54,13 +54,16 @@ struct Eigen {
                     const double c = 1 / std::sqrt(t * t + 1), s = t * c;
                     for (int k = 0; k < 3; k++) {
                         const double at = a[k][p], bt = a[k][q];
-                        a[k][p] = c * at - s * bt, a[k][q] = s * at + c * bt;
+                        a[k][p] = c * at - s * bt;
+                        a[k][q] = s * at + c * bt;
                     }
                     for (int k = 0; k < 3; k++) {
                         const double at = a[p][k], bt = a[q][k];
-                        a[p][k] = c * at - s * bt, a[q][k] = s * at + c * bt;
+                        a[p][k] = c * at - s * bt;
+                        a[q][k] = s * at + c * bt;
                         const double av = v[k][p], bv = v[k][q];
-                        v[k][p] = c * av - s * bv, v[k][q] = s * av + c * bv;
+                        v[k][p] = c * av - s * bv;
+                        v[k][q] = s * av + c * bv;
                     }
                 }
         std::array<int, 3> order = {0, 1, 2};
@@ -102,15 +105,22 @@ struct Uncertainty {
         const Vector a = vector_of(devices.axis[row][i]);
         const double h = std::abs(dot(out.u, normal)), range = devices.range(row, i);
         const double sigma = devices.noise(row, i) / limit;
-        out.d = std::sqrt(dot(out.u, out.u)), out.near = out.d - r;
-        out.scale = 1 / (sigma * sigma), out.weight = out.scale / (out.d * out.d);
+        out.d = std::sqrt(dot(out.u, out.u));
+        out.near = out.d - r;
+        out.scale = 1 / (sigma * sigma);
+        out.weight = out.scale / (out.d * out.d);
         out.along = range > 0 ? h * h * (limit / range) * (limit / range) : 0.0;
-        out.has_stripes = dot(a, a) > 0, out.index = i;
+        out.has_stripes = dot(a, a) > 0;
+        out.index = i;
         if (!(out.near > 0)) return false;
         const double along = dot(out.u, a);
         Vector t;
-        for (int k = 0; k < 3; k++) t[k] = out.u[k] - along * a[k], out.u[k] /= out.d;
-        out.rho = std::sqrt(dot(t, t)), out.near_rho = out.rho - r;
+        for (int k = 0; k < 3; k++) {
+            t[k] = out.u[k] - along * a[k];
+            out.u[k] /= out.d;
+        }
+        out.rho = std::sqrt(dot(t, t));
+        out.near_rho = out.rho - r;
         if (!out.has_stripes) return true;
         if (!(out.near_rho > 0)) return false;
         out.m = cross(a, t);
@@ -185,7 +195,9 @@ struct Uncertainty {
 
     // Bounds within r of q'', of f'', and of what turns in N'.
     struct Most {
-        double bend = 0.0, side = 0.0, turn = 0.0;
+        double bend = 0.0;
+        double side = 0.0;
+        double turn = 0.0;
 
         // Of k y y^T, k <= weight, at least 1 / fall away, or of k (1 - y y^T), for `size` of |v .
         // y| or |v x y|, `own` of its derivatives and `of_y` of those of y.
@@ -210,9 +222,12 @@ struct Uncertainty {
         const double a = 1 / one.near, l = 1 / lead.near, o = frame.first;
         const double base = length_between(centre, at_lead), o2 = frame.second + o * o;
         const double near = from_segment(p, at_lead, centre) - r;
-        double z = 2.0, z1 = a + l, z2 = C * (a * a + l * l);
+        double z = 2.0;
+        double z1 = a + l;
+        double z2 = C * (a * a + l * l);
         if (near > 0) {
-            z = std::min(z, base / near), z1 = std::min(z1, C * base / (near * near));
+            z = std::min(z, base / near);
+            z1 = std::min(z1, C * base / (near * near));
             z2 = std::min(z2, 3 * base / (near * near * near));
         }
         const double weight = one.scale * a * a;
@@ -236,7 +251,8 @@ struct Uncertainty {
     Value at(double x, double y, double r) const {
         const Vector p = plane.point(x, y);
         std::array<Seen, 64> every;
-        int64_t n = 0, first = 0;
+        int64_t n = 0;
+        int64_t first = 0;
         double least = 1.0; // share of the weights that is left within r
         for (int64_t i = 0; i < devices.centre.extent(1); i++) {
             if (!has(set, i)) continue;

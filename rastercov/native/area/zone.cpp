@@ -11,8 +11,8 @@
 #include "bind.hpp"
 #include "exact/forest.hpp"
 #include "interrupt.hpp"
+#include "range.hpp"
 #include <cmath>
-#include <limits>
 
 namespace rastercov {
 namespace area {
@@ -26,12 +26,7 @@ using Faces = Array<const int32_t, Any>; // of pieces
 using Intervals = Array<const double, Any, 2>;
 using Forest = Array<int64_t, Any>;
 
-void require_pieces(Starts starts, int64_t pieces, int64_t corners) {
-    require(starts.rows() == pieces + 1, "starts must have one row for each piece, and one more");
-    bool is_right = starts[0] >= 0 && starts[pieces] <= corners;
-    for (int64_t i = 0; i < pieces; i++) is_right &= starts[i] <= starts[i + 1];
-    require(is_right, "starts must rise, within the corners");
-}
+constexpr auto STARTS = "starts must rise, within the corners, one row for each piece and one more";
 
 // Length along which the side p q of one polygon and r s of another run within a tolerance. The
 // sides are of two polygons that turn the same way, so that a common side has opposite directions.
@@ -40,18 +35,21 @@ double side_overlap(const Corners &xy, int64_t p, int64_t q, int64_t r, int64_t 
     double x = xy(q, 0) - xy(p, 0), y = xy(q, 1) - xy(p, 1);
     const double length = std::sqrt(x * x + y * y);
     if (!(length > 0)) return 0.0;
-    x /= length, y /= length;
+    x /= length;
+    y /= length;
     const double a = xy(r, 0) - xy(p, 0), b = xy(r, 1) - xy(p, 1);
     const double c = xy(s, 0) - xy(p, 0), d = xy(s, 1) - xy(p, 1);
     const double start = a * x + b * y, end = c * x + d * y;
     if (!(end < start)) return 0.0;
     const double off = b * x - a * y, off_end = d * x - c * y;
     // Part of r s whose distance from the line is within the tolerance, from 0 to 1.
-    double first = 0.0, last = 1.0;
+    double first = 0.0;
+    double last = 1.0;
     const double slope = off_end - off;
     if (std::abs(slope) > 0) {
         const double one = (-tolerance - off) / slope, other = (tolerance - off) / slope;
-        first = std::max(first, std::min(one, other)), last = std::min(last, std::max(one, other));
+        first = std::max(first, std::min(one, other));
+        last = std::min(last, std::max(one, other));
     } else if (std::abs(off) > tolerance) {
         return 0.0;
     }
@@ -81,8 +79,8 @@ void link_in_faces(Corners xy, Starts starts, Faces face, Array<const double, An
                    Intervals interval, Indices order, double tolerance, double least,
                    Forest parent) {
     const int64_t n = face.rows();
-    require_pieces(starts, n, xy.rows());
-    require(boxes.rows() == n && interval.rows() == n && parent.rows() == n,
+    require_starts(starts, n, xy.rows(), STARTS);
+    require(have_rows(n, boxes, interval, parent),
             "face, boxes, interval and parent must have one row for each piece");
     require_indices(order, n, "order must hold pieces");
     require_indices(parent, n, "parent must hold pieces");
@@ -107,7 +105,7 @@ void link_in_faces(Corners xy, Starts starts, Faces face, Array<const double, An
 void link_along_edges(Indices edge, Intervals interval, Indices piece, Faces face, double least,
                       Forest parent) {
     const int64_t n = edge.rows();
-    require(interval.rows() == n && piece.rows() == n && face.rows() == parent.rows(),
+    require(have_rows(n, interval, piece) && face.rows() == parent.rows(),
             "edge, interval and piece must have one row for each side, face one for each piece");
     require_indices(piece, parent.rows(), "piece must hold pieces");
     require_indices(parent, parent.rows(), "parent must hold pieces");
@@ -128,24 +126,28 @@ double overlap_in_space(const Segments &ends, int64_t a, int64_t b, double toler
     double z = ends(a, 1, 2) - ends(a, 0, 2);
     const double length = std::sqrt(x * x + y * y + z * z);
     if (!(length > 0)) return 0.0;
-    x /= length, y /= length, z /= length;
-    double low = std::numeric_limits<double>::infinity(), high = -low;
+    x /= length;
+    y /= length;
+    z /= length;
+    Range all;
     for (int k = 0; k < 2; k++) {
         double u = ends(b, k, 0) - ends(a, 0, 0), v = ends(b, k, 1) - ends(a, 0, 1);
         double w = ends(b, k, 2) - ends(a, 0, 2);
         const double along = u * x + v * y + w * z;
-        u -= along * x, v -= along * y, w -= along * z;
+        u -= along * x;
+        v -= along * y;
+        w -= along * z;
         if (u * u + v * v + w * w > tolerance * tolerance) return 0.0;
-        low = std::min(low, along), high = std::max(high, along);
+        all.add(along);
     }
-    return std::min(high, length) - std::max(low, 0.0);
+    return std::min(all.most, length) - std::max(all.least, 0.0);
 }
 
 // Links the pieces of different faces whose sides overlap, sorted by the start of `interval`.
 void link_in_space(Segments ends, Intervals interval, Indices piece, Faces face, double tolerance,
                    double least, Forest parent) {
     const int64_t n = piece.rows();
-    require(ends.rows() == n && interval.rows() == n && face.rows() == parent.rows(),
+    require(have_rows(n, ends, interval) && face.rows() == parent.rows(),
             "ends, interval and piece must have one row for each side, face one for each piece");
     require_indices(piece, parent.rows(), "piece must hold pieces");
     require_indices(parent, parent.rows(), "parent must hold pieces");
@@ -171,7 +173,7 @@ void link_in_space(Segments ends, Intervals interval, Indices piece, Faces face,
 // Side of its face, 0 to 2 or -1, on which each side of each piece lies.
 void find_sides(Corners xy, Starts starts, Faces face, Array<const double, Any, 3, 2> corners,
                 double tolerance, Array<int64_t, Any> side) {
-    require_pieces(starts, face.rows(), xy.rows());
+    require_starts(starts, face.rows(), xy.rows(), STARTS);
     require(side.rows() == xy.rows(), "side must have one row for each corner");
     require_indices(face, corners.rows(), "face must hold rows of corners");
     for (int64_t i = 0; i < face.rows(); i++) {

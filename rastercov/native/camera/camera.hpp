@@ -60,11 +60,9 @@ template <> struct Record<CurvedLens> {
 inline void require_lens(const Lens &) {}
 inline void require_lens(const CurvedLens &lens) {
     const int64_t n = lens.frames.rows();
-    require(lens.own_params.rows() == n && lens.regions.rows() == n &&
-                lens.region_sides.rows() == n && lens.holes.rows() == n &&
-                lens.hole_sides.rows() == n && lens.longest.rows() == n &&
-                lens.parts_of.rows() == n && lens.is_graded.rows() == n && lens.bends.rows() == n &&
-                lens.arc_halves.rows() == n && lens.arc_bends.rows() == n,
+    require(have_rows(n, lens.own_params, lens.regions, lens.region_sides, lens.holes,
+                      lens.hole_sides, lens.longest, lens.parts_of, lens.is_graded, lens.bends,
+                      lens.arc_halves, lens.arc_bends),
             "the arrays of a lens must have one row for each plane");
     require_indices(lens.region_sides, MOST_SIDES + 1,
                     "a region must have MOST_SIDES sides at most");
@@ -190,8 +188,10 @@ inline double along(const CurvedSlopes &s, double a, double b, double c) {
 
 // J is 0 along the ray, so its least singular value is across.
 inline double facing(const CurvedSlopes &s) {
-    const double a = s.uy * s.vz - s.uz * s.vy, b = s.uz * s.vx - s.ux * s.vz,
-                 c = s.ux * s.vy - s.uy * s.vx, largest = largest_of(s);
+    const double a = s.uy * s.vz - s.uz * s.vy;
+    const double b = s.uz * s.vx - s.ux * s.vz;
+    const double c = s.ux * s.vy - s.uy * s.vx;
+    const double largest = largest_of(s);
     return largest > 0 ? std::sqrt(a * a + b * b + c * c) / largest : 0.0;
 }
 

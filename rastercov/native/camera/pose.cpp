@@ -52,7 +52,7 @@ void find_faults(Array<const double, Any, 4, 4> poses, const PoseLimits &limits,
 
 void find_near_limits(Array<const double, Any, 4, 4> poses, Array<const double, 2, 3> bounds,
                       Array<const double, Any> of_cameras, Array<double, Any> out) {
-    require(of_cameras.rows() == poses.rows() && out.rows() == poses.rows(),
+    require(have_rows(poses.rows(), of_cameras, out),
             "of_cameras and out must have one row for each pose");
     Box box;
     for (int k = 0; k < 6; k++) box[k / 3][k % 3] = bounds.data[k];

@@ -89,7 +89,7 @@ inline bool is_edge_on(const Scene &scene, int64_t f, const Corners<double> &cor
     double bx = at(k, 0) - at(i, 0), by = at(k, 1) - at(i, 1), bz = at(k, 2) - at(i, 2);
     const double scale = std::max(
         {std::abs(ax), std::abs(ay), std::abs(az), std::abs(bx), std::abs(by), std::abs(bz)});
-    ax /= scale, ay /= scale, az /= scale, bx /= scale, by /= scale, bz /= scale;
+    for (double *const part : {&ax, &ay, &az, &bx, &by, &bz}) *part /= scale;
     const double cross =
         length(Triple<double>{ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx});
     const double product = std::sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz));

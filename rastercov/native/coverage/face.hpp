@@ -46,8 +46,7 @@ template <class Camera>
 void require_scene(const Scene &scene, const Camera &camera, VertexRows<Camera> points) {
     require_lens(camera);
     const int64_t n = scene.faces.rows();
-    require(scene.normals.rows() == n && scene.degenerate.rows() == n &&
-                scene.two_sided.rows() == n && scene.offsets.rows() == n,
+    require(have_rows(n, scene.normals, scene.degenerate, scene.two_sided, scene.offsets),
             "arrays of a scene must have one row for each face");
     require(points.rows() >= scene.vertices.rows(), "points must have a row for each vertex");
     require_indices(scene.faces, scene.vertices.rows(), "faces must hold rows of vertices");
@@ -107,16 +106,18 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     auto &is = face.measures;
     is.visible = area_at<N>(seen.visible.begin() + view.at(f), seen.scale);
     is.drawn = area_at<N>(seen.drawn.begin() + view.at(f), seen.scale);
+    FieldOfView<N> field;
     if constexpr (std::is_same_v<N, double>) {
         // A count is no area.
         const double known = seen.kind.size() || !asked.area ? is.drawn : -1.0;
-        const auto field = field_of_view(corners, view.near(), camera, memory, known);
-        face.state = field.state, face.part = field.part, face.area = field.area;
+        field = field_of_view(corners, view.near(), camera, memory, known);
     } else {
-        const auto field = quick_field_of_view(corners, camera);
+        field = quick_field_of_view(corners, camera);
         if (any(field.is_cut)) return false;
-        face.state = field.state, face.part = field.part, face.area = field.area;
     }
+    face.state = field.state;
+    face.part = field.part;
+    face.area = field.area;
     const Triple<N> normal = turned(read_triple<N>(scene.normals.begin() + 3 * f), view.pose());
     face.cosine = incidence_cosine(corners, normal, read_mask<N>(scene.two_sided.begin() + f));
     is.is_degenerate = read_mask<N>(scene.degenerate.begin() + f);
@@ -142,9 +143,7 @@ INLINE auto slopes_of(int64_t f, int s, const View &view, const Face<N> &face) {
     if constexpr (IS_PINHOLE<std::remove_cvref_t<decltype(lens)>>) {
         const Vertex<N> &at = face.corners[s];
         return Slopes<N>{N(lens.fx), N(lens.fy), at[RIGHT], at[DOWN], at[Z]};
-    } else {
-        return slopes_at(view.points, int64_t(view.scene.faces(f, s)), lens);
-    }
+    } else return slopes_at(view.points, int64_t(view.scene.faces(f, s)), lens);
 }
 
 // Pixels a metre along the worst direction and of a facing target, and pixels a square metre, each
@@ -159,7 +158,9 @@ INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, 
     Asked asked = view.asked;
     asked.density = asked.density && any(has_density);
     if (!(asked.density || asked.facing || asked.per_m2) || !any(is_ahead)) return;
-    N density = INFINITY, facing_density = INFINITY, pixels_per_m2 = INFINITY;
+    N density = INFINITY;
+    N facing_density = INFINITY;
+    N pixels_per_m2 = INFINITY;
     unroll<3>(EACH(s) {
         const auto slopes = slopes_of(f, s, view, face);
         if (asked.density) {
@@ -167,10 +168,8 @@ INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, 
             density = select(here >= density, density, here);
         }
         if (asked.facing) facing_density = min(facing(slopes), facing_density);
-        if (asked.per_m2) {
-            const N here = per_m2(slopes, normal.x, normal.y, normal.z);
-            pixels_per_m2 = min(here, pixels_per_m2);
-        }
+        if (asked.per_m2)
+            pixels_per_m2 = min(per_m2(slopes, normal.x, normal.y, normal.z), pixels_per_m2);
     });
     if (asked.density) is.density = select(has_density, density, N(0.0));
     if (asked.facing) is.facing = select(is_ahead, facing_density, N(0.0));

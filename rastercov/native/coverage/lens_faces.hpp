@@ -64,15 +64,24 @@ inline void project(Array<const double, Any, 3> vertices, Pose pose, double near
         const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),
                                     vertices(i, 2) - pose(2, 3)};
         const auto [x, y, z] = turned(way, pose);
-        double state = BEHIND, u = NAN, v = NAN;
+        double state = BEHIND;
+        double u = NAN;
+        double v = NAN;
         if (near_depth(lens, x, y, z) >= near && lens::is_valid(lens.params, x, y, z)) {
             const auto pixel = lens::project(lens.code, lens.params, x, y, z);
-            u = pixel.u, v = pixel.v;
+            u = pixel.u;
+            v = pixel.v;
             state = is_in_image(lens, u, v) ? INSIDE : AHEAD;
         }
         const auto row = points[i];
-        row[X] = x, row[Y] = y, row[Z] = z, row[RIGHT] = row[DOWN] = NAN;
-        row[U] = u, row[V] = v, row[STATE] = state, row[SLOPES] = NAN;
+        row[X] = x;
+        row[Y] = y;
+        row[Z] = z;
+        row[RIGHT] = row[DOWN] = NAN;
+        row[U] = u;
+        row[V] = v;
+        row[STATE] = state;
+        row[SLOPES] = NAN;
     }
 }
 
@@ -88,7 +97,8 @@ inline bool lay_in_plane(const Corners<double> &corners, double near, const Curv
     double least = INFINITY;
     for (int s = 0; s < 3; s++) {
         const auto [x, y, z] = turned_to(corners[s], lens.frames[n]);
-        polygon(s, 0) = x / z, polygon(s, 1) = y / z;
+        polygon(s, 0) = x / z;
+        polygon(s, 1) = y / z;
         least = std::min(least, z);
     }
     if (lens.frames.rows() == 1 || !(least > 0)) return least > 0;
@@ -141,18 +151,24 @@ inline double area_inside(const Corners<double> &corners, const CurvedLens &lens
         const lens::Edge edge = {polygon[p][0], polygon[p][1], polygon[q][0], polygon[q][1]};
         for (int64_t m = 0; m < inner; m++) {
             const auto point = lens::node_of(edge, rule, m + 1);
-            edges.x[p * inner + m] = point.x, edges.y[p * inner + m] = point.y;
+            edges.x[p * inner + m] = point.x;
+            edges.y[p * inner + m] = point.y;
         }
     }
-    for (int64_t m = nodes; m < nodes + lens::GROUP; m++)
-        edges.x[m] = edges.x[0], edges.y[m] = edges.y[0];
+    for (int64_t m = nodes; m < nodes + lens::GROUP; m++) {
+        edges.x[m] = edges.x[0];
+        edges.y[m] = edges.y[0];
+    }
     lens::project_lanes(record, edges.x, edges.y, nodes, edges.u, edges.v);
     const auto [u0, u1, u2] = column(corners, U);
     const auto [v0, v1, v2] = column(corners, V);
     double area = 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0));
     for (int64_t s = 0; s < 3; s++) {
         const auto &p = corners[s], &q = corners[s == 2 ? 0 : s + 1];
-        edges.U[0] = p[U], edges.V[0] = p[V], edges.U[rule] = q[U], edges.V[rule] = q[V];
+        edges.U[0] = p[U];
+        edges.V[0] = p[V];
+        edges.U[rule] = q[U];
+        edges.V[rule] = q[V];
         for (int64_t m = 1; m < rule; m++) {
             edges.U[m] = edges.u[s * inner + m - 1];
             edges.V[m] = edges.v[s * inner + m - 1];
@@ -166,12 +182,18 @@ inline double area_inside(const Corners<double> &corners, const CurvedLens &lens
 inline bool is_out_of_sight(const Corners<double> &corners, double near, const CurvedLens &lens) {
     for (int64_t n = 0; n < lens.frames.rows(); n++) {
         const auto box = exact::extent_of(lens.regions[n], lens.region_sides[n]);
-        bool before = true, left = true, right = true, above = true, below = true;
+        bool before = true;
+        bool left = true;
+        bool right = true;
+        bool above = true;
+        bool below = true;
         for (int s = 0; s < 3; s++) {
             const auto [x, y, z] = turned_to(corners[s], lens.frames[n]);
             before = before && z < near;
-            left = left && x < box.u_min * z, right = right && x > box.u_max * z;
-            above = above && y < box.v_min * z, below = below && y > box.v_max * z;
+            left = left && x < box.u_min * z;
+            right = right && x > box.u_max * z;
+            above = above && y < box.v_min * z;
+            below = below && y > box.v_max * z;
         }
         if (!(before || left || right || above || below)) return false;
     }
@@ -190,7 +212,9 @@ inline Areas curved_areas(const Corners<double> &face, double near, const Curved
     for (int64_t n = 0; n < lens.frames.rows(); n++) {
         for (int s = 0; s < 3; s++) {
             const auto [x, y, z] = turned_to(face[s], lens.frames[n]);
-            corners(s, 0) = x, corners(s, 1) = y, corners(s, 2) = z;
+            corners(s, 0) = x;
+            corners(s, 1) = y;
+            corners(s, 2) = z;
         }
         int64_t m = exact::cut_in_space(corners, 3, 0.0, 0.0, 1.0, near, spare_corners);
         if (m < 3) continue;
@@ -205,7 +229,8 @@ inline Areas curved_areas(const Corners<double> &face, double near, const Curved
             const auto [area, part, _] =
                 lens::polygon_image(plane, lens::Corners(piece), 0, count, memory.edges, true);
             const double sign = area < 0 ? -1.0 : 1.0;
-            sums.whole += sign * area, sums.inside += sign * part;
+            sums.whole += sign * area;
+            sums.inside += sign * part;
         };
         const int64_t sides = lens.hole_sides[n];
         if (sides == 0) add(polygon, m);

@@ -80,11 +80,9 @@ namespace {
 using Scored = Array<const bool, Any>; // faces that count in the figures of the network
 
 void require_sums(const Sums &sums, Scored is_scored, int64_t n_faces, int64_t n_poses) {
-    require(sums.views.rows() == n_faces && sums.best.rows() == n_faces &&
-                sums.best_row.rows() == n_faces && sums.reason.rows() == n_faces &&
-                is_scored.rows() == n_faces,
+    require(have_rows(n_faces, sums.views, sums.best, sums.best_row, sums.reason, is_scored),
             "sums must have one row for each face");
-    require(sums.covered_faces.rows() == n_poses && sums.totals.rows() == n_poses,
+    require(have_rows(n_poses, sums.covered_faces, sums.totals),
             "sums must have one row for each pose");
 }
 
@@ -229,7 +227,8 @@ template <class View> struct Adder {
         };
         const auto &is = face.measures;
         const auto &decision = face.decision;
-        rows.pose[at] = int32_t(sink.pose_ids[view.row]), rows.face[at] = int32_t(f + k);
+        rows.pose[at] = int32_t(sink.pose_ids[view.row]);
+        rows.face[at] = int32_t(f + k);
         put(rows.in_view, is.is_inside);
         put(rows.in_view_fraction, face.part);
         put(rows.projected_area, face.area);
@@ -247,7 +246,8 @@ template <class View> struct Adder {
         const double bound = lane_of(face.bound, k) + std::abs(short_visibility - visibility);
         float short_bound = float(bound);
         if (short_bound < bound) short_bound = std::nextafter(short_bound, INFINITY);
-        rows.visibility[at] = short_visibility, rows.visibility_bound[at] = short_bound;
+        rows.visibility[at] = short_visibility;
+        rows.visibility_bound[at] = short_bound;
         rows.incidence[at] = float(incidence_angle(lane_of(face.cosine, k)));
     }
 };
@@ -265,7 +265,7 @@ void add_poses(int64_t first, int64_t last, const Scene &scene, const Camera &ca
     require_seen(seen, first, last, n_faces);
     require_sums(sums, is_scored, n_faces, n_poses);
     require(coverage.rows() == n_faces, "coverage must have one row for each face");
-    require(sink.pose_ids.rows() == n_poses && sink.counts.rows() == n_poses,
+    require(have_rows(n_poses, sink.pose_ids, sink.counts),
             "a sink must have one row for each pose");
     const int64_t room = sink.choice == NO_PAIRS ? 0 : last * n_faces;
     each_field(sink.rows, Record<PairRows>::fields, [&](const auto &rows) {

@@ -17,12 +17,7 @@ namespace {
 using Starts = Array<const int64_t, Any>;
 using Cameras = Array<const int32_t, Any>;
 
-void require_rows(Starts starts, int64_t rows, int64_t items) {
-    require(starts.rows() == rows + 1, "starts must have one row for each row, and one more");
-    bool is_right = starts[0] >= 0 && starts[rows] <= items;
-    for (int64_t i = 0; i < rows; i++) is_right &= starts[i] <= starts[i + 1];
-    require(is_right, "starts must rise, within the items");
-}
+constexpr auto STARTS = "starts must rise, within the items, one for each row and one more";
 
 // Adds a camera to the lists of the faces it covers; number of pairs of camera and face.
 int64_t add_rays(int64_t c, Array<const int32_t, Any> faces, Places eyes, Places centroids,
@@ -32,8 +27,7 @@ int64_t add_rays(int64_t c, Array<const int32_t, Any> faces, Places eyes, Places
     const int64_t n_faces = centroids.rows(), room = std::min(before.rows(), camera.rows());
     require(c >= 0 && c < eyes.rows(), "c must be a row of eyes");
     require_indices(faces, n_faces, "faces must be rows of centroids");
-    require(first.rows() == n_faces && is_near.rows() == n_faces && last.rows() == n_faces &&
-                is_spread.rows() == n_faces,
+    require(have_rows(n_faces, first, is_near, last, is_spread),
             "arrays of faces must have one row for each");
     require(n_seen >= 0 && n_seen <= room && room - n_seen >= faces.rows(),
             "before and camera must have room for a pair of each face");
@@ -58,7 +52,8 @@ int64_t add_rays(int64_t c, Array<const int32_t, Any> faces, Places eyes, Places
                 break;
             }
         }
-        before[n_seen] = last[f], camera[n_seen] = c;
+        before[n_seen] = last[f];
+        camera[n_seen] = c;
         last[f] = n_seen++;
     }
     return n_seen;
@@ -70,7 +65,7 @@ void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Plac
                            Array<int64_t, Any> counts) {
     const int64_t n_cameras = covers.rows(), n_faces = covers.shape[1];
     require(eyes.rows() == n_cameras, "eyes must have one row for each camera");
-    require(centroids.rows() == n_faces && need.rows() == n_faces && counts.rows() == n_faces,
+    require(have_rows(n_faces, centroids, need, counts),
             "arrays of faces must have one row for each");
     std::vector<int64_t> seen(n_cameras);
     const double half = half_angle(min_cosine);
@@ -79,7 +74,8 @@ void cameras_until_covered(Array<const bool, Any, Any> covers, Places eyes, Plac
         poll();
         counts[f] = n_cameras + 1;
         int64_t n = 0;
-        bool is_spread = min_cosine > 1, is_near = true;
+        bool is_spread = min_cosine > 1;
+        bool is_near = true;
         for (int64_t c = 0; c < n_cameras; c++) {
             if (!covers(c, f)) continue;
             if (!is_spread) {
@@ -105,11 +101,10 @@ void worth_added(Array<const bool, Any, Any> rest, Starts starts, Array<const in
                  Array<int64_t, Any> added) {
     const int64_t n_others = rest.rows(), n_faces = rest.shape[1];
     require(width >= 1 && width <= starts.rows(), "width must be 1 or more, within the cameras");
-    require_rows(starts, added.rows() * width, items.rows());
+    require_starts(starts, added.rows() * width, items.rows(), STARTS);
     require_indices(items, n_faces, "items must be faces");
     require(eyes.rows() == n_others + added.rows() * width, "eyes must have a row for each camera");
-    require(n_rest.rows() == n_faces && is_spread.rows() == n_faces && weights.rows() == n_faces &&
-                centroids.rows() == n_faces && need.rows() == n_faces,
+    require(have_rows(n_faces, n_rest, is_spread, weights, centroids, need),
             "arrays of faces must have one row for each");
     std::vector<int64_t> seen(n_others + width), times(n_faces, 1);
     const auto has = [&](int64_t c, int64_t f) {
@@ -172,10 +167,9 @@ void best_densities(Starts starts, Cameras camera, Places points, Places normals
                     const Camera &lens, Array<double, Any> best, Array<int32_t, Any> by) {
     const int64_t n = points.rows();
     require_lens(lens);
-    require_rows(starts, n, camera.rows());
+    require_starts(starts, n, camera.rows(), STARTS);
     require_indices(camera, poses.rows(), "cameras must be rows of poses");
-    require(normals.rows() == n && best.rows() == n && by.rows() == n,
-            "arrays of elements must have one row for each");
+    require(have_rows(n, normals, best, by), "arrays of elements must have one row for each");
     require(lens_of_pose.rows() == poses.rows(), "lens_of_pose must have one row for each pose");
     Poll poll(64);
     for (int64_t e = 0; e < n; e++) {
@@ -186,8 +180,10 @@ void best_densities(Starts starts, Cameras camera, Places points, Places normals
             const int32_t c = camera[at];
             if (lens_of_pose[c] != index) continue;
             const double density = density_at(point, poses[c], normal, lens);
-            if (density > best[e] || (density == best[e] && c < by[e]))
-                best[e] = density, by[e] = c;
+            if (density > best[e] || (density == best[e] && c < by[e])) {
+                best[e] = density;
+                by[e] = c;
+            }
         }
     }
 }
@@ -197,7 +193,7 @@ void best_densities(Starts starts, Cameras camera, Places points, Places normals
 // The angle is atan2(|a x b|, a . b), which is accurate at 0 and at pi.
 void widest_angles(Starts starts, Cameras camera, Places points, Places eyes,
                    Array<double, Any> widest) {
-    require_rows(starts, points.rows(), camera.rows());
+    require_starts(starts, points.rows(), camera.rows(), STARTS);
     require_indices(camera, eyes.rows(), "cameras must be rows of eyes");
     require(widest.rows() == points.rows(), "widest must have one row for each element");
     Poll poll(64);

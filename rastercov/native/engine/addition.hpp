@@ -40,7 +40,8 @@ inline Polygon piece_on(const FlatFaces &faces, int64_t face, const RegionPieces
 
 // Bounds of the area of a face, see RegionPairs.
 struct Bounds {
-    double bound = 0.0, excess = 0.0;
+    double bound = 0.0;
+    double excess = 0.0;
 };
 
 // Parts of pieces in cells of one face: new ones, and those that a cell has had.
@@ -178,7 +179,10 @@ class Addition {
     Array<const int64_t, Any> _number;
     std::vector<uint8_t> _is_whole;
     std::vector<int64_t> _pair_rows, _piece_rows; // by face
-    size_t _pair = 0, _piece = 0, _wait = 0;      // the next of each
+    // The next of each.
+    size_t _pair = 0;
+    size_t _piece = 0;
+    size_t _wait = 0;
 };
 
 } // namespace rastercov::engine

@@ -12,6 +12,7 @@
 #include "engine/room.hpp"
 #include "exact/forest.hpp"
 #include "interrupt.hpp"
+#include "range.hpp"
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -173,20 +174,16 @@ Room<int32_t> order_along_curve(const BuiltPart &part) {
         for (int k = 0; k < 3; k++) sum += part.vertices[3 * int64_t(part.faces[3 * f + k]) + axis];
         return sum / 3.0;
     };
-    std::array<double, 3> low, high;
-    for (int axis = 0; axis < 3; axis++) low[axis] = high[axis] = centroid(0, axis);
+    std::array<Range, 3> along;
     for (int64_t f = 0; f < n; f++)
-        for (int axis = 0; axis < 3; axis++) {
-            low[axis] = std::min(low[axis], centroid(f, axis));
-            high[axis] = std::max(high[axis], centroid(f, axis));
-        }
+        for (int axis = 0; axis < 3; axis++) along[axis].add(centroid(f, axis));
     double extent = 0.0;
-    for (int axis = 0; axis < 3; axis++) extent = std::max(extent, high[axis] - low[axis]);
+    for (const auto [least, most] : along) extent = std::max(extent, most - least);
     constexpr double CELLS = (1 << CURVE_BITS) - 1;
     Room<uint32_t> keys(n, 0);
     for (int64_t f = 0; extent > 0.0 && f < n; f++)
         for (int axis = 0; axis < 3; axis++) {
-            const double at = (centroid(f, axis) - low[axis]) / extent * CELLS;
+            const double at = (centroid(f, axis) - along[axis].least) / extent * CELLS;
             keys[f] |= spread_bits(uint32_t(std::clamp(at, 0.0, CELLS))) << axis;
         }
     return sorted_rows(std::move(keys));
@@ -263,7 +260,8 @@ void find_edges(BuiltPart &part) {
     part.edge_faces = Room<int32_t>(2 * n_edges, -1);
     part.kind = Room<int8_t>(n_edges, CONSISTENT);
     part.of_face = Room<int32_t>(part.faces.size());
-    int64_t e = -1, n_uses = 0;
+    int64_t e = -1;
+    int64_t n_uses = 0;
     for (int64_t v = 0; v + 1 < starts.size(); v++)
         for (int64_t k = starts[v]; k < starts[v + 1]; k++) {
             const Use use = uses[k];
@@ -420,25 +418,10 @@ void place_faces(BuiltSurface &built, Array<const bool, Any> is_target) {
         return;
     }
     built.place = Room<int64_t>(is_target.rows());
-    int64_t n_opaque = 0, n_targets = 0;
+    int64_t n_opaque = 0;
+    int64_t n_targets = 0;
     for (int64_t f = 0; f < is_target.rows(); f++)
         built.place[f] = is_target[f] ? n + n_targets++ : own[n_opaque++];
-}
-
-// Centre and diagonal of the bounding box.
-void measure(SurfaceArrays &arrays) {
-    double squared = 0.0;
-    const Vertices &vertices = arrays.opaque.vertices;
-    for (int axis = 0; axis < 3; axis++) {
-        double low = vertices(0, axis), high = low;
-        for (int64_t v = 1; v < vertices.rows(); v++) {
-            low = std::min(low, vertices(v, axis));
-            high = std::max(high, vertices(v, axis));
-        }
-        arrays.centre[size_t(axis)] = (low + high) / 2.0;
-        squared += (high - low) * (high - low);
-    }
-    arrays.diagonal = std::sqrt(squared);
 }
 } // namespace
 
@@ -496,20 +479,21 @@ std::shared_ptr<const Surface> build_surface(const Welded &opaque, const Welded 
     arrays.rank = built->rank.rows();
     arrays.place = built->place.rows();
     if (n_targets) arrays.targets = built->targets.views();
-    measure(arrays);
     return std::make_shared<const Surface>(arrays, built, std::move(finder));
 }
 
 std::shared_ptr<const Surface> move_surface(std::shared_ptr<const Surface> rest, Vertices opaque,
                                             Vertices all, ContactFinder finder) {
-    const auto moved = std::make_shared<std::array<Room<double>, 2>>();
-    (*moved)[0] = positions_of(rest->source(), opaque);
-    (*moved)[1] = positions_of(rest->targets().source, all);
+    struct Moved {
+        std::shared_ptr<const Surface> rest;
+        Room<double> opaque, targets;
+    };
     SurfaceArrays arrays = rest->arrays();
-    arrays.opaque.vertices = (*moved)[0].rows<3>();
-    arrays.targets.vertices = (*moved)[1].rows<3>();
-    measure(arrays);
-    return std::make_shared<const Surface>(std::move(rest), arrays, moved, std::move(finder));
+    const auto moved = std::make_shared<Moved>(rest, positions_of(rest->source(), opaque),
+                                               positions_of(rest->targets().source, all));
+    arrays.opaque.vertices = moved->opaque.rows<3>();
+    arrays.targets.vertices = moved->targets.rows<3>();
+    return std::make_shared<const Surface>(arrays, moved, std::move(finder));
 }
 
 } // namespace rastercov::engine

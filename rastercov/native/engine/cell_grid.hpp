@@ -29,7 +29,9 @@ class CellGridRoom {
     void make_entries(int64_t n);
 
     exact::CellGrid _grid = {};
-    int64_t _n_fresh = 0, _n_entries = 0, _n_listed = 0;
+    int64_t _n_fresh = 0;
+    int64_t _n_entries = 0;
+    int64_t _n_listed = 0;
     Room<uint8_t> _asked;
     Room<bool> _is_near, _is_sorted, _has_bounds, _is_whole;
     Room<uint64_t> _fresh_bits;

@@ -52,7 +52,9 @@ class DividerSearch {
     // Tries all of them across the longest side of a piece.
     void across_piece(int64_t number) {
         const Polygon piece = _pieces[number];
-        double longest = -1.0, x = 0.0, y = 0.0;
+        double longest = -1.0;
+        double x = 0.0;
+        double y = 0.0;
         for (int64_t p = 0; p < piece.rows(); p++) {
             const int64_t q = p + 1 < piece.rows() ? p + 1 : 0;
             const double dx = piece(q, U) - piece(p, U), dy = piece(q, V) - piece(p, V);
@@ -70,19 +72,16 @@ class DividerSearch {
     void measure(double a, double b) {
         for (size_t i = 0; i < _low.size(); i++) {
             const Polygon piece = _pieces[int64_t(i)];
-            double low = piece(0, U) * a + piece(0, V) * b, high = low;
-            for (int64_t p = 1; p < piece.rows(); p++) {
-                const double value = piece(p, U) * a + piece(p, V) * b;
-                low = std::min(low, value);
-                high = std::max(high, value);
-            }
-            _low[i] = low;
-            _high[i] = high;
+            Range all;
+            for (int64_t p = 0; p < piece.rows(); p++) all.add(piece(p, U) * a + piece(p, V) * b);
+            _low[i] = all.least;
+            _high[i] = all.most;
         }
     }
 
     void consider(const Divider &line) {
-        int64_t n_low = 0, n_high = 0;
+        int64_t n_low = 0;
+        int64_t n_high = 0;
         for (size_t i = 0; i < _low.size(); i++) {
             n_low += _low[i] < line.c - _nearest;
             n_high += _high[i] > line.c + _nearest;
@@ -151,14 +150,13 @@ bool find_divider(const PieceList &pieces, double nearest, Divider &line) {
 Halver::Parts Halver::cut(Polygon polygon, const Divider &line, double nearest) {
     const int64_t n = polygon.rows();
     const double slack = area::SLACK_REL * nearest;
-    double least = 0.0, most = 0.0;
+    Range all = {0.0, 0.0};
     for (int64_t p = 0; p < n; p++) {
         const double value = line.a * polygon(p, U) + line.b * polygon(p, V) - line.c;
         _values[p] = std::abs(value) > slack ? value : 0.0;
-        least = std::min(least, _values[p]);
-        most = std::max(most, _values[p]);
+        all.add(_values[p]);
     }
-    if (!(least < 0 && 0 < most)) return {false, most > 0, 0, 0, 0.0, 0.0};
+    if (!(all.least < 0 && 0 < all.most)) return {false, all.most > 0, 0, 0, 0.0, 0.0};
     const Points copy = points_of(_polygon);
     area::copy_polygon(polygon, n, copy);
     const auto [kept, lost] =

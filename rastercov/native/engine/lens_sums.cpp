@@ -51,20 +51,12 @@ void LensSums::set_surface(const Surface &surface) {
     const auto &opaque = surface.vertices(), &targets = surface.targets().vertices;
     std::copy(targets.begin(), targets.end(),
               std::copy(opaque.begin(), opaque.end(), _vertices.data()));
-    double ends[2][3];
-    for (int axis = 0; axis < 3; axis++) {
-        ends[0][axis] = std::numeric_limits<double>::infinity();
-        ends[1][axis] = -ends[0][axis];
-    }
-    for (int64_t k = 0; k < _vertices.size(); k++) {
-        const double at = _vertices.data()[k];
-        ends[0][k % 3] = std::min(ends[0][k % 3], at);
-        ends[1][k % 3] = std::max(ends[1][k % 3], at);
-    }
+    Range along[3];
+    for (int64_t k = 0; k < _vertices.size(); k++) along[k % 3].add(_vertices.data()[k]);
     for (int corner = 0; corner < 8; corner++) {
-        _box[3 * corner] = ends[corner >> 1 & 1][0];
-        _box[3 * corner + 1] = ends[corner >> 2 & 1][1];
-        _box[3 * corner + 2] = ends[corner & 1][2];
+        _box[3 * corner] = corner >> 1 & 1 ? along[0].most : along[0].least;
+        _box[3 * corner + 1] = corner >> 2 & 1 ? along[1].most : along[1].least;
+        _box[3 * corner + 2] = corner & 1 ? along[2].most : along[2].least;
     }
 }
 

@@ -118,11 +118,10 @@ void set_no_opaque(MeshArrays &mesh) {
 std::array<Vector, 2> bounds_of(exact::Vertices vertices, const Room<int64_t> &faces) {
     Vector low, high;
     for (int axis = 0; axis < 3; axis++) {
-        low[size_t(axis)] = high[size_t(axis)] = vertices(faces[0], axis);
-        for (int64_t k = 0; k < faces.size(); k++) {
-            low[size_t(axis)] = std::min(low[size_t(axis)], vertices(faces[k], axis));
-            high[size_t(axis)] = std::max(high[size_t(axis)], vertices(faces[k], axis));
-        }
+        Range all;
+        for (const int64_t v : faces.rows()) all.add(vertices(v, axis));
+        low[size_t(axis)] = all.least;
+        high[size_t(axis)] = all.most;
     }
     return {low, high};
 }

@@ -35,8 +35,7 @@ void Pass::set_camera(int64_t index, std::shared_ptr<const Camera> camera,
 void Pass::check(const Job &job) const {
     const Poses &poses = job.poses;
     const int64_t n = poses.world_from_camera.rows(), n_faces = rows_of(*job.surface);
-    require(poses.camera.rows() == n && poses.turns.rows() == n,
-            "poses must have one row in each array");
+    require(have_rows(n, poses.camera, poses.turns), "poses must have one row in each array");
     require_indices(poses.rows, n, "rows must be poses");
     require_indices(poses.turns, poses.rows.rows(), "turns must be rows of the result");
     require_indices(poses.camera, int64_t(_cameras.size()), "camera must hold cameras");
@@ -57,10 +56,8 @@ void Pass::check(const Job &job) const {
     if (!job.planes) return;
     const area::Planes &planes = *job.planes;
     require(_keeps_pieces, "a pass with regions must keep pieces");
-    require(planes.origin.rows() == n_faces && planes.x_axis.rows() == n_faces &&
-                planes.y_axis.rows() == n_faces && planes.normal.rows() == n_faces &&
-                planes.corners.rows() == n_faces && planes.areas.rows() == n_faces &&
-                planes.two_sided.rows() == n_faces && planes.is_asked.rows() == n_faces,
+    require(have_rows(n_faces, planes.origin, planes.x_axis, planes.y_axis, planes.normal,
+                      planes.corners, planes.areas, planes.two_sided, planes.is_asked),
             "planes must have one row for each face");
 }
 

@@ -28,8 +28,11 @@ constexpr double MOST_ASKED = 0.5;
 constexpr double CROSSING_TOLERANCE_REL = 1e-9, THIN_TOLERANCE_REL = 1e-8;
 // Visible parts of an event edge in a cell that are kept apart.
 constexpr int64_t MOST_RANGES = 16;
-constexpr int64_t FIRST_PIECES = 64, FIRST_KEPT = 1024, FIRST_KEPT_CORNERS = 8192,
-                  FIRST_CROSSINGS = 1024, EDGES_A_CROSSING = 16;
+constexpr int64_t FIRST_PIECES = 64;
+constexpr int64_t FIRST_KEPT = 1024;
+constexpr int64_t FIRST_KEPT_CORNERS = 8192;
+constexpr int64_t FIRST_CROSSINGS = 1024;
+constexpr int64_t EDGES_A_CROSSING = 16;
 } // namespace
 
 PlaneSolver::PlaneSolver(Handle surface, bool is_certifying, bool keeps_pieces)

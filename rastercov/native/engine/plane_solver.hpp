@@ -43,7 +43,12 @@ inline Pose pose_of(Array<const double, 4, 4> world_from_camera) {
 // planes, regions, faces of regions that turned out neither wholly visible nor wholly hidden, faces
 // that were clipped in space.
 struct Counts {
-    int64_t n_events = 0, n_crossed = 0, n_left = 0, n_regions = 0, n_doubtful = 0, n_clipped = 0;
+    int64_t n_events = 0;
+    int64_t n_crossed = 0;
+    int64_t n_left = 0;
+    int64_t n_regions = 0;
+    int64_t n_doubtful = 0;
+    int64_t n_clipped = 0;
 };
 
 using Handle = std::shared_ptr<const Surface>;
@@ -117,7 +122,9 @@ class PlaneSolver {
     double _rotation[9], _centre[3], _border[20], _extent[7], _segment[8];
     int64_t _segment_ends[3], _kept_used[3] = {};
     Counts _counts;
-    bool _is_listed = false, _has_crossings = false, _leaves_out = false;
+    bool _is_listed = false;
+    bool _has_crossings = false;
+    bool _leaves_out = false;
     Room<double> _own[3];
     Areas _areas;
     Image _image;

@@ -49,7 +49,8 @@ Canvas::Canvas(const Scattered &scattered, int64_t width, int64_t height,
     std::copy_n(runs[0].data, height, _first.data());
     std::copy_n(runs[1].data, height, _last.data());
     for (int64_t row = 0; row < n; row++) {
-        int32_t first = 0, last = height < SIDE * (row + 1) ? 0 : INT32_MAX;
+        int32_t first = 0;
+        int32_t last = height < SIDE * (row + 1) ? 0 : INT32_MAX;
         for (int64_t y = SIDE * row; y < std::min(height, SIDE * (row + 1)); y++) {
             first = std::max(first, _first[y]);
             last = std::min(last, _last[y]);
@@ -70,8 +71,7 @@ Canvas::Canvas(const Scattered &scattered, int64_t width, int64_t height,
 
 void Canvas::check() const {
     const auto &[offsets, used, cell_bounds, lanes, samples, places] = scattered;
-    require(samples.rows() == lanes.rows() && places.rows() == lanes.rows() &&
-                lanes.rows() <= INT32_MAX,
+    require(have_rows(lanes.rows(), samples, places) && lanes.rows() <= INT32_MAX,
             "lanes, samples and places must be as long as one another");
     if (!is_scattered()) return;
     require(!is_rolled && width % (SIDE * SIDE) == 0 && height % (SIDE * SIDE) == 0,
@@ -144,7 +144,10 @@ class Worker {
             camera.eye[i] = pose(i, 3) - _scene.centre()[i];
         }
         const auto &lens = canvas.lens;
-        camera.fx = lens[0], camera.fy = lens[1], camera.cx = lens[2], camera.cy = lens[3];
+        camera.fx = lens[0];
+        camera.fy = lens[1];
+        camera.cx = lens[2];
+        camera.cy = lens[3];
         const int shift = canvas.is_scattered() ? FINE_STEP_BITS - STEP_BITS : 0;
         camera.near = near;
         camera.magnification = canvas.magnification[1] * (1 << shift); // of the guard band
@@ -301,7 +304,8 @@ void Worker::count_targets(const Canvas &canvas, const Look &look,
     if (_rows.size() < 2 * n) _rows.take(2 * n);
     const auto rows = _rows.rows<2>(n);
     rows_of_targets(seen, canvas.height, rows);
-    int64_t least = canvas.height, most = 0;
+    int64_t least = canvas.height;
+    int64_t most = 0;
     for (int64_t k = 0; k < n; k++)
         if (rows(k, 0) < rows(k, 1)) {
             least = std::min(least, rows(k, 0));
@@ -353,7 +357,7 @@ void Rasterizer::count(const Canvases &canvases, const Looks &looks, const Outpu
     require_looks(canvases, looks);
     const int64_t n_poses = looks.near.rows(), n_faces = _scene.n_faces();
     const bool with_drawn = out.drawn.rows() > 0;
-    require(out.visible.rows() == n_poses && out.filled.rows() == n_poses &&
+    require(have_rows(n_poses, out.visible, out.filled) &&
                 (!with_drawn || out.drawn.rows() == n_poses),
             "output must have one row for each pose");
     require(out.visible.extent(1) == n_faces && (!with_drawn || out.drawn.extent(1) == n_faces),
@@ -376,8 +380,10 @@ void Rasterizer::count(const Canvases &canvases, const Looks &looks, const Outpu
         const bool is_direct = std::is_same_v<T, int32_t> && !is_split;
         Counts counts = {{}, {}, {}, with_drawn};
         if (is_direct) {
-            if constexpr (std::is_same_v<T, int32_t>)
-                counts.visible = visible, counts.drawn = drawn;
+            if constexpr (std::is_same_v<T, int32_t>) {
+                counts.visible = visible;
+                counts.drawn = drawn;
+            }
         } else {
             counts.visible = worker.counts(0);
             if (with_drawn) counts.drawn = worker.counts(1);

@@ -1,8 +1,8 @@
 // Surface of a mesh, as the engine sees it: welded vertices, faces, edges, blocks, contacts.
 //
 // It never changes, so that threads and solvers share one. Its arrays are views of memory that it
-// keeps alive; their rows are checked once, when it is made, and trusted from then on. The opaque
-// faces come first, and all but `place` and `targets` are theirs, bit for bit as without targets.
+// keeps alive, as build_surface makes them. The opaque faces come first, and all but `place` and
+// `targets` are theirs, bit for bit as without targets.
 //
 // Twin: rastercov.exact.surface.
 #pragma once
@@ -50,8 +50,6 @@ struct Part {
 };
 
 struct SurfaceArrays {
-    std::array<double, 3> centre; // of the bounding box, metres
-    double diagonal;              // of the same
     Part opaque;
     exact::Edges edges;
     Array<const int32_t, Any> rank; // (F,) place among the opaque faces of the mesh: the lower wins
@@ -61,18 +59,13 @@ struct SurfaceArrays {
 
 class Surface {
   public:
-    // Throws unless faces, edges, blocks and indices are those of one surface.
     Surface(const SurfaceArrays &arrays, Owner owner, ContactFinder finder = {});
-
-    // The same faces with other positions: `arrays` differ in vertices, centre and diagonal alone.
-    Surface(std::shared_ptr<const Surface> rest, const SurfaceArrays &arrays, Owner owner,
-            ContactFinder finder);
-
     Surface(const Surface &) = delete;
     Surface &operator=(const Surface &) = delete;
 
-    const std::array<double, 3> &centre() const { return _arrays.centre; }
-    double diagonal() const { return _arrays.diagonal; }
+    // Of the bounding box of the opaque faces, metres.
+    const std::array<double, 3> &centre() const { return _centre; }
+    double diagonal() const { return _diagonal; }
     const exact::Vertices &vertices() const { return _arrays.opaque.vertices; }
     const Faces &faces() const { return _arrays.opaque.faces; }
     const exact::Edges &edges() const { return _arrays.edges; }
@@ -100,6 +93,8 @@ class Surface {
   private:
     SurfaceArrays _arrays;
     std::array<std::array<double, 3>, 2> _bounds;
+    std::array<double, 3> _centre;
+    double _diagonal;
     Owner _owner;
     ContactFinder _finder;
     mutable std::mutex _finds; // held while contacts are looked up or found

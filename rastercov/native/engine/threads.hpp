@@ -113,7 +113,8 @@ class Sharing {
     Pace &_pace;
     const GoOn &_go_on;
     Stop _stop;
-    std::atomic<int64_t> _next = 0, _n_working = 0;
+    std::atomic<int64_t> _next = 0;
+    std::atomic<int64_t> _n_working = 0;
     std::vector<std::thread> _threads;
     std::mutex _changes;
     std::condition_variable _has_ended;

@@ -125,7 +125,7 @@ void Union::begin(const RegionPieces &pieces, Array<const int64_t, Any> tags,
     require(_pieces.size() == 0, "a union must begin before anything is added");
     require(pieces.starts.rows() == n + 1 && tags.rows() == n,
             "face and tags must have one row for each piece, starts one more");
-    require(bound.rows() == n_faces() && excess.rows() == n_faces(),
+    require(have_rows(n_faces(), bound, excess),
             "bound and excess must have one row for each face");
     require_indices(pieces.face, n_faces(), "face must hold faces");
     require(std::is_sorted(pieces.face.begin(), pieces.face.end()),
@@ -151,8 +151,7 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs,
     const int64_t n = pieces.face.rows(), n_pairs = pairs.face.rows();
     require(pieces.starts.rows() == n + 1 && pieces.pose.rows() == n,
             "face and pose must have one row for each piece, starts one more");
-    require(pairs.pose.rows() == n_pairs && pairs.area.rows() == n_pairs &&
-                pairs.bound.rows() == n_pairs && pairs.excess.rows() == n_pairs,
+    require(have_rows(n_pairs, pairs.pose, pairs.area, pairs.bound, pairs.excess),
             "pairs must have one row in each array");
     require_indices(pieces.face, n_faces(), "face must hold faces");
     require_indices(pairs.face, n_faces(), "pairs must be of faces");
@@ -247,7 +246,8 @@ void Union::unite_face(int64_t face, int64_t whole, bool is_waiting, Tally tally
         const int64_t n_cells = int64_t(_cells.size());
         double lost = 0.0;
         order_parts();
-        int64_t first = 0, n_left = int64_t(_order.size());
+        int64_t first = 0;
+        int64_t n_left = int64_t(_order.size());
         _next.clear();
         for (const int64_t cell : cells) {
             int64_t last = first;
@@ -515,10 +515,10 @@ std::pair<int64_t, int64_t> Union::size() const {
 void Union::write(area::Points xy, Array<int64_t, Any> starts, Array<int32_t, Any> face,
                   Array<int64_t, Any> tag, Array<double, Any> area) const {
     const auto [n, n_corners] = size();
-    require(xy.rows() == n_corners && starts.rows() == n + 1 && face.rows() == n &&
-                tag.rows() == n && area.rows() == n,
+    require(xy.rows() == n_corners && starts.rows() == n + 1 && have_rows(n, face, tag, area),
             "arrays must have the size of the union");
-    int64_t row = 0, at = 0;
+    int64_t row = 0;
+    int64_t at = 0;
     starts[0] = 0;
     each_piece([&](int64_t f, int64_t i) {
         const Polygon piece = _pieces[i];

@@ -63,9 +63,11 @@ class Union {
 
     // All of a face, or one half of a cell. A cell with halves has no pieces.
     struct Cell {
-        int64_t first = 0, count = 0; // pieces
-        int64_t most = 0;             // pieces up to which no line is tried
-        int32_t face = 0, half = -1;  // the lower half, before the upper one, or -1
+        int64_t first = 0;
+        int64_t count = 0; // pieces
+        int64_t most = 0;  // pieces up to which no line is tried
+        int32_t face = 0;
+        int32_t half = -1; // the lower half, before the upper one, or -1
         bool is_closed = false;
     };
     class Change;

@@ -67,12 +67,13 @@ int64_t divide_piece(const Pieces &pieces, int64_t p, int64_t count, Row segment
     if (least == 0 || most == 0) return count;
     // The part of the line within the piece must hold a part of the crossing.
     const double squared = du * du + dv * dv;
-    double low = INF, high = -INF;
+    Range along;
     for (int64_t k = 0; k < n; k++) {
         const int64_t m = k + 1 < n ? k + 1 : 0;
         double at_u, at_v;
         if (values[k] == 0) {
-            at_u = corners(k, U), at_v = corners(k, V);
+            at_u = corners(k, U);
+            at_v = corners(k, V);
         } else if (values[k] * values[m] < 0) {
             const double t = values[k] / (values[k] - values[m]);
             at_u = corners(k, U) + t * (corners(m, U) - corners(k, U));
@@ -80,15 +81,16 @@ int64_t divide_piece(const Pieces &pieces, int64_t p, int64_t count, Row segment
         } else {
             continue;
         }
-        const double t = ((at_u - u) * du + (at_v - v) * dv) / squared;
-        low = std::min(low, t), high = std::max(high, t);
+        along.add(((at_u - u) * du + (at_v - v) * dv) / squared);
     }
     const double reach = tolerance * (std::abs(du) + std::abs(dv)) / squared;
-    if (std::min(high, segment[LAST]) - std::max(low, segment[FIRST]) <= reach) return count;
+    if (std::min(along.most, segment[LAST]) - std::max(along.least, segment[FIRST]) <= reach)
+        return count;
     const auto [kept, lost] = split(corners, n, values, work.spare, pieces.corners[count]);
     if (kept < 3 || lost < 3) return count;
     copy_polygon(work.spare, kept, corners);
-    pieces.n_corners[p] = kept, pieces.n_corners[count] = lost;
+    pieces.n_corners[p] = kept;
+    pieces.n_corners[count] = lost;
     return count + 1;
 }
 
@@ -117,7 +119,10 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     const int64_t at = cell_at(u, v, grid);
     lay_bounds(at, projected, grid);
     Sight result = VISIBLE;
-    int64_t entry = grid.starts[at], m = grid.hider[at], index = -1, n = 0;
+    int64_t entry = grid.starts[at];
+    int64_t m = grid.hider[at];
+    int64_t index = -1;
+    int64_t n = 0;
     const int64_t stop = grid.stops[at];
     const bool has_many = stop - entry > MANY;
     const double margin = SURE * camera.pixel_error; // of an outline, see covers
@@ -131,7 +136,8 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
                     ? find_in_groups(entry, following, point, depths, grid, 0, may,
                                      [&](int64_t k) { return !is_outside(k, u, v, margin, grid); })
                     : find_faces(entry, following, point, depths, grid, 0);
-            entry = following, index = 0;
+            entry = following;
+            index = 0;
             continue;
         }
         if (index >= 0) m = grid.found[index];
@@ -157,14 +163,21 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
 
 // Divides a face into triangles about its centre; returns their number.
 int64_t divide_about_centre(Points target, int64_t n, const Pieces &pieces) {
-    double u = 0.0, v = 0.0;
-    for (int64_t p = 0; p < n; p++) u += target(p, U) / n, v += target(p, V) / n;
+    double u = 0.0;
+    double v = 0.0;
+    for (int64_t p = 0; p < n; p++) {
+        u += target(p, U) / n;
+        v += target(p, V) / n;
+    }
     for (int64_t p = 0; p < n; p++) {
         const int64_t q = p + 1 < n ? p + 1 : 0;
         const Points corners = pieces.corners[p];
-        corners(0, U) = u, corners(0, V) = v;
-        corners(1, U) = target(p, U), corners(1, V) = target(p, V);
-        corners(2, U) = target(q, U), corners(2, V) = target(q, V);
+        corners(0, U) = u;
+        corners(0, V) = v;
+        corners(1, U) = target(p, U);
+        corners(1, V) = target(p, V);
+        corners(2, U) = target(q, U);
+        corners(2, V) = target(q, V);
         pieces.n_corners[p] = 3;
     }
     return n;
@@ -222,7 +235,10 @@ Sum sum_cells(int64_t t, int64_t count, double error, const View &view, const Pi
         const Points corners = pieces.corners[p];
         const int64_t n = pieces.n_corners[p];
         const double u = corners(0, U), v = corners(0, V);
-        double around = 0.0, twice = 0.0, mean_u = 0.0, mean_v = 0.0;
+        double around = 0.0;
+        double twice = 0.0;
+        double mean_u = 0.0;
+        double mean_v = 0.0;
         for (int64_t k = 1; k < n; k++) {
             const double u1 = corners(k, U) - u, v1 = corners(k, V) - v;
             around += std::abs(corners(k, U) - corners(k - 1, U));

@@ -77,10 +77,13 @@ void join_across(int64_t node, int64_t e, int64_t g, const View &view, const Nod
     if (g < 0) return;
     const int64_t other = node_of(g, parent, view.projected);
     if (other < 0 || !is_joint(e, view)) return;
-    int32_t p = parent[node], q = parent[other];
+    int32_t p = parent[node];
+    int32_t q = parent[other];
     const int32_t lower = std::min(p, q);
-    p = p == node ? lower : p, q = q == other ? lower : q;
-    parent[node] = p, parent[other] = q;
+    p = p == node ? lower : p;
+    q = q == other ? lower : q;
+    parent[node] = p;
+    parent[other] = q;
     if (p != q) join(node, other, parent);
 }
 
@@ -106,12 +109,14 @@ void find_largest_listed(const Projected &projected, const CellGrid &grid, const
                          const Nodes &largest) {
     const Blocks &blocks = projected.blocks;
     const int64_t n_patches = blocks.lowest.rows();
-    int64_t block = -1, of_block = -1;
+    int64_t block = -1;
+    int64_t of_block = -1;
     bool is_whole = false;
     for (int64_t index = 0; index < grid.n_faces[0]; index++) {
         const int64_t f = grid.faces[index];
         if (f / BLOCK != block) { // the faces of a block follow one another
-            block = f / BLOCK, of_block = -1;
+            block = f / BLOCK;
+            of_block = -1;
             is_whole = is_of_a_region(block, projected);
             if (is_whole && is_one_patch(block, blocks))
                 of_block = region[blocks.patch_starts[block]];

@@ -91,7 +91,11 @@ inline int8_t side_if_out_of_sight(Vertices vertices, const int64_t (&face)[3],
     const auto &rotation = camera.rotation;
     const auto &eye = camera.centre;
     const double wide = CLIP_MARGIN * camera.width + 1, high = CLIP_MARGIN * camera.height + 1;
-    bool before = true, left = true, right = true, above = true, below = true;
+    bool before = true;
+    bool left = true;
+    bool right = true;
+    bool above = true;
+    bool below = true;
     double most = 0.0, corner[3][3];
     for (int s = 0; s < 3; s++) {
         auto &p = corner[s];
@@ -110,7 +114,10 @@ inline int8_t side_if_out_of_sight(Vertices vertices, const int64_t (&face)[3],
     if (!(before || left || right || above || below)) return 0;
     // a . ((b - a) x (c - a)) is negative for the front.
     auto &[a, b, c] = corner;
-    for (int k = 0; k < 3; k++) b[k] -= a[k], c[k] -= a[k];
+    for (int k = 0; k < 3; k++) {
+        b[k] -= a[k];
+        c[k] -= a[k];
+    }
     const double nx = b[1] * c[2] - b[2] * c[1], ny = b[2] * c[0] - b[0] * c[2],
                  nz = b[0] * c[1] - b[1] * c[0];
     const double d = nx * a[0] + ny * a[1] + nz * a[2];
@@ -141,7 +148,10 @@ inline int64_t image_within(const Pinhole &camera, ClippedFace &face) {
     const Points polygon = face.corners();
     const double corners[4][2] = {
         {0.0, 0.0}, {camera.width, 0.0}, {camera.width, camera.height}, {0.0, camera.height}};
-    for (int p = 0; p < 4; p++) polygon(p, U) = corners[p][0], polygon(p, V) = corners[p][1];
+    for (int p = 0; p < 4; p++) {
+        polygon(p, U) = corners[p][0];
+        polygon(p, V) = corners[p][1];
+    }
     return clip(polygon, 4, face.sides(), SIDES, face.scratch());
 }
 
@@ -173,25 +183,40 @@ inline Side clip_in_space(Corners &corners, const Pinhole &camera, ClippedFace &
     const double down = std::max(std::abs(camera.cy), std::abs(camera.height - camera.cy));
     auto &plane = out.plane;
     const auto sides = out.sides();
-    plane[U] = camera.cx, plane[V] = camera.cy, plane[W] = normals.face[2].high / d;
+    plane[U] = camera.cx;
+    plane[V] = camera.cy;
+    plane[W] = normals.face[2].high / d;
     plane[SLOPE_U] = normals.face[0].high / d / camera.fx;
     plane[SLOPE_V] = normals.face[1].high / d / camera.fy;
     for (int s = 0; s < SIDES; s++) {
         double a, b, c, error;
         if (s < 3) {
             const auto &n = normals.side[s];
-            a = n[0] / camera.fx * -front, b = n[1] / camera.fy * -front, c = n[2] * -front;
+            a = n[0] / camera.fx * -front;
+            b = n[1] / camera.fy * -front;
+            c = n[2] * -front;
             error = errors[s] * spread;
         } else {
-            a = -plane[SLOPE_U], b = -plane[SLOPE_V], c = 1 / near - plane[W];
+            a = -plane[SLOPE_U];
+            b = -plane[SLOPE_V];
+            c = 1 / near - plane[W];
             error = (errors[3] * spread + errors[4] / near) / std::abs(d);
             error += UNIT_ROUNDING * (1 / near + std::abs(plane[W]));
         }
         error += UNIT_ROUNDING * (std::abs(a) * across + std::abs(b) * down + std::abs(c));
         const double scale = std::max(std::abs(a), std::abs(b));
-        if (scale > 0) a /= scale, b /= scale, c /= scale, error /= scale;
-        sides(s, U) = camera.cx, sides(s, V) = camera.cy;
-        sides(s, DU) = b, sides(s, DV) = -a, sides(s, OFFSET) = c, sides(s, LINE_ERROR) = error;
+        if (scale > 0) {
+            a /= scale;
+            b /= scale;
+            c /= scale;
+            error /= scale;
+        }
+        sides(s, U) = camera.cx;
+        sides(s, V) = camera.cy;
+        sides(s, DU) = b;
+        sides(s, DV) = -a;
+        sides(s, OFFSET) = c;
+        sides(s, LINE_ERROR) = error;
     }
     int64_t n = image_within(camera, out);
     if (n < 3) {
@@ -221,7 +246,8 @@ struct Box {
 };
 
 inline Box bounds_of_clipped(ClippedFace &face, int64_t n) {
-    double w_min = INF, w_max = -INF;
+    double w_min = INF;
+    double w_max = -INF;
     const Points polygon = face.corners();
     const auto &plane = face.plane;
     for (int64_t p = 0; p < n; p++) {
@@ -230,7 +256,8 @@ inline Box bounds_of_clipped(ClippedFace &face, int64_t n) {
         const double w = plane[W] + along_u + along_v;
         const double size = std::abs(plane[W]) + std::abs(along_u) + std::abs(along_v);
         const double error = plane[W_ERROR] + W_ARITHMETIC_ERROR_REL * size;
-        w_min = std::min(w_min, w - error), w_max = std::max(w_max, w + error);
+        w_min = std::min(w_min, w - error);
+        w_max = std::max(w_max, w + error);
     }
     const Bounds b = extent_of(polygon, n);
     return {b.u_min, b.u_max, b.v_min, b.v_max, std::max(w_min, 0.0), w_max};

@@ -75,7 +75,8 @@ namespace {
 int64_t record_crossing(int64_t f, int64_t edge, const Segment &segment, Part part,
                         const Crossings &crossings, int64_t n) {
     const auto &uvw = segment.uvw;
-    int start = START, end = END;
+    int start = START;
+    int end = END;
     const double du = uvw(END, U) - uvw(START, U), dv = uvw(END, V) - uvw(START, V);
     if (du < 0 || (du == 0 && dv < 0)) {
         std::swap(start, end);
@@ -84,16 +85,21 @@ int64_t record_crossing(int64_t f, int64_t edge, const Segment &segment, Part pa
     const int64_t previous = crossings.last[f];
     if (previous >= 0 && crossings.edge[previous] == edge) {
         const auto row = crossings.segments[previous];
-        row[FIRST] = std::min(row[FIRST], part.first), row[LAST] = std::max(row[LAST], part.last);
+        row[FIRST] = std::min(row[FIRST], part.first);
+        row[LAST] = std::max(row[LAST], part.last);
         return n;
     }
     if (n < crossings.edge.rows()) {
-        crossings.last[f] = int32_t(n), crossings.before[n] = int32_t(previous);
+        crossings.last[f] = int32_t(n);
+        crossings.before[n] = int32_t(previous);
         crossings.edge[n] = int32_t(edge);
         const auto row = crossings.segments[n];
-        row[U] = uvw(start, U), row[V] = uvw(start, V);
-        row[DU] = uvw(end, U) - row[U], row[DV] = uvw(end, V) - row[V];
-        row[FIRST] = part.first, row[LAST] = part.last;
+        row[U] = uvw(start, U);
+        row[V] = uvw(start, V);
+        row[DU] = uvw(end, U) - row[U];
+        row[DV] = uvw(end, V) - row[V];
+        row[FIRST] = part.first;
+        row[LAST] = part.last;
         row[EDGE_ERROR] = std::max(uvw(START, POSITION_ERROR), uvw(END, POSITION_ERROR));
     }
     return n + 1;
@@ -134,8 +140,11 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     const Bounds rectangle = {std::min(ua, ub) - tolerance, std::max(ua, ub) + tolerance,
                               std::min(va, vb) - tolerance, std::max(va, vb) + tolerance};
     const double nearest = std::max(s.w0, s.w1), farthest = std::min(s.w0, s.w1);
-    ranges(0, 0) = part.first, ranges(0, 1) = part.last;
-    int64_t n = 1, n_found = 0, n_kept = 0;
+    ranges(0, 0) = part.first;
+    ranges(0, 1) = part.last;
+    int64_t n = 1;
+    int64_t n_found = 0;
+    int64_t n_kept = 0;
     lay_bounds(c, projected, grid);
     int64_t entry = grid.starts[c];
     const int64_t stop = grid.stops[c];
@@ -149,12 +158,15 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     bool is_first = !has_many || has_face_before(c, in_front, grid);
     Depths depths = is_first ? Depths{farthest, in_front, INF} : of_others;
     // Edges beside each other are often hidden by one face.
-    int64_t index = -1, m = grid.hider[c];
+    int64_t index = -1;
+    int64_t m = grid.hider[c];
     for (;;) {
         if (index == n_found) {
             if (entry == stop) {
                 if (!is_first) break;
-                is_first = false, depths = of_others, entry = grid.starts[c];
+                is_first = false;
+                depths = of_others;
+                entry = grid.starts[c];
                 n_kept = 0;
             }
             const int64_t following = std::min(entry + ENTRIES_AT_A_TIME, stop);
@@ -167,7 +179,8 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
                           },
                           [&](int64_t k) { return !is_beside(values_at_corners(k, line, grid)); })
                     : find_faces(entry, following, rectangle, depths, grid, n_kept);
-            entry = following, index = n_kept;
+            entry = following;
+            index = n_kept;
             for (int64_t k = index; k < n_found; k++) {
                 // Without a branch: which of them straddle is not predictable.
                 found[n_kept] = found[k];
@@ -233,7 +246,8 @@ int64_t mark_segment(const Course &course, Array<double, 7> extent, int64_t n_cr
             const double enters = std::min(std::max((upper - va) / (vb - va), 0.0), 1.0);
             const double leaves = std::min(std::max((lower - va) / (vb - va), 0.0), 1.0);
             const double at = ua + enters * (ub - ua), to = ua + leaves * (ub - ua);
-            left = std::min(at, to) - 2 * tolerance, right = std::max(at, to) + 2 * tolerance;
+            left = std::min(at, to) - 2 * tolerance;
+            right = std::max(at, to) + 2 * tolerance;
             in_row = {t0 + std::min(enters, leaves) * (t1 - t0),
                       t0 + std::max(enters, leaves) * (t1 - t0)};
         }
@@ -295,8 +309,12 @@ bool project_event(int64_t e, const Edges &edges, Vertices vertices, const Pinho
                    const Array<double, Any, 3> &uvw, const Segment &segment) {
     const int64_t a = edges.vertices(e, 0), b = edges.vertices(e, 1);
     if (!(uvw(a, W) > 0 && uvw(b, W) > 0)) return project_clipped(a, b, vertices, camera, segment);
-    segment.ends[START] = a, segment.ends[END] = b;
-    for (int k = 0; k < 3; k++) segment.uvw(START, k) = uvw(a, k), segment.uvw(END, k) = uvw(b, k);
+    segment.ends[START] = a;
+    segment.ends[END] = b;
+    for (int k = 0; k < 3; k++) {
+        segment.uvw(START, k) = uvw(a, k);
+        segment.uvw(END, k) = uvw(b, k);
+    }
     segment.uvw(START, POSITION_ERROR) = segment.uvw(END, POSITION_ERROR) = camera.pixel_error;
     return true;
 }
@@ -341,9 +359,11 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
             plane[W] + plane[SLOPE_U] * (u - plane[U]) + plane[SLOPE_V] * (v - plane[V]);
         // As near as it may be: 1/z of a face that almost contains the camera centre is known to
         // few digits.
-        its(end, U) = u, its(end, V) = v;
+        its(end, U) = u;
+        its(end, V) = v;
         its(end, W) = std::min(w + plane[W_ERROR], 1 / camera.near);
-        its(end, POSITION_ERROR) = camera.pixel_error, segment.ends[end] = NO_VERTEX;
+        its(end, POSITION_ERROR) = camera.pixel_error;
+        segment.ends[end] = NO_VERTEX;
     }
     const double rim = (1 - NEAR_PLANE_TOLERANCE_REL) / camera.near;
     return its(START, W) >= rim && its(END, W) >= rim;

@@ -75,7 +75,8 @@ int64_t list_pairs(int64_t n, int64_t f, const Array<double, Any, 6> &box, const
     // Without a branch: which cells are asked for is not predictable.
     const auto list = [&](int64_t row, int64_t column, bool is_touched) {
         const int64_t at = row * grid.columns + column;
-        grid.pairs(n, 0) = int32_t(at), grid.pairs(n, 1) = int32_t(f);
+        grid.pairs(n, 0) = int32_t(at);
+        grid.pairs(n, 1) = int32_t(f);
         n += is_touched & (grid.asked[at] == ASKED);
     };
     if (right - left <= 1 && bottom - top <= 1) {
@@ -106,7 +107,8 @@ int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
     const bool is_all = n_fresh == grid.columns * grid.rows;
     for (int64_t index = 0; index < grid.n_faces[0]; index++)
         grid.is_whole[grid.faces[index]] = false;
-    int64_t n_pairs = 0, n_listed = 0;
+    int64_t n_pairs = 0;
+    int64_t n_listed = 0;
     Poll poll(64);
     for (int64_t b = 0; b < block_box.rows(); b++) {
         poll();
@@ -140,7 +142,8 @@ int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
     for (int64_t k = 0; k < n_fresh; k++) {
         const int64_t c = grid.fresh[k];
         grid.is_sorted[c] = grid.has_bounds[c] = false;
-        grid.hider[c] = -1, grid.stops[c] = 0;
+        grid.hider[c] = -1;
+        grid.stops[c] = 0;
     }
     for (int64_t k = 0; k < n_pairs; k++) grid.stops[grid.pairs(k, 0)]++;
     int64_t at = grid.n_entries[0];
@@ -155,7 +158,8 @@ int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
     }
     for (int64_t k = 0; k < n_pairs; k++)
         grid.entries[grid.stops[grid.pairs(k, 0)]++] = grid.pairs(k, 1);
-    grid.n_fresh[0] = 0, grid.n_entries[0] = total;
+    grid.n_fresh[0] = 0;
+    grid.n_entries[0] = total;
     return total;
 }
 

@@ -97,7 +97,8 @@ inline void lay_group(int64_t first, const CellGrid &grid) {
     Group group;
     group.box = {least_in(row(U_MIN)), most_in(row(U_MAX)), least_in(row(V_MIN)),
                  most_in(row(V_MAX))};
-    group.most_far = most_in(row(W_MIN)), group.least_far = least_in(row(W_MIN));
+    group.most_far = most_in(row(W_MIN));
+    group.least_far = least_in(row(W_MIN));
     group.most_near = most_in(row(W_MAX));
     bool is_known = true;
     for (int64_t k = 0; k < GROUP_SIZE; k++) is_known &= !std::isnan(row(CORNER)[k]);
@@ -182,7 +183,8 @@ template <class Rows> bool is_beyond_a_line(const Group &group, const Rows &line
 inline bool is_outside(int64_t entry, double u, double v, double margin, const CellGrid &grid) {
     const double *const corner = grid.bounds.data + grid.bounds.extent(1) * CORNER + entry;
     const int64_t stride = grid.bounds.extent(1);
-    bool is_left = false, is_right = false;
+    bool is_left = false;
+    bool is_right = false;
     for (int k = 0; k < 3; k++) {
         const int j = k < 2 ? k + 1 : 0;
         const double from_u = corner[2 * k * stride], from_v = corner[(2 * k + 1) * stride];
@@ -262,24 +264,28 @@ inline int64_t find_in_groups(int64_t first, int64_t last, const Bounds &rectang
 //
 // D. Shell. A High-Speed Sorting Procedure. 1959.
 inline void sort_cell(int64_t at, const Array<double, Any, 6> &box, const CellGrid &grid) {
-    grid.is_sorted[at] = true, grid.has_bounds[at] = false;
+    grid.is_sorted[at] = true;
+    grid.has_bounds[at] = false;
     const int64_t first = grid.starts[at], n = grid.stops[at] - first;
     int32_t *const entries = grid.entries.data + first, *const found = grid.found.data;
     double *const nearest = grid.nearest.data + first, *const key = grid.bounds.data + first;
     int64_t *const ends = grid.buckets.data;
-    double least = INF, most = -INF;
+    Range all;
     for (int64_t i = 0; i < n; i++) {
         const double w = box(entries[i], W_MAX);
-        key[i] = w, found[i] = entries[i];
-        least = std::min(least, w), most = std::max(most, w);
+        key[i] = w;
+        found[i] = entries[i];
+        all.add(w);
     }
+    const auto [least, most] = all;
     const double per_w = most > least ? BUCKETS / (most - least) : 0.0;
     std::fill(ends, ends + BUCKETS + 1, 0);
     for (int64_t i = 0; i < n; i++) ends[cell(-key[i], -most, per_w, BUCKETS) + 1]++;
     for (int64_t bucket = 1; bucket <= BUCKETS; bucket++) ends[bucket] += ends[bucket - 1];
     for (int64_t i = 0; i < n; i++) {
         const int64_t bucket = cell(-key[i], -most, per_w, BUCKETS);
-        nearest[ends[bucket]] = key[i], entries[ends[bucket]] = found[i];
+        nearest[ends[bucket]] = key[i];
+        entries[ends[bucket]] = found[i];
         ends[bucket]++;
     }
     int64_t gap = 1;
@@ -289,9 +295,12 @@ inline void sort_cell(int64_t at, const Array<double, Any, 6> &box, const CellGr
             const double w = nearest[i];
             const int32_t f = entries[i];
             int64_t j = i;
-            for (; j >= gap && nearest[j - gap] < w; j -= gap)
-                nearest[j] = nearest[j - gap], entries[j] = entries[j - gap];
-            nearest[j] = w, entries[j] = f;
+            for (; j >= gap && nearest[j - gap] < w; j -= gap) {
+                nearest[j] = nearest[j - gap];
+                entries[j] = entries[j - gap];
+            }
+            nearest[j] = w;
+            entries[j] = f;
         }
 }
 

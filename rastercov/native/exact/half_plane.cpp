@@ -280,10 +280,11 @@ Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, Verti
     double error = b.n_error * far_a + a.n_error * far_b + b.n_size * a.d_error +
                    a.n_size * b.d_error + PAIR_ERROR_REL * (b.n_size * far_a + a.n_size * far_b);
     error *= camera.longest_ray;
-    double least = INF, most = -INF, size = std::abs(normal[2]);
+    Range all;
+    double size = std::abs(normal[2]);
     for (int64_t p = 0; p < gap_n; p++) {
-        const double u = work.spare(p, U), v = work.spare(p, V), value = line.value(u, v);
-        least = std::min(least, value), most = std::max(most, value);
+        const double u = work.spare(p, U), v = work.spare(p, V);
+        all.add(line.value(u, v));
         size = std::max(size, std::abs(slope_u * (u - camera.cx)) +
                                   std::abs(slope_v * (v - camera.cy)) + std::abs(normal[2]));
     }
@@ -291,15 +292,15 @@ Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, Verti
     const double common = std::abs(twice_area(work.spare, gap_n)) / 2;
     if (!(a.d_error < far_a && b.d_error < far_b)) {
         in_doubt = common;
-    } else if (least <= error && most >= -error) {
+    } else if (all.least <= error && all.most >= -error) {
         const Bounds box = extent_of(work.spare, gap_n);
         const double extent = length(box.u_max - box.u_min, box.v_max - box.v_min, 0.0);
         in_doubt = std::min(2 * error / length(slope_u, slope_v, 0.0) * extent, common);
     } else {
         in_doubt = 0.0;
     }
-    if (most <= 0) return BEHIND;
-    if (least >= 0) return IN_FRONT;
+    if (all.most <= 0) return BEHIND;
+    if (all.least >= 0) return IN_FRONT;
     store_line(line, work.lines, n_sides);
     return IN_FRONT_IN_PART;
 }

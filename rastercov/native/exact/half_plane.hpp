@@ -53,7 +53,8 @@ Gap gap_between(const Plane &of_t, const Plane &of_m, Points overlap, int64_t n,
         const double nearer = its - mine, tie = DEPTH_TIE_REL * std::max(mine, its);
         if (p == 0) gap.first = nearer;
         gap.apart = std::max(gap.apart, std::abs(nearer) - tie);
-        gap.least = std::min(gap.least, nearer), gap.most = std::max(gap.most, nearer);
+        gap.least = std::min(gap.least, nearer);
+        gap.most = std::max(gap.most, nearer);
     }
     return gap;
 }

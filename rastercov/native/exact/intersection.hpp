@@ -81,8 +81,13 @@ inline int64_t take_intersection(int64_t t, int64_t m, int64_t n_sides, int64_t 
         else if (along < 0) part.last = std::min(part.last, -at / along);
     }
     const auto row = view.work.intersections[count];
-    row[U] = u, row[V] = v, row[DU] = du, row[DV] = dv;
-    row[FIRST] = part.first, row[LAST] = part.last, row[EDGE_ERROR] = error;
+    row[U] = u;
+    row[V] = v;
+    row[DU] = du;
+    row[DV] = dv;
+    row[FIRST] = part.first;
+    row[LAST] = part.last;
+    row[EDGE_ERROR] = error;
     return part.first < part.last ? count + 1 : count;
 }
 

@@ -51,7 +51,7 @@ double inner_radius2(const lens::Corners &window) {
 void vertex_images(Vertices uvw, const lens::PlaneRecord &plane, Array<double, Any, 4> places,
                    Array<bool, Any> is_inside) {
     const int64_t n = uvw.rows();
-    require(places.rows() == n && is_inside.rows() == n,
+    require(have_rows(n, places, is_inside),
             "places and is_inside must have one row for each vertex");
     const lens::Cone cone(plane.params);
     const bool has_cone = plane.has_border();
@@ -76,7 +76,8 @@ void vertex_images(Vertices uvw, const lens::PlaneRecord &plane, Array<double, A
             x[k] = (uvw(first + k, U) - plane.cx) / plane.fx;
             y[k] = (uvw(first + k, V) - plane.cy) / plane.fy;
             w[k] = uvw(first + k, W);
-            places(first + k, lens::X) = x[k], places(first + k, lens::Y) = y[k];
+            places(first + k, lens::X) = x[k];
+            places(first + k, lens::Y) = y[k];
         }
         int64_t any_inside = 0;
         for (int64_t k = 0; k < end; k += WIDTH) {
@@ -96,7 +97,8 @@ void vertex_images(Vertices uvw, const lens::PlaneRecord &plane, Array<double, A
             for (int64_t lane = 0; lane < std::min(WIDTH, m - k); lane++)
                 is_inside[first + k + lane] = found >> lane & 1;
             any_inside |= found;
-            select(is_in, px, Lanes(0.0)).store(x + k), select(is_in, py, Lanes(0.0)).store(y + k);
+            select(is_in, px, Lanes(0.0)).store(x + k);
+            select(is_in, py, Lanes(0.0)).store(y + k);
         }
         if (any_inside) lens::project_lanes(plane, x, y, m, u, v);
         for (int64_t k = 0; k < m; k++) {
@@ -118,7 +120,8 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
     Lanes ku[TABLE], kv[TABLE], total = u0 - u0;
     for (int64_t k = 1; k < n; k++) {
         const int64_t at = (k - 1) * GROUP + lane;
-        ku[k] = Lanes::load(u + at) - u0, kv[k] = Lanes::load(v + at) - v0;
+        ku[k] = Lanes::load(u + at) - u0;
+        kv[k] = Lanes::load(v + at) - v0;
         total = total + (du * kv[k] - ku[k] * dv) * lens::RULE[n][n][k];
         for (int64_t j = 1; j < k; j++)
             total = total + (ku[k] * kv[j] - ku[j] * kv[k]) * lens::RULE[n][k][j];
@@ -131,7 +134,7 @@ INLINE Lanes sum_up(const Places &a, const Places &b, int64_t lane, int64_t n, c
 int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2> ends,
                     Array<const double, Any, 4> places, Array<double, Any> bulge,
                     Array<int32_t, Any> longer) {
-    require(bulge.rows() == ends.rows() && longer.rows() == ends.rows(),
+    require(have_rows(ends.rows(), bulge, longer),
             "bulge and longer must have one row for each edge");
     require_indices(ends, places.rows(), "ends must be rows of places");
     double limits2[TABLE], x[lens::MOST * GROUP], y[lens::MOST * GROUP], u[lens::MOST * GROUP],
@@ -149,7 +152,8 @@ int64_t edge_bulges(const lens::PlaneRecord &plane, Array<const int32_t, Any, 2>
         if (m == GROUP) gather([&](int64_t k) { return first + k; });
         else gather([&](int64_t k) { return first + std::min(k, m - 1); });
         double greatest = 0.0;
-        int64_t taken = 0, too_long = 0;
+        int64_t taken = 0;
+        int64_t too_long = 0;
         for (int64_t lane = 0; lane < GROUP; lane += WIDTH) {
             const Lanes ax = Lanes::load(a.x + lane), ay = Lanes::load(a.y + lane),
                         bx = Lanes::load(b.x + lane), by = Lanes::load(b.y + lane),
@@ -293,12 +297,15 @@ void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any
             const Measured found =
                 measured_faces({corner_of(0), corner_of(1), corner_of(2)},
                                {bulge_of(0), bulge_of(1), bulge_of(2)}, left_out, rule);
-            found.area.store(values + lane), found.error.store(errors + lane);
+            found.area.store(values + lane);
+            found.error.store(errors + lane);
             done |= found.is_done << lane;
         }
         for (int64_t k = 0; k < m; k++) {
-            own[first + k] = values[k], is_done[first + k] = done >> k & 1;
-            area[first + k] += values[k], area_error[first + k] += errors[k];
+            own[first + k] = values[k];
+            is_done[first + k] = done >> k & 1;
+            area[first + k] += values[k];
+            area_error[first + k] += errors[k];
         }
     };
     int64_t last = 0;
@@ -307,8 +314,10 @@ void measure_simple(Array<const int32_t, Any, 3> faces, Array<const int32_t, Any
     if (last < n_opaque) // beyond the last face it is taken again
         measure_group([&](int64_t k) { return std::min(last + k, n_opaque - 1); }, last,
                       n_opaque - last);
-    for (int64_t f = n_opaque; f < n_faces; f++)
-        own[f] = 0.0, is_done[f] = (state[f] & (THIN | EDGE_ON)) != 0;
+    for (int64_t f = n_opaque; f < n_faces; f++) {
+        own[f] = 0.0;
+        is_done[f] = (state[f] & (THIN | EDGE_ON)) != 0;
+    }
 }
 
 namespace {
@@ -367,7 +376,8 @@ int64_t outline_in_space(Vertices vertices, const Array<const int32_t, Any, 3> &
     if (n < 3) return 0;
     for (int64_t p = 0; p < n; p++) {
         const int64_t q = height > 0 ? p : n - 1 - p;
-        polygon(p, 0) = points(q, 0) / points(q, 2), polygon(p, 1) = points(q, 1) / points(q, 2);
+        polygon(p, 0) = points(q, 0) / points(q, 2);
+        polygon(p, 1) = points(q, 1) / points(q, 2);
     }
     return n;
 }
@@ -413,7 +423,8 @@ int64_t collect(Vertices vertices, Array<const bool, Any> is_done, const Project
             copy_polygon(projected.clipped.polygons[s], n, spare);
         } else {
             for (int p = 0; p < 3; p++) {
-                spare(p, U) = uvw(faces(f, p), U), spare(p, V) = uvw(faces(f, p), V);
+                spare(p, U) = uvw(faces(f, p), U);
+                spare(p, V) = uvw(faces(f, p), V);
             }
         }
         if (n < 3) continue;
@@ -446,7 +457,8 @@ void add_areas(const VisiblePieces &found, int64_t n_outlines, Array<const doubl
         const double length = 2 * ((b.u_max - b.u_min) * plane.fx + (b.v_max - b.v_min) * plane.fy);
         out.area_error[f] += images(i, 1) * plane.tolerance + rounding * length;
         if (i < n_outlines) {
-            own[f] += inside, out.area[f] += inside;
+            own[f] += inside;
+            out.area[f] += inside;
         } else {
             out.visible[f] += inside;
         }

@@ -66,7 +66,8 @@ inline int8_t side_of(const Pair (&at)[3][3]) {
                     const Pair two = product(order < 3 ? x : -x, y);
                     for (const double part : {two.low, two.high}) {
                         const Pair three = product(part, z);
-                        total.add(three.low), total.add(three.high);
+                        total.add(three.low);
+                        total.add(three.high);
                     }
                 }
     }
@@ -95,7 +96,8 @@ int8_t exact_side(const Point &a, const Point &b, const Point &c, const Centre &
             if (x.high != 0 && std::abs(scaled.high) < LEAST_PRODUCT) return SIDE_NOT_KNOWN;
             x = scaled;
         }
-    double total = 0.0, size = 0.0;
+    double total = 0.0;
+    double size = 0.0;
     for (int k = 0; k < 3; k++) {
         const int i = k < 2 ? k + 1 : 0, j = k > 0 ? k - 1 : 2;
         const double one = at[1][i].high * at[2][j].high, other = at[1][j].high * at[2][i].high;

@@ -35,7 +35,8 @@ INLINE void gather_places(const Array<const double, Any, 4> &places, VertexOf ve
         put(out.u, __builtin_shufflevector(xu, more_xu, 2, 3, 6, 7));
         put(out.v, __builtin_shufflevector(yv, more_yv, 2, 3, 6, 7));
     };
-    four(0), four(4);
+    four(0);
+    four(4);
 }
 
 // Vector of what a function gives for each lane.

@@ -11,6 +11,7 @@
 // Twins: rastercov.reference.polygons.
 #pragma once
 #include "exact/records.hpp"
+#include "range.hpp"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -52,7 +53,10 @@ template <class Corners> Corners from(const Corners &polygon, int64_t first) {
 
 template <class Source, class Target>
 void copy_polygon(const Source &source, int64_t n, Target target) {
-    for (int64_t p = 0; p < n; p++) target(p, U) = source(p, U), target(p, V) = source(p, V);
+    for (int64_t p = 0; p < n; p++) {
+        target(p, U) = source(p, U);
+        target(p, V) = source(p, V);
+    }
 }
 
 // Corners of the part of a polygon from corner `first` on, see copy_part.
@@ -64,9 +68,12 @@ inline int64_t corners_of_part(int64_t first, int64_t n) {
 // of at most MOST_CORNERS corners divide a convex polygon from 1 on.
 template <class Source>
 void copy_part(const Source &polygon, int64_t first, int64_t m, Points target) {
-    target(0, U) = polygon(0, U), target(0, V) = polygon(0, V);
-    for (int64_t p = 1; p < m; p++)
-        target(p, U) = polygon(first + p - 1, U), target(p, V) = polygon(first + p - 1, V);
+    target(0, U) = polygon(0, U);
+    target(0, V) = polygon(0, V);
+    for (int64_t p = 1; p < m; p++) {
+        target(p, U) = polygon(first + p - 1, U);
+        target(p, V) = polygon(first + p - 1, V);
+    }
 }
 
 // Appends a polygon to the pieces that are handed out, if anyone asks for them.
@@ -80,12 +87,14 @@ inline void store_piece(int64_t face, Points polygon, int64_t n, const VisiblePi
     } else {
         kept.used[2] = 1;
     }
-    kept.used[0] = piece + 1, kept.used[1] = at + n;
+    kept.used[0] = piece + 1;
+    kept.used[1] = at + n;
 }
 
 // Takes back all pieces after the first n_pieces, which have n_corners corners.
 inline void drop_pieces(const VisiblePieces &kept, int64_t n_pieces, int64_t n_corners) {
-    kept.used[0] = n_pieces, kept.used[1] = n_corners;
+    kept.used[0] = n_pieces;
+    kept.used[1] = n_corners;
 }
 
 // Clips a polygon to the inner side of a line; returns the corner count of `out`.
@@ -98,7 +107,8 @@ int64_t keep_inside(const Source &polygon, int64_t n, const Line &line, Points o
         const int64_t j = i + 1 < n ? i + 1 : 0;
         const double there = line.value(polygon(j, U), polygon(j, V));
         if (here >= 0 && kept < out.rows()) {
-            out(kept, U) = polygon(i, U), out(kept, V) = polygon(i, V);
+            out(kept, U) = polygon(i, U);
+            out(kept, V) = polygon(i, V);
             kept++;
         }
         const bool crosses = (here > 0 && there < 0) || (here < 0 && there > 0);
@@ -148,9 +158,9 @@ struct Bounds {
 template <class Source> Bounds extent_of(const Source &polygon, int64_t n) {
     Bounds all = {polygon(0, U), polygon(0, U), polygon(0, V), polygon(0, V)};
     for (int64_t p = 1; p < n; p++) {
-        all.u_min = std::min(all.u_min, polygon(p, U)),
+        all.u_min = std::min(all.u_min, polygon(p, U));
         all.u_max = std::max(all.u_max, polygon(p, U));
-        all.v_min = std::min(all.v_min, polygon(p, V)),
+        all.v_min = std::min(all.v_min, polygon(p, V));
         all.v_max = std::max(all.v_max, polygon(p, V));
     }
     return all;
@@ -163,10 +173,6 @@ template <class Source> Line side_at(const Source &polygon, int64_t n, int64_t i
     return {x, y, polygon(j, 0) - x, polygon(j, 1) - y, 0.0};
 }
 
-struct Range {
-    double least, most;
-};
-
 // Fills `values` with those of a line at the corners, 0 within the slack. Neither the least nor the
 // greatest is beyond 0, so that it is 0 for a polygon on one side of the line.
 inline Range values_on_line(Points polygon, int64_t n, const Line &line, double slack,
@@ -175,7 +181,7 @@ inline Range values_on_line(Points polygon, int64_t n, const Line &line, double 
     for (int64_t p = 0; p < n; p++) {
         const double value = line.value(polygon(p, U), polygon(p, V));
         values[p] = std::abs(value) > slack ? value : 0.0;
-        all = {std::min(all.least, values[p]), std::max(all.most, values[p])};
+        all.add(values[p]);
     }
     return all;
 }
@@ -223,17 +229,20 @@ struct Counts {
 // Splits a convex polygon where `values` change sign; corner counts of the two parts.
 inline Counts split(Points polygon, int64_t n, Array<const double, Any> values, Points inside,
                     Points outside) {
-    int64_t kept = 0, lost = 0;
+    int64_t kept = 0;
+    int64_t lost = 0;
     const int64_t room = std::min(inside.rows(), outside.rows()) - 2;
     for (int64_t i = 0; i < n; i++) {
         const int64_t j = i + 1 < n ? i + 1 : 0;
         if (kept >= room || lost >= room) break;
         if (values[i] >= 0) {
-            inside(kept, U) = polygon(i, U), inside(kept, V) = polygon(i, V);
+            inside(kept, U) = polygon(i, U);
+            inside(kept, V) = polygon(i, V);
             kept++;
         }
         if (values[i] <= 0) {
-            outside(lost, U) = polygon(i, U), outside(lost, V) = polygon(i, V);
+            outside(lost, U) = polygon(i, U);
+            outside(lost, V) = polygon(i, V);
             lost++;
         }
         if ((values[i] > 0 && values[j] < 0) || (values[i] < 0 && values[j] > 0)) {
@@ -242,7 +251,8 @@ inline Counts split(Points polygon, int64_t n, Array<const double, Any> values, 
             const double v = polygon(i, V) + t * (polygon(j, V) - polygon(i, V));
             inside(kept, U) = outside(lost, U) = u;
             inside(kept, V) = outside(lost, V) = v;
-            kept++, lost++;
+            kept++;
+            lost++;
         }
     }
     return {kept, lost};
@@ -252,7 +262,8 @@ inline Counts split(Points polygon, int64_t n, Array<const double, Any> values, 
 inline int64_t copy_second_half(Points polygon, int64_t n, Points target) {
     const int64_t half = n / 2;
     copy_polygon(from(polygon, half), n - half, target);
-    target(n - half, U) = polygon(0, U), target(n - half, V) = polygon(0, V);
+    target(n - half, U) = polygon(0, U);
+    target(n - half, V) = polygon(0, V);
     return n - half + 1;
 }
 
@@ -284,7 +295,8 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
     const auto slack_of = [&](const Line &line) {
         return tolerance * (std::abs(line.du) + std::abs(line.dv));
     };
-    int64_t old = count, i = 0;
+    int64_t old = count;
+    int64_t i = 0;
     while (i < old) {
         int64_t n = n_corners[i];
         // The lines that split the piece. A side that has all of it beyond ends the search: the
@@ -294,16 +306,13 @@ int64_t clip_subtract(const Pieces &pieces, int64_t count, const Rows &lines, in
         for (int64_t s = 0; s < n_lines; s++) {
             const Line line = line_at(lines, s);
             const double slack = slack_of(line);
-            double least = 0.0, most = 0.0;
-            for (int64_t p = 0; p < n; p++) {
-                const double value = line.value(corners(i, p, U), corners(i, p, V));
-                least = std::min(least, value), most = std::max(most, value);
-            }
-            if (most <= slack) {
+            Range all = {0.0, 0.0};
+            for (int64_t p = 0; p < n; p++) all.add(line.value(corners(i, p, U), corners(i, p, V)));
+            if (all.most <= slack) {
                 missed = true;
                 break;
             }
-            if (least < -slack) splitting |= int64_t(1) << s;
+            if (all.least < -slack) splitting |= int64_t(1) << s;
         }
         if (missed) {
             i++;
@@ -373,8 +382,11 @@ inline Line side_of(int64_t f, int64_t s, const Projected &projected) {
 }
 
 inline void store_line(const Line &line, Lines lines, int64_t s) {
-    lines(s, U) = line.u0, lines(s, V) = line.v0;
-    lines(s, DU) = line.du, lines(s, DV) = line.dv, lines(s, OFFSET) = line.offset;
+    lines(s, U) = line.u0;
+    lines(s, V) = line.v0;
+    lines(s, DU) = line.du;
+    lines(s, DV) = line.dv;
+    lines(s, OFFSET) = line.offset;
 }
 
 // Number of lines that bound the image of a live face.
@@ -398,7 +410,8 @@ inline Outline outline(int64_t f, const Projected &projected, Points corners, Li
     }
     for (int64_t p = 0; p < 3; p++) {
         const Line line = side_of(f, p, projected);
-        corners(p, U) = line.u0, corners(p, V) = line.v0;
+        corners(p, U) = line.u0;
+        corners(p, V) = line.v0;
         store_line(line, lines, p);
     }
     return {3, 3};

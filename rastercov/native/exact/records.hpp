@@ -70,7 +70,6 @@ constexpr int64_t PIECE_ROOM = 64;   // room for the corners of a piece, between
 using Lines = Array<double, Any, 5>;
 using Points = Array<double, Any, 2>; // corners of a polygon
 using Vertices = Array<const double, Any, 3>;
-using Extent7 = Array<double, 7>;
 
 // Camera and pose. Beyond u_min ... v_max, px, well outside the image, faces are clipped in space
 // before they are projected. `longest_ray` is the greatest length of a ray to the plane z = 1,

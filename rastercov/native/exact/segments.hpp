@@ -153,7 +153,8 @@ inline int64_t take_range(Points ranges, int64_t n, Part part) {
         const double start = ranges(i, 0), end = ranges(i, 1);
         if (first <= start && last >= end) {
             n--;
-            ranges(i, 0) = ranges(n, 0), ranges(i, 1) = ranges(n, 1);
+            ranges(i, 0) = ranges(n, 0);
+            ranges(i, 1) = ranges(n, 1);
             continue;
         }
         if (last > start && first <= start) {
@@ -161,7 +162,8 @@ inline int64_t take_range(Points ranges, int64_t n, Part part) {
         } else if (first < end && last >= end) {
             ranges(i, 1) = first;
         } else if (first > start && last < end && n < ranges.rows()) {
-            ranges(n, 0) = last, ranges(n, 1) = end;
+            ranges(n, 0) = last;
+            ranges(n, 1) = end;
             ranges(i, 1) = first;
             n++;
         }

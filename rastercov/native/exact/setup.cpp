@@ -42,7 +42,9 @@ int64_t project(Vertices vertices, const Pinhole &camera, Array<double, Any, 3> 
         if (!(camera.u_min <= u && u <= camera.u_max && camera.v_min <= v && v <= camera.v_max))
             w = 0.0;
         n_out += w == 0;
-        uvw(i, U) = u, uvw(i, V) = v, uvw(i, W) = w;
+        uvw(i, U) = u;
+        uvw(i, V) = v;
+        uvw(i, W) = w;
     }
     return n_out;
 }
@@ -97,7 +99,8 @@ void measure_block(int64_t first, const Projected &projected, double narrow, Mea
             const double high_v = greatest(p.v[k], q.v[k], r.v[k]);
             const double width = high_u - low_u, height = high_v - low_v, extent = width + height;
             const double spare = std::abs(twice) - extent * narrow;
-            out.twice[at + k] = twice, out.extent[at + k] = extent;
+            out.twice[at + k] = twice;
+            out.extent[at + k] = extent;
             least_u[k] = low_u < least_u[k] ? low_u : least_u[k];
             least_v[k] = low_v < least_v[k] ? low_v : least_v[k];
             least_twice[k] = twice < least_twice[k] ? twice : least_twice[k];
@@ -105,7 +108,9 @@ void measure_block(int64_t first, const Projected &projected, double narrow, Mea
             most_u[k] = high_u > most_u[k] ? high_u : most_u[k];
             most_v[k] = high_v > most_v[k] ? high_v : most_v[k];
             most_twice[k] = twice > most_twice[k] ? twice : most_twice[k];
-            widths[k] += width, heights[k] += height, areas[k] += width * height;
+            widths[k] += width;
+            heights[k] += height;
+            areas[k] += width * height;
         }
     }
     const auto lesser = [](double a, double b) { return a < b ? a : b; };
@@ -113,9 +118,11 @@ void measure_block(int64_t first, const Projected &projected, double narrow, Mea
     const auto sum = [](double a, double b) { return a + b; };
     out.bounds = {reduce(least_u, lesser), reduce(most_u, greater), reduce(least_v, lesser),
                   reduce(most_v, greater)};
-    out.least = reduce(least_twice, lesser), out.most = reduce(most_twice, greater);
+    out.least = reduce(least_twice, lesser);
+    out.most = reduce(most_twice, greater);
     out.margin = reduce(margin, lesser);
-    out.widths = reduce(widths, sum), out.heights = reduce(heights, sum);
+    out.widths = reduce(widths, sum);
+    out.heights = reduce(heights, sum);
     out.areas = reduce(areas, sum);
 }
 
@@ -186,11 +193,13 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
     const double rounding = 2 * OUTLINE_ERROR_FACTOR * pixel_error;
     for (double &value : extent) value = 0.0;
     clear_box(extent);
-    int64_t n_live = 0, n_rest = 0;
+    int64_t n_live = 0;
+    int64_t n_rest = 0;
     Measures block;
     for (int64_t b = 0; b < blocks.has_flat.rows(); b++) {
         const int64_t first = b * BLOCK, last = end_of_block(b, projected);
-        bool is_plain = last - first == BLOCK && !blocks.has_flat[b], is_out = false;
+        bool is_plain = last - first == BLOCK && !blocks.has_flat[b];
+        bool is_out = false;
         if (is_plain) {
             measure_block(first, projected, narrow, block);
             const Bounds &of = block.bounds;
@@ -211,7 +220,8 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
         const uint16_t flags = is_live ? LIVE : 0;
         const double some = is_out ? 0.0 : 0.5;
         for (int64_t k = 0; k < BLOCK; k++) {
-            side[first + k] = common, state[first + k] = flags;
+            side[first + k] = common;
+            state[first + k] = flags;
             const double error = rounding * block.extent[k] * some;
             area_error[first + k] = error < most_error ? error : most_error;
             area[first + k] = std::abs(block.twice[k]) * some;
@@ -257,8 +267,11 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> 
     const auto &[box, area, clipped] = std::tie(projected.box, projected.area, projected.clipped);
     const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
     ClippedFace cut;
-    int64_t n_live = 0, n_clipped = 0;
-    double widths = 0.0, heights = 0.0, areas = 0.0;
+    int64_t n_live = 0;
+    int64_t n_clipped = 0;
+    double widths = 0.0;
+    double heights = 0.0;
+    double areas = 0.0;
     double all[7];
     std::copy(extent.begin(), extent.end(), all);
     const Array<double, 7> bounds = {all, {7}};
@@ -266,7 +279,9 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> 
         projected.has_boxes[b] = true;
         clear_box(projected.block_box[b]);
         for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
-            state[f] = 0, side[f] = 0, area[f] = area_error[f] = 0.0;
+            state[f] = 0;
+            side[f] = 0;
+            area[f] = area_error[f] = 0.0;
             const int64_t face[3] = {faces(f, 0), faces(f, 1), faces(f, 2)};
             const auto [i, j, k] = face;
             const double u0 = uvw(i, U), v0 = uvw(i, V), w0 = uvw(i, W);
@@ -308,9 +323,12 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> 
                 if (inside > 0 && (u_min < 0 || v_min < 0 || u_max > width || v_max > height)) {
                     flags |= PARTLY;
                     const Points polygon = cut.corners();
-                    polygon(0, U) = u0, polygon(0, V) = v0;
-                    polygon(1, U) = u1, polygon(1, V) = v1;
-                    polygon(2, U) = u2, polygon(2, V) = v2;
+                    polygon(0, U) = u0;
+                    polygon(0, V) = v0;
+                    polygon(1, U) = u1;
+                    polygon(1, V) = v1;
+                    polygon(2, U) = u2;
+                    polygon(2, V) = v2;
                     const int64_t n =
                         clip(polygon, 3, camera.border, camera.border.rows(), cut.scratch());
                     inside = n >= 3 ? std::abs(twice_area(polygon, n)) / 2 : 0.0;
@@ -353,9 +371,12 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> 
                 area[f] = inside;
                 continue;
             }
-            box(f, U_MIN) = u_min, box(f, U_MAX) = u_max;
-            box(f, V_MIN) = v_min, box(f, V_MAX) = v_max;
-            box(f, W_MIN) = w_min, box(f, W_MAX) = w_max;
+            box(f, U_MIN) = u_min;
+            box(f, U_MAX) = u_max;
+            box(f, V_MIN) = v_min;
+            box(f, V_MAX) = v_max;
+            box(f, W_MIN) = w_min;
+            box(f, W_MAX) = w_max;
             widen_box(projected.block_box[b], {u_min, u_max, v_min, v_max});
             if (!(inside > 0)) {
                 state[f] = THIN | DOUBTFUL | (flags & CLIPPED);
@@ -364,9 +385,12 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Array<const int32_t, Any> 
             state[f] = flags;
             area[f] = inside;
             n_live++;
-            u_min = std::max(u_min, 0.0), u_max = std::min(u_max, width);
-            v_min = std::max(v_min, 0.0), v_max = std::min(v_max, height);
-            widths += u_max - u_min, heights += v_max - v_min;
+            u_min = std::max(u_min, 0.0);
+            u_max = std::min(u_max, width);
+            v_min = std::max(v_min, 0.0);
+            v_max = std::min(v_max, height);
+            widths += u_max - u_min;
+            heights += v_max - v_min;
             areas += (u_max - u_min) * (v_max - v_min);
             widen_box(bounds, {u_min, u_max, v_min, v_max});
         }

@@ -23,7 +23,8 @@ inline Lanes corners_of(int64_t first, int s, const Projected &projected) {
     Lanes at;
     for (int k = 0; k < AT_A_TIME; k++) {
         const double *corner = &projected.uvw(projected.faces(first + k, s), U);
-        at.u[k] = corner[U], at.v[k] = corner[V];
+        at.u[k] = corner[U];
+        at.v[k] = corner[V];
     }
     return at;
 }
@@ -66,8 +67,10 @@ template <class Row> void clear_box(const Row &box) {
 
 // Lets a box hold a rectangle, too.
 template <class Row> void widen_box(const Row &box, const Bounds &b) {
-    box[U_MIN] = std::min(box[U_MIN], b.u_min), box[U_MAX] = std::max(box[U_MAX], b.u_max);
-    box[V_MIN] = std::min(box[V_MIN], b.v_min), box[V_MAX] = std::max(box[V_MAX], b.v_max);
+    box[U_MIN] = std::min(box[U_MIN], b.u_min);
+    box[U_MAX] = std::max(box[U_MAX], b.u_max);
+    box[V_MIN] = std::min(box[V_MIN], b.v_min);
+    box[V_MAX] = std::max(box[V_MAX], b.v_max);
 }
 
 inline Bounds bounds_in(const Array<double, Any, 6> &box, int64_t f) {

@@ -29,7 +29,8 @@ void node_values(const PlaneRecord &plane, Array<const double, 4> edge, Array<do
     require(n >= FEWEST && n <= MOST, "out must have the rows of a rule");
     for (int64_t k = 0; k <= n; k++) {
         const auto [u, v] = node_value(plane, {edge[0], edge[1], edge[2], edge[3]}, n, k);
-        out(k, 0) = u, out(k, 1) = v;
+        out(k, 0) = u;
+        out(k, 1) = v;
     }
 }
 

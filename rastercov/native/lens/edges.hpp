@@ -13,6 +13,7 @@
 // Twins: tests/lenses/test_quadrature.py, tests/lenses/test_areas.py by polygons of many corners.
 #pragma once
 #include "lens/planes.hpp"
+#include "range.hpp"
 #include <tuple>
 
 namespace rastercov::lens {
@@ -102,7 +103,8 @@ inline void values_together(const PlaneRecord &plane, const Edge &edge, int64_t 
     double x[NODE_ROOM], y[NODE_ROOM];
     for (int64_t k = 0; k < NODE_ROOM; k++) {
         const auto point = node_of(edge, n, std::min(k, n));
-        x[k] = point.x, y[k] = point.y;
+        x[k] = point.x;
+        y[k] = point.y;
     }
     project_lanes(plane, x, y, n + 1, scratch.U, scratch.V);
 }
@@ -149,9 +151,9 @@ inline void bernstein_of(int64_t n, const double *values, double level, double *
 // False where an edge with values at its nodes cannot take a level: neither can the polynomial
 // through them, nor an arc between two nodes, which leaves its chord by the stray at most.
 inline bool may_cross(int64_t n, const double *values, double level, double stray) {
-    double low = values[0], high = values[0];
-    for (int64_t k = 1; k <= n; k++)
-        low = std::min(low, values[k]), high = std::max(high, values[k]);
+    Range all = {values[0], values[0]};
+    for (int64_t k = 1; k <= n; k++) all.add(values[k]);
+    const auto [low, high] = all;
     if (low - stray > level || high + stray < level) return false;
     return std::abs(level - 0.5 * (low + high)) <= GROWTH[n] * 0.5 * (high - low);
 }
@@ -176,7 +178,8 @@ inline Changes changes_of(int64_t n, const double *row) {
 
 // Root of a polynomial that changes its sign once, by Newton's method within bisections.
 inline double only_root(int64_t n, const double *row, double *spare) {
-    double a = 0.0, b = 1.0;
+    double a = 0.0;
+    double b = 1.0;
     const bool is_up = row[0] < 0.0;
     const double largest = changes_of(n, row).largest;
     double t = row[0] / (row[0] - row[n]);
@@ -206,11 +209,13 @@ inline int64_t roots(int64_t n, EdgeScratch &scratch, CutKind kind, int64_t coun
     const auto &[stack, low] = std::tie(scratch.stack, scratch.low);
     const auto append = [&](double place) {
         if (count >= MOST_CUTS - 1) return;
-        scratch.cuts[count] = place, scratch.kinds[count] = kind;
+        scratch.cuts[count] = place;
+        scratch.kinds[count] = kind;
         count++;
     };
     int64_t top = 1;
-    low[0][0] = 0.0, low[0][1] = 1.0;
+    low[0][0] = 0.0;
+    low[0][1] = 1.0;
     while (top > 0) {
         top--;
         double *const row = stack[top];
@@ -234,8 +239,10 @@ inline int64_t roots(int64_t n, EdgeScratch &scratch, CutKind kind, int64_t coun
             left[r] = row[0];
             for (int64_t k = 0; k < n - r; k++) row[k] = 0.5 * (row[k] + row[k + 1]);
         }
-        low[top][0] = start + 0.5 * length, low[top][1] = 0.5 * length;
-        low[top + 1][0] = start, low[top + 1][1] = 0.5 * length;
+        low[top][0] = start + 0.5 * length;
+        low[top][1] = 0.5 * length;
+        low[top + 1][0] = start;
+        low[top + 1][1] = 0.5 * length;
         // Step r leaves coefficient n - r of the row as that of the right half. A root where they
         // meet is an end of both, and neither has it within.
         if (row[0] == 0.0) append(start + 0.5 * length);
@@ -264,7 +271,8 @@ inline double crossing(const PlaneRecord &plane, const Edge &edge, double t, boo
         if (!(std::abs(move) < SECANT) || !(0.0 < t + move && t + move < 1.0)) break;
         const double following = height_at(t + move);
         if (!(std::abs(following) < std::abs(height))) break;
-        t += move, height = following;
+        t += move;
+        height = following;
     }
     return t;
 }
@@ -290,8 +298,12 @@ inline int64_t find_cuts(const PlaneRecord &plane, const Edge &edge, int64_t n, 
         const double cut = cuts[i];
         const int64_t kind = kinds[i];
         int64_t j = i - 1;
-        for (; j >= 0 && cuts[j] > cut; j--) cuts[j + 1] = cuts[j], kinds[j + 1] = kinds[j];
-        cuts[j + 1] = cut, kinds[j + 1] = kind;
+        for (; j >= 0 && cuts[j] > cut; j--) {
+            cuts[j + 1] = cuts[j];
+            kinds[j + 1] = kinds[j];
+        }
+        cuts[j + 1] = cut;
+        kinds[j + 1] = kind;
     }
     return count;
 }
@@ -320,7 +332,8 @@ inline Integral clamped_edge(const PlaneRecord &plane, const Edge &edge, int64_t
         is_in = is_in && 0.0 < U[k] && U[k] < W && 0.0 < V[k] && V[k] < H;
     const int64_t count = find_cuts(plane, edge, n, stray, scratch);
     if (count == 0 && is_in) return {under_edge(n, U, V, 0.0), 1};
-    double total = 0.0, start = 0.0;
+    double total = 0.0;
+    double start = 0.0;
     int64_t start_kind = NO_LEVEL;
     for (int64_t i = 0; i <= count; i++) {
         const double end = i < count ? cuts[i] : 1.0;
@@ -341,7 +354,8 @@ inline Integral clamped_edge(const PlaneRecord &plane, const Edge &edge, int64_t
                 }
             }
         }
-        start = end, start_kind = end_kind;
+        start = end;
+        start_kind = end_kind;
     }
     return {total, count + 1};
 }

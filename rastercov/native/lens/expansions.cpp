@@ -62,7 +62,9 @@ template <class Each> void by_groups(int64_t n, Each each) {
 
 void multiply(Given one, Given one_off, Given two, Given two_off, Filled out, Filled out_off) {
     const int64_t n = out.extent(1);
-    require_lines(one, one_off, n), require_lines(two, two_off, n), require_lines(out, out_off, n);
+    require_lines(one, one_off, n);
+    require_lines(two, two_off, n);
+    require_lines(out, out_off, n);
     by_groups(n, [&](int64_t start, int64_t m) {
         for (int64_t i = 0; i < one.rows(); i++)
             for (int64_t j = 0; j < std::min(two.rows(), out.rows() - i); j++)
@@ -73,7 +75,8 @@ void multiply(Given one, Given one_off, Given two, Given two_off, Filled out, Fi
 
 void invert(Given one, Given one_off, Filled out, Filled out_off) {
     const int64_t n = out.extent(1);
-    require_lines(one, one_off, n), require_lines(out, out_off, n);
+    require_lines(one, one_off, n);
+    require_lines(out, out_off, n);
     by_groups(n, [&](int64_t start, int64_t m) { // q b = 1, from the lowest term on
         for (int64_t k = 1; k < out.rows(); k++) {
             const auto c = row(out, out_off, k, start);
@@ -87,7 +90,7 @@ void invert(Given one, Given one_off, Filled out, Filled out_off) {
 void take_root(Given1 inverse, Given1 inverse_off, Filled out, Filled out_off) {
     const int64_t n = out.extent(1);
     require_lines(out, out_off, n);
-    require(inverse.rows() == n && inverse_off.rows() == n, "inverse must have one row a line");
+    require(have_rows(n, inverse, inverse_off), "inverse must have one row a line");
     by_groups(n, [&](int64_t start, int64_t m) { // s s = a, from the lowest term on
         for (int64_t k = 1; k < out.rows(); k++) {
             const auto c = row(out, out_off, k, start);

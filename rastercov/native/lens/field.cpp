@@ -80,15 +80,13 @@ struct Growing {
     Array<double, Any, 3> lines;
     Array<int32_t, Any, 2> children;
     Array<uint8_t, Any> kinds;
-    int64_t root = OUTSIDE, n_nodes = 0;
+    int64_t root = OUTSIDE;
+    int64_t n_nodes = 0;
 };
 
 Range extremes(const Straight &line, const Points &polygon, int64_t n) {
-    Range all = {INFINITE, -INFINITE};
-    for (int64_t p = 0; p < n; p++) {
-        const double value = line.value(polygon(p, 0), polygon(p, 1));
-        all = {std::min(all.least, value), std::max(all.most, value)};
-    }
+    Range all;
+    for (int64_t p = 0; p < n; p++) all.add(line.value(polygon(p, 0), polygon(p, 1)));
     return all;
 }
 
@@ -135,9 +133,13 @@ int64_t keep_side(const Points &polygon, int64_t n, const Straight &line, double
 // Rows are (a, b, c, least, greatest) of u and v, from samples in the polygon; then the least
 // u, width - u, v, height - v of the samples, and the greatest of each.
 void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, double (&fit)[4][5]) {
-    double cx = 0.0, cy = 0.0, reach = 0.0;
-    for (int64_t p = 0; p < n; p++)
-        cx += polygon(p, 0) / double(n), cy += polygon(p, 1) / double(n);
+    double cx = 0.0;
+    double cy = 0.0;
+    double reach = 0.0;
+    for (int64_t p = 0; p < n; p++) {
+        cx += polygon(p, 0) / double(n);
+        cy += polygon(p, 1) / double(n);
+    }
     for (int64_t p = 0; p < n; p++)
         reach = std::max(reach, std::hypot(polygon(p, 0) - cx, polygon(p, 1) - cy));
     const double step = 1e-3 * reach;
@@ -152,7 +154,8 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
     fit[0][2] = u - fit[0][0] * cx - fit[0][1] * cy;
     fit[1][2] = v - fit[1][0] * cx - fit[1][1] * cy;
     fit[0][3] = fit[1][3] = fit[0][4] = fit[1][4] = 0.0;
-    double low_u = u, high_u = u, low_v = v, high_v = v;
+    Range along_u = {u, u};
+    Range along_v = {v, v};
     for (int64_t p = 0; p < n; p++) {
         const int64_t q = p + 1 < n ? p + 1 : 0;
         for (int i = 0; i <= SAMPLES; i++)
@@ -162,18 +165,26 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
                 const double x = cx + s * (polygon(p, 0) - cx) + t * (polygon(q, 0) - cx);
                 const double y = cy + s * (polygon(p, 1) - cy) + t * (polygon(q, 1) - cy);
                 auto [su, sv] = plane_value(plane, x, y);
-                low_u = std::min(low_u, su), high_u = std::max(high_u, su);
-                low_v = std::min(low_v, sv), high_v = std::max(high_v, sv);
+                along_u.add(su);
+                along_v.add(sv);
                 su -= fit[0][0] * x + fit[0][1] * y + fit[0][2];
                 sv -= fit[1][0] * x + fit[1][1] * y + fit[1][2];
-                fit[0][3] = std::min(fit[0][3], su), fit[0][4] = std::max(fit[0][4], su);
-                fit[1][3] = std::min(fit[1][3], sv), fit[1][4] = std::max(fit[1][4], sv);
+                fit[0][3] = std::min(fit[0][3], su);
+                fit[0][4] = std::max(fit[0][4], su);
+                fit[1][3] = std::min(fit[1][3], sv);
+                fit[1][4] = std::max(fit[1][4], sv);
             }
     }
-    fit[2][0] = low_u, fit[2][1] = plane.width - high_u;
-    fit[2][2] = low_v, fit[2][3] = plane.height - high_v;
-    fit[3][0] = high_u, fit[3][1] = plane.width - low_u;
-    fit[3][2] = high_v, fit[3][3] = plane.height - low_v;
+    const auto [low_u, high_u] = along_u;
+    const auto [low_v, high_v] = along_v;
+    fit[2][0] = low_u;
+    fit[2][1] = plane.width - high_u;
+    fit[2][2] = low_v;
+    fit[2][3] = plane.height - high_v;
+    fit[3][0] = high_u;
+    fit[3][1] = plane.width - low_u;
+    fit[3][2] = high_v;
+    fit[3][3] = plane.height - low_v;
 }
 
 // INSIDE where a cell is inside the image, OUTSIDE where it is outside, otherwise UNDECIDED; by its
@@ -229,7 +240,10 @@ Narrowest narrowest_border(const PlaneRecord &plane, const Points &cell, int64_t
             const auto &row = fit[k / 2];
             double width = row[4] - row[3];
             width = (width + 2.0 * (SAFETY * width + MARGIN)) / std::hypot(row[0], row[1]);
-            if (width < best.width) best.border = k, best.width = width;
+            if (width < best.width) {
+                best.border = k;
+                best.width = width;
+            }
         }
     }
     return best;
@@ -242,7 +256,10 @@ int64_t push(const Source &polygon, int64_t n, int64_t owner, int64_t borders, i
              Work &work, int64_t top) {
     Entry &entry = work.stack[top];
     copy_polygon(polygon, n, entry.cell.corners());
-    entry.n = n, entry.owner = owner, entry.borders = borders, entry.level = level;
+    entry.n = n;
+    entry.owner = owner;
+    entry.borders = borders;
+    entry.level = level;
     return top + 1;
 }
 
@@ -260,7 +277,9 @@ void attach(int64_t what, int64_t owner, Growing &out) {
 int64_t append_node(const Straight &line, LineKind kind, int64_t owner, Growing &out) {
     const int64_t node = out.n_nodes++;
     if (node < out.children.rows()) {
-        out.lines(node, 0) = line.a, out.lines(node, 1) = line.b, out.lines(node, 2) = line.c;
+        out.lines(node, 0) = line.a;
+        out.lines(node, 1) = line.b;
+        out.lines(node, 2) = line.c;
         out.kinds[node] = kind;
         out.children(node, 0) = out.children(node, 1) = UNDECIDED;
     }
@@ -308,11 +327,12 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
                                    Array<double, Any, 3> lines, Array<int32_t, Any, 2> children,
                                    Array<uint8_t, Any> kinds) {
     require_plane(plane);
-    require(lines.rows() == children.rows() && kinds.rows() == children.rows(),
+    require(have_rows(children.rows(), lines, kinds),
             "lines, children and kinds must have one row for each node");
     Growing out = {lines, children, kinds};
     Work work;
-    work.n_sides = region_lines.rows(), work.n_hole = hole_lines.rows();
+    work.n_sides = region_lines.rows();
+    work.n_hole = hole_lines.rows();
     const int64_t n_open = work.n_sides + work.n_hole;
     work.open.reset(new bool[(STACK_ROOM + 1) * n_open]);
     std::fill(work.open.get(), work.open.get() + n_open, true);
@@ -327,7 +347,9 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
         poll();
         top--;
         Entry &entry = work.stack[top];
-        int64_t n = entry.n, owner = entry.owner, borders = entry.borders;
+        int64_t n = entry.n;
+        int64_t owner = entry.owner;
+        int64_t borders = entry.borders;
         const int64_t level = entry.level;
         copy_polygon(entry.cell.corners(), n, cell);
         Size size = size_of(cell, n);

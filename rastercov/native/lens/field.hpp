@@ -7,6 +7,7 @@
 // Twins: tests/lenses/test_field.py, tests/lenses/test_slopes.py.
 #pragma once
 #include "array.hpp"
+#include "range.hpp"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -45,10 +46,6 @@ struct Slopes {
     // Bounds of |(A^-1)'| d, |(A^-1)''| d^2, |L'| d and |L''| d^2, L = log |det A|, at a distance d
     // from (0, 0), where the plane has a pole or the ray opposite to the axis; infinite elsewhere.
     Array<const double, 4> near_axis;
-};
-
-struct Range {
-    double least, most;
 };
 
 struct GridParts {
@@ -91,8 +88,7 @@ inline Bends bounds_within(const Slopes &slopes, double low_x, double high_x, do
 // Least and greatest of `sizes` in the region within a box of a plane.
 inline Range sizes_within(const Slopes &slopes, double low_x, double high_x, double low_y,
                           double high_y) {
-    constexpr double INF = std::numeric_limits<double>::infinity();
-    Range all = {INF, 0.0};
+    Range all = {INFINITY, 0.0};
     const auto [left, right, top, bottom] = parts_within(slopes, low_x, high_x, low_y, high_y);
     for (int64_t row = top / PARTS; row <= bottom / PARTS; row++)
         for (int64_t column = left / PARTS; column <= right / PARTS; column++) {

@@ -212,7 +212,8 @@ INLINE Lanes angle_over_r(Lanes r2, One) {
 INLINE Lanes atan2(Lanes y, Lanes x) {
     constexpr int N = AT_A_TIME<Lanes>;
     double each[N], other[N];
-    y.store(each), x.store(other);
+    y.store(each);
+    x.store(other);
     for (int k = 0; k < N; k++) each[k] = std::atan2(each[k], other[k]);
     return Lanes::load(each);
 }
@@ -280,7 +281,9 @@ inline Ray ray_of(int64_t code, const Params &p, double x, double y) {
         const double m = (1.0 - p[B1] * p[B1] * q) /
                          (p[B1] * std::sqrt(1.0 - (2.0 * p[B1] - 1.0) * q) + 1.0 - p[B1]);
         const double g = (m * p[B0] + std::sqrt(m * m + (1.0 - p[B0] * p[B0]) * q)) / (m * m + q);
-        x = g * x, y = g * y, z = g * m - p[B0];
+        x = g * x;
+        y = g * y;
+        z = g * m - p[B0];
     } else if (code == DIVISION) {
         z = 1.0 + p[B0] * r * r;
     } else {
@@ -309,9 +312,13 @@ inline bool is_radial(const Params &p) {
 // Radial, tangential and thin-prism distortion of a point of the plane of the base.
 template <class N> INLINE Point<N> distorted(const Params &p, N x, N y) {
     const N radial = radial_factor(p, x * x + y * y);
-    N a = x * radial, b = y * radial;
+    N a = x * radial;
+    N b = y * radial;
     if (!is_radial(p)) {
-        if (p[LATE] != 0.0) x = a, y = b;
+        if (p[LATE] != 0.0) {
+            x = a;
+            y = b;
+        }
         const N q = x * x + y * y, xy = 2.0 * (x * y);
         a = sum_of<N>(a, p[P1] * xy, p[P2] * (q + 2.0 * (x * x)), q * (q * p[S2] + p[S1]));
         b = sum_of<N>(b, p[P1] * (q + 2.0 * (y * y)), p[P2] * xy, q * (q * p[S4] + p[S3]));

@@ -36,7 +36,8 @@ inline Jacobian jacobian(int64_t code, const Params &p, double X, double Y, doub
         const auto pixel =
             projected(code, p, Step(X, axis == 0 ? STEP : 0.0), Step(Y, axis == 1 ? STEP : 0.0),
                       Step(Z, axis == 2 ? STEP : 0.0));
-        u[axis] = pixel.u.imag / STEP, v[axis] = pixel.v.imag / STEP;
+        u[axis] = pixel.u.imag / STEP;
+        v[axis] = pixel.v.imag / STEP;
     }
     return {u[0], u[1], u[2], v[0], v[1], v[2]};
 }
@@ -54,7 +55,8 @@ inline PlaneSlopes plane_slopes(int64_t code, const Params &p, const Frame &fram
         const auto pixel =
             projected(code, p, Step(ray.X, STEP * frame(0, axis)),
                       Step(ray.Y, STEP * frame(1, axis)), Step(ray.Z, STEP * frame(2, axis)));
-        u[axis] = pixel.u.imag / STEP, v[axis] = pixel.v.imag / STEP;
+        u[axis] = pixel.u.imag / STEP;
+        v[axis] = pixel.v.imag / STEP;
     }
     return {u[0], u[1], v[0], v[1]};
 }
@@ -64,7 +66,8 @@ struct Cone {
     double sine, cosine;
     explicit Cone(const Params &p) {
         const double size = std::hypot(1.0, p[SLOPE]), sign = p[SLOPE] > 0.0 ? 1.0 : -1.0;
-        sine = std::abs(p[SLOPE]) / size, cosine = sign / size;
+        sine = std::abs(p[SLOPE]) / size;
+        cosine = sign / size;
     }
     // The cone holds no ray backwards, and is convex.
     bool is_convex() const { return cosine > 0.0; }

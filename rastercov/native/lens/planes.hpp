@@ -63,7 +63,8 @@ void project_group(Code code, const Params &given, const Frame &frame, const dou
     const auto project_each = [&](auto pixel_of) __attribute__((always_inline)) {
         for (int64_t i = 0; i < m; i += AT_A_TIME<Lanes>) {
             const Pixel<Lanes> pixel = pixel_of(Lanes::load(x + i), Lanes::load(y + i));
-            pixel.u.store(u + i), pixel.v.store(v + i);
+            pixel.u.store(u + i);
+            pixel.v.store(v + i);
         }
     };
     if (code != EQUIRECT && f00 == 1.0 && f11 == 1.0 && f22 == 1.0) { // the plane ahead

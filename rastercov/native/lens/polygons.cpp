@@ -21,7 +21,8 @@ void measure_polygons(const PlaneRecord &plane, Corners corners, Array<const int
                 "starts must be rows of corners");
         const Image image =
             polygon_image(plane, corners, starts[i], starts[i + 1], scratch, first > 0);
-        out(i, 0) = image.whole, out(i, first) = image.inside;
+        out(i, 0) = image.whole;
+        out(i, first) = image.inside;
         out(i, first + 1) = double(image.rules);
     }
 }
@@ -43,8 +44,10 @@ void bulges_by_parts(const PlaneRecord &plane, Array<const int32_t, Any> edges,
             lay_part(
                 part_of_edge(edge, double(part) / double(parts), double(part + 1) / double(parts)),
                 n, 0.0, listed, scratch);
-        for (int64_t k = listed.nodes; k < listed.nodes + GROUP; k++)
-            scratch.x[k] = b[X], scratch.y[k] = b[Y];
+        for (int64_t k = listed.nodes; k < listed.nodes + GROUP; k++) {
+            scratch.x[k] = b[X];
+            scratch.y[k] = b[Y];
+        }
         project_lanes(plane, scratch.x, scratch.y, listed.nodes + 1, u, v);
         double total = 0.0;
         for (int64_t at = 0; at < listed.nodes; at += n)

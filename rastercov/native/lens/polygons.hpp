@@ -30,11 +30,14 @@ struct Where {
 // Of an image of n + 1 nodes that leaves the chords between them by the stray at most.
 inline Where where_is(const PlaneRecord &plane, const double *u, const double *v, int64_t n,
                       double stray) {
-    double low_u = u[0], high_u = u[0], low_v = v[0], high_v = v[0];
+    Range along_u = {u[0], u[0]};
+    Range along_v = {v[0], v[0]};
     for (int64_t k = 1; k <= n; k++) {
-        low_u = std::min(low_u, u[k]), high_u = std::max(high_u, u[k]);
-        low_v = std::min(low_v, v[k]), high_v = std::max(high_v, v[k]);
+        along_u.add(u[k]);
+        along_v.add(v[k]);
     }
+    const auto [low_u, high_u] = along_u;
+    const auto [low_v, high_v] = along_v;
     const double W = plane.width, H = plane.height;
     const bool is_in = low_u > stray && low_v > stray && high_u < W - stray && high_v < H - stray;
     const bool is_beside = high_u < -stray || high_v < -stray || low_v > H + stray;
@@ -61,7 +64,10 @@ inline Integral part_inside(const PlaneRecord &plane, int64_t part, int64_t at,
     }
     if (is_out) return {0.0, 1};
     if (is_in) return {under_edge(n, u, v, 0.0), 1};
-    for (int64_t k = 0; k <= n; k++) scratch.U[k] = u[k], scratch.V[k] = v[k];
+    for (int64_t k = 0; k <= n; k++) {
+        scratch.U[k] = u[k];
+        scratch.V[k] = v[k];
+    }
     return clamped_edge(plane, edge, n, stray, scratch);
 }
 
@@ -79,9 +85,12 @@ inline void lay_part(const Edge &edge, int64_t n, double stray, Listed &listed,
     scratch.rules[listed.parts] = n;
     for (int64_t k = 0; k < n; k++) {
         const auto point = node_of(edge, n, k);
-        scratch.x[listed.nodes + k] = point.x, scratch.y[listed.nodes + k] = point.y;
+        scratch.x[listed.nodes + k] = point.x;
+        scratch.y[listed.nodes + k] = point.y;
     }
-    listed.parts++, listed.nodes += n, listed.stray = std::max(listed.stray, stray);
+    listed.parts++;
+    listed.nodes += n;
+    listed.stray = std::max(listed.stray, stray);
 }
 
 // Integrals along the parts of edges that are listed. `is_all` says that they are a whole polygon.
@@ -92,9 +101,15 @@ inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_a
     const auto [parts, nodes, stray] = listed;
     double *const u = scratch.u, *const v = scratch.v;
     const Point<double> end = point_of(scratch.ends[parts - 1], 0.0, 1.0);
-    for (int64_t k = nodes; k < nodes + GROUP; k++) scratch.x[k] = end.x, scratch.y[k] = end.y;
+    for (int64_t k = nodes; k < nodes + GROUP; k++) {
+        scratch.x[k] = end.x;
+        scratch.y[k] = end.y;
+    }
     project_lanes(plane, scratch.x, scratch.y, is_all ? nodes : nodes + 1, u, v);
-    if (is_all) u[nodes] = u[0], v[nodes] = v[0];
+    if (is_all) {
+        u[nodes] = u[0];
+        v[nodes] = v[0];
+    }
     const Where all = where_is(plane, u, v, nodes, stray);
     double whole = NOT_A_NUMBER;
     if (all.is_in || is_whole_asked || !is_all) {
@@ -108,7 +123,8 @@ inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_a
     int64_t pieces = 0;
     for (int64_t part = 0, at = 0; part < parts; at += scratch.rules[part], part++) {
         const Integral own = part_inside(plane, part, at, scratch);
-        inside += own.value, pieces += own.pieces;
+        inside += own.value;
+        pieces += own.pieces;
     }
     return {whole, inside, pieces};
 }
@@ -213,18 +229,22 @@ inline Image polygon_image(const PlaneRecord &plane, const Corners &corners, int
                 if (plane.is_graded && n_laid < MOST_EDGE_PARTS &&
                     !is_short(piece, plane.longest[n], top)) {
                     const double m = 0.5 * (s + e);
-                    waiting[top][0] = m, waiting[top][1] = e;
-                    waiting[top + 1][0] = s, waiting[top + 1][1] = m;
+                    waiting[top][0] = m;
+                    waiting[top][1] = e;
+                    waiting[top + 1][0] = s;
+                    waiting[top + 1][1] = m;
                     top += 2;
                     continue;
                 }
                 if (listed.parts == MOST_PARTS || listed.nodes + n > MOST_NODES) {
                     sum_up(false);
-                    listed = {0, 0, 0.0}, is_first = false;
+                    listed = {0, 0, 0.0};
+                    is_first = false;
                 }
                 const double own = (e - s) * length;
                 const double bend = edge.border ? plane.arc_bend : plane.bend;
-                lay_part(piece, n, bend * own * own / 8, listed, scratch), n_laid++;
+                lay_part(piece, n, bend * own * own / 8, listed, scratch);
+                n_laid++;
             }
         }
     };

@@ -34,7 +34,8 @@ double reach_of(const Params &p, double top) {
 
 // Radius that radial distortion moves to `size`, on the branch that rises from 0; else NaN.
 double undo_radial(const Params &p, double size) {
-    double low = 0.0, high = p[LIMIT];
+    double low = 0.0;
+    double high = p[LIMIT];
     const double top = high * radial_factor(p, high * high);
     if (!(size <= top)) // rounding of the last digits at the very limit
         return size <= top * (1.0 + 4e-16) ? high : NOT_A_NUMBER;
@@ -78,17 +79,23 @@ Found find_by_newton(const Params &p, double a, double b, double x, double y) {
     for (int step = 0; step < NEWTON_STEPS; step++) {
         const double det = at.a_x * at.b_y - at.a_y * at.b_x, da = a - at.a, db = b - at.b;
         const double dx = (at.b_y * da - at.a_y * db) / det, dy = (at.a_x * db - at.b_x * da) / det;
-        double scale = 1.0, x1 = x, y1 = y, following = left;
+        double scale = 1.0;
+        double x1 = x;
+        double y1 = y;
+        double following = left;
         bool is_better = false;
         for (int halving = 0; halving < HALVINGS && !is_better; halving++) {
-            x1 = x + scale * dx, y1 = y + scale * dy;
+            x1 = x + scale * dx;
+            y1 = y + scale * dy;
             at = moved_point(p, x1, y1);
             following = std::hypot(a - at.a, b - at.b);
             is_better = following < left && x1 * x1 + y1 * y1 <= 4.0 * limit2;
             scale *= 0.5;
         }
         if (!is_better) break; // rounding is reached, or there is no way down
-        x = x1, y = y1, left = following;
+        x = x1;
+        y = y1;
+        left = following;
         if (left == 0.0) break;
     }
     return {x, y, left <= ROUNDING * size && ROUNDING * size < INFINITE && x * x + y * y <= limit2};
@@ -158,7 +165,8 @@ void project_many(int64_t code, Params p, Rays rays, Array<double, Any, 2> out) 
         const double X = rays(i, 0), Y = rays(i, 1), Z = rays(i, 2);
         Pixel<double> pixel = {NOT_A_NUMBER, NOT_A_NUMBER};
         if (is_valid(p, X, Y, Z)) pixel = project(code, p, X, Y, Z);
-        out(i, 0) = pixel.u, out(i, 1) = pixel.v;
+        out(i, 0) = pixel.u;
+        out(i, 1) = pixel.v;
     }
 }
 
@@ -169,20 +177,28 @@ void jacobian_many(int64_t code, Params p, Rays rays, Array<double, Any, 2, 3> o
         const double X = rays(i, 0), Y = rays(i, 1), Z = rays(i, 2);
         if (!is_valid(p, X, Y, Z)) continue;
         const Jacobian d = jacobian(code, p, X, Y, Z);
-        out(i, 0, 0) = d.ux, out(i, 0, 1) = d.uy, out(i, 0, 2) = d.uz;
-        out(i, 1, 0) = d.vx, out(i, 1, 1) = d.vy, out(i, 1, 2) = d.vz;
+        out(i, 0, 0) = d.ux;
+        out(i, 0, 1) = d.uy;
+        out(i, 0, 2) = d.uz;
+        out(i, 1, 0) = d.vx;
+        out(i, 1, 1) = d.vy;
+        out(i, 1, 2) = d.vz;
     }
 }
 
 void store_ray(const Ray &ray, Array<double, Any, 3> out, int64_t i) {
-    out(i, 0) = ray.X, out(i, 1) = ray.Y, out(i, 2) = ray.Z;
+    out(i, 0) = ray.X;
+    out(i, 1) = ray.Y;
+    out(i, 2) = ray.Z;
 }
 
 void unproject_many(int64_t code, Params p, Pixels pixels, Array<double, Any, 3> out) {
     require_rows(pixels, out);
     Poll poll;
-    for (int64_t i = 0; i < pixels.rows(); i++)
-        poll(), store_ray(unproject(code, p, pixels(i, 0), pixels(i, 1)), out, i);
+    for (int64_t i = 0; i < pixels.rows(); i++) {
+        poll();
+        store_ray(unproject(code, p, pixels(i, 0), pixels(i, 1)), out, i);
+    }
 }
 
 void base_points(Params p, Pixels pixels, Array<double, Any, 2> out) {
@@ -192,7 +208,8 @@ void base_points(Params p, Pixels pixels, Array<double, Any, 2> out) {
         poll();
         const auto [a, b] = sensor_point(p, pixels(i, 0), pixels(i, 1));
         const auto [x, y] = undo_distortion(p, a, b);
-        out(i, 0) = x, out(i, 1) = y;
+        out(i, 0) = x;
+        out(i, 1) = y;
     }
 }
 

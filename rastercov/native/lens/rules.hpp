@@ -264,8 +264,10 @@ constexpr std::array<Square, TABLE> RULE = [] {
     std::array<Square, TABLE> table = {};
     for (int64_t n = FEWEST, at = 0; n <= MOST; n++)
         for (int64_t i = 1; i <= n; i++)
-            for (int64_t j = 0; j < i; j++, at++)
-                table[n][i][j] = LISTED_WEIGHTS[at], table[n][j][i] = -LISTED_WEIGHTS[at];
+            for (int64_t j = 0; j < i; j++, at++) {
+                table[n][i][j] = LISTED_WEIGHTS[at];
+                table[n][j][i] = -LISTED_WEIGHTS[at];
+            }
     return table;
 }();
 

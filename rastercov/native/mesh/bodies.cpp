@@ -16,8 +16,7 @@ using Labels = Array<const int32_t, Any>;
 using Poses = Array<const double, Any, 4, 4>;
 
 void require_bodies(Vectors vectors, Labels body, Poses poses, Array<double, Any, 3> out) {
-    require(body.rows() == vectors.rows() && out.rows() == vectors.rows(),
-            "body and out must have one row for each vector");
+    require(have_rows(vectors.rows(), body, out), "body and out must have one row for each vector");
     require_indices(body, poses.rows(), "body must hold rows of poses");
 }
 
@@ -32,10 +31,14 @@ void move_points(Vectors points, Labels body, Poses poses, Array<double, Any, 3>
         for (int k = 0; k < 3; k++) {
             const double moved = pose(k, 0) * x + pose(k, 1) * y + pose(k, 2) * z + pose(k, 3);
             out(i, k) = moved;
-            low[k] = std::min(low[k], moved), high[k] = std::max(high[k], moved);
+            low[k] = std::min(low[k], moved);
+            high[k] = std::max(high[k], moved);
         }
     }
-    for (int k = 0; k < 3; k++) bounds(0, k) = low[k], bounds(1, k) = high[k];
+    for (int k = 0; k < 3; k++) {
+        bounds(0, k) = low[k];
+        bounds(1, k) = high[k];
+    }
 }
 
 void turn(Vectors vectors, Labels body, Poses poses, Array<double, Any, 3> out) {

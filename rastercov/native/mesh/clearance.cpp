@@ -42,14 +42,17 @@ double box_distance(const double *one, const double *other, Pose pose) {
     if (one[0] == INF || other[0] == INF) return INF; // an empty box
     double half[2][3], middle[2][3], centre[3], way[3], total[2] = {0.0, 0.0};
     for (int k = 0; k < 3; k++) {
-        middle[0][k] = 0.5 * (one[k] - one[3 + k]), half[0][k] = -0.5 * (one[k] + one[3 + k]);
-        middle[1][k] = 0.5 * (other[k] - other[3 + k]),
+        middle[0][k] = 0.5 * (one[k] - one[3 + k]);
+        half[0][k] = -0.5 * (one[k] + one[3 + k]);
+        middle[1][k] = 0.5 * (other[k] - other[3 + k]);
         half[1][k] = -0.5 * (other[k] + other[3 + k]);
     }
     moved(pose, middle[1], centre);
     for (int k = 0; k < 3; k++) way[k] = centre[k] - middle[0][k];
     for (int k = 0; k < 3; k++) {
-        double radius = half[0][k], turned = half[1][k], along = 0.0;
+        double radius = half[0][k];
+        double turned = half[1][k];
+        double along = 0.0;
         for (int i = 0; i < 3; i++) {
             radius += std::abs(pose(k, i)) * half[1][i];
             turned += std::abs(pose(i, k)) * half[0][i];
@@ -57,7 +60,8 @@ double box_distance(const double *one, const double *other, Pose pose) {
         }
         const double gap = std::max(std::abs(way[k]) - radius, 0.0);
         const double other_gap = std::max(std::abs(along) - turned, 0.0);
-        total[0] += gap * gap, total[1] += other_gap * other_gap;
+        total[0] += gap * gap;
+        total[1] += other_gap * other_gap;
     }
     return std::max(total[0], total[1]);
 }

@@ -44,16 +44,13 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
                      Array<bool, Any> other_marks, Array<int32_t, Any, 2> pairs) {
     const Body one = {points, faces, boxes, nodes};
     const Body other = {other_points, other_faces, other_boxes, other_nodes};
-    for (const Body &body : {one, other})
-        require(body.leaves() > 0 && std::has_single_bit(uint64_t(body.leaves())) &&
-                    body.nodes.rows() == 2 * body.leaves() &&
-                    body.boxes.rows() == body.faces.rows() &&
-                    body.faces.rows() <= body.leaves() * LEAF,
-                "boxes must have one row for each face, nodes two for each leaf, a power of two");
+    require_tree(faces.rows(), boxes, nodes);
+    require_tree(other_faces.rows(), other_boxes, other_nodes);
     require(marks.rows() == faces.rows() && other_marks.rows() == other_faces.rows(),
             "marks must have one value for each face");
     const double far = reach / scale;
-    int64_t n = 0, depth = 1;
+    int64_t n = 0;
+    int64_t depth = 1;
     std::array<std::array<int64_t, 2>, 2 * STACK_SIZE> stack;
     Poll poll;
     for (stack[0] = {1, 1}; depth;) {
@@ -62,11 +59,13 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
         if (!near_by(nodes[a], other_nodes[b], far)) continue;
         if (!one.is_leaf(a) &&
             (other.is_leaf(b) || width_of(nodes[a]) >= width_of(other_nodes[b]))) {
-            stack[depth++] = {2 * a, b}, stack[depth++] = {2 * a + 1, b};
+            stack[depth++] = {2 * a, b};
+            stack[depth++] = {2 * a + 1, b};
             continue;
         }
         if (!other.is_leaf(b)) {
-            stack[depth++] = {a, 2 * b}, stack[depth++] = {a, 2 * b + 1};
+            stack[depth++] = {a, 2 * b};
+            stack[depth++] = {a, 2 * b + 1};
             continue;
         }
         const int64_t from = (a - one.leaves()) * LEAF, first = (b - other.leaves()) * LEAF;
@@ -80,7 +79,10 @@ int64_t list_between(Points points, Faces<int32_t> faces, Nodes boxes, Nodes nod
                 if (are_apart(one.face(t, origin, scale), other.face(m, origin, scale), reach))
                     continue;
                 marks[t] = other_marks[m] = true;
-                if (!is_full) pairs(n, 0) = int32_t(t), pairs(n, 1) = int32_t(m);
+                if (!is_full) {
+                    pairs(n, 0) = int32_t(t);
+                    pairs(n, 1) = int32_t(m);
+                }
                 n++;
             }
     }

@@ -87,7 +87,9 @@ template <class I> struct Surface {
     // True if two faces come within `reach` of each other, except where they are joined.
     bool touch(int64_t t, int64_t m) const {
         const auto one = faces[t], other = faces[m];
-        int shared = 0, at_one = 0, at_other = 0;
+        int shared = 0;
+        int at_one = 0;
+        int at_other = 0;
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
                 if (one[i] == other[j]) {
@@ -97,9 +99,12 @@ template <class I> struct Surface {
                 }
         if (shared >= 3) return true;
         // From a common corner on, followed by the second common corner, if any: apexes are last.
-        int first = at_one, first_other = at_other;
-        if (shared == 2) // after the apex, which is 3 - at
-            first = (4 - at_one) % 3, first_other = (4 - at_other) % 3;
+        int first = at_one;
+        int first_other = at_other;
+        if (shared == 2) { // after the apex, which is 3 - at
+            first = (4 - at_one) % 3;
+            first_other = (4 - at_other) % 3;
+        }
         const Vector origin = vertex(one[first]);
         Triangle a, b;
         for (int i = 0; i < 3; i++) {
@@ -121,7 +126,8 @@ struct Slab {
 
     // True if a box is more than `reach` above or below.
     bool misses(const float *box, double reach) const {
-        double middle = 0.0, radius = 0.0;
+        double middle = 0.0;
+        double radius = 0.0;
         for (int k = 0; k < 3; k++) {
             middle += normal[k] * 0.5 * double(box[k] - box[3 + k]);
             radius -= std::abs(normal[k]) * 0.5 * double(box[k] + box[3 + k]);
@@ -141,7 +147,7 @@ inline Slab slab_of(const Triangle &face) {
 // Node that follows a node and its descendants; 1 after the last.
 inline int64_t next_of(int64_t node) { return (node + 1) >> std::countr_zero(uint64_t(node + 1)); }
 
-inline void require_tree(int64_t faces, Boxes boxes, Boxes nodes) {
+template <class Rows> void require_tree(int64_t faces, Rows boxes, Rows nodes) {
     const int64_t leaves = nodes.rows() / 2;
     require(leaves > 0 && std::has_single_bit(uint64_t(leaves)) && nodes.rows() == 2 * leaves &&
                 boxes.rows() == faces && faces <= leaves * LEAF,
@@ -243,7 +249,8 @@ int64_t list_contacts(Points vertices, double scale, Faces<I> faces, Boxes boxes
             for (int64_t m = std::max(start, t + 1); m < std::min(start + LEAF, n_faces); m++) {
                 if (!overlap(box, boxes[m].data, reach) || !surface.touch(t, m)) continue;
                 if (n == pairs.rows()) return n + 1;
-                pairs(n, 0) = int32_t(t), pairs(n, 1) = int32_t(m);
+                pairs(n, 0) = int32_t(t);
+                pairs(n, 1) = int32_t(m);
                 n++;
             }
         }

@@ -19,7 +19,7 @@ void first_hits(Points origins, Points directions, Array<const double, Any> reac
                 Array<const int64_t, Any> own, bool is_nearest, Corners corners, Nodes nodes,
                 Array<int64_t, Any> hit) {
     const int64_t n = origins.rows();
-    require(directions.rows() == n && reaches.rows() == n && own.rows() == n && hit.rows() == n,
+    require(have_rows(n, directions, reaches, own, hit),
             "directions, reaches, own and hit must have one row for each origin");
     require_tree(corners, nodes);
     Hits hits = {corners, nodes, is_nearest};
@@ -50,7 +50,7 @@ double box_distance(Point p, Array<const double, 6> box) {
 void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squared,
              Array<int64_t, Any> triangle, Array<double, Any, 3> where) {
     const int64_t n = points.rows(), leaves = nodes.rows() / 2;
-    require(squared.rows() == n && triangle.rows() == n && where.rows() == n,
+    require(have_rows(n, squared, triangle, where),
             "squared, triangle and where must have one row for each point");
     require_tree(corners, nodes);
     Poll poll;
@@ -68,12 +68,14 @@ void nearest(Points points, Corners corners, Nodes nodes, Array<double, Any> squ
                 for (int64_t t = start; t < std::min(start + LEAF, corners.rows()); t++)
                     if (const double d = nearest_on_triangle(p.data, corners[t].data, found);
                         d < best) {
-                        best = d, triangle[i] = t;
+                        best = d;
+                        triangle[i] = t;
                         std::copy_n(found, 3, where[i].data);
                     }
                 continue;
             }
-            int64_t near = 2 * node, far = near + 1;
+            int64_t near = 2 * node;
+            int64_t far = near + 1;
             if (box_distance(p, nodes[near]) > box_distance(p, nodes[far])) std::swap(near, far);
             stack[depth++] = far;
             stack[depth++] = near;
@@ -96,7 +98,8 @@ bool is_left(Points vertices, int64_t i, int64_t j, double x, double y) {
 template <class I>
 int64_t turns_about(double x, double y, double z, Points vertices, Faces<I> faces, Nodes nodes) {
     const int64_t leaves = nodes.rows() / 2;
-    int64_t total = 0, stack[STACK_SIZE] = {1};
+    int64_t total = 0;
+    int64_t stack[STACK_SIZE] = {1};
     for (int64_t depth = 1; depth;) {
         const int64_t node = stack[--depth];
         const auto box = nodes[node];
@@ -132,9 +135,10 @@ void winding(Points points, Points vertices, Faces<I> faces, Nodes nodes,
     require(nodes.rows() >= 2, "nodes must have a root");
     require_indices(faces, vertices.rows(), "faces must hold rows of vertices");
     Poll poll;
-    for (int64_t i = 0; i < points.rows(); i++)
-        poll(), turns[i] =
-                    turns_about(points(i, 0), points(i, 1), points(i, 2), vertices, faces, nodes);
+    for (int64_t i = 0; i < points.rows(); i++) {
+        poll();
+        turns[i] = turns_about(points(i, 0), points(i, 1), points(i, 2), vertices, faces, nodes);
+    }
 }
 
 template <class I> void register_of_index(nanobind::module_ &m) {

@@ -86,11 +86,13 @@ inline int64_t hit_of(Segment s, int64_t own, bool is_nearest, Corners corners, 
     const auto inverse = [](double d) { return 1.0 / (std::abs(d) > LEAST_STEP ? d : LEAST_STEP); };
     const double start[3] = {s.start.x, s.start.y, s.start.z};
     const double inverses[3] = {inverse(s.along.x), inverse(s.along.y), inverse(s.along.z)};
-    int64_t hit = -1, stack[STACK_SIZE] = {1};
+    int64_t hit = -1;
+    int64_t stack[STACK_SIZE] = {1};
     for (int64_t depth = 1; depth;) {
         const int64_t node = stack[--depth];
         if (nodes(node, 0) == INF) continue; // an empty box
-        double first = -INF, last = INF;
+        double first = -INF;
+        double last = INF;
         for (int k = 0; k < 3; k++) {
             const double low = (nodes(node, k) - margin - start[k]) * inverses[k];
             const double high = (margin - nodes(node, 3 + k) - start[k]) * inverses[k];
@@ -127,7 +129,10 @@ struct Hits {
         int64_t hit = -1;
         if (last >= 0 && last != own) {
             const double along = distance_to(corners, last, s);
-            if (0.0 <= along && along <= s.reach) s.reach = along, hit = last;
+            if (0.0 <= along && along <= s.reach) {
+                s.reach = along;
+                hit = last;
+            }
         }
         if (is_nearest || hit < 0) hit = hit_of(s, own, is_nearest, corners, nodes);
         if (hit >= 0) last = hit;

@@ -76,8 +76,12 @@ inline double nearest_on_triangle(const double *p, const double *a, double *out)
     const double *b = a + 3, *c = a + 6;
     double ab[3], ac[3], bc[3], ap[3], bp[3], cp[3], gap[3];
     for (int k = 0; k < 3; k++) {
-        ab[k] = b[k] - a[k], ac[k] = c[k] - a[k], bc[k] = c[k] - b[k];
-        ap[k] = p[k] - a[k], bp[k] = p[k] - b[k], cp[k] = p[k] - c[k];
+        ab[k] = b[k] - a[k];
+        ac[k] = c[k] - a[k];
+        bc[k] = c[k] - b[k];
+        ap[k] = p[k] - a[k];
+        bp[k] = p[k] - b[k];
+        cp[k] = p[k] - c[k];
     }
     const double d1 = dot(ab, ap), d2 = dot(ac, ap), d3 = dot(ab, bp);
     const double d4 = dot(ac, bp), d5 = dot(ab, cp), d6 = dot(ac, cp);

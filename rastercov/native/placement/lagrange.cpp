@@ -113,8 +113,7 @@ template <class Value> std::vector<Ranked> least_of(int64_t n, int64_t most, Val
 
 double most_earned(Values earned, Values costs, int64_t cameras, double budget, Out amounts) {
     const int64_t n = earned.rows();
-    require(costs.rows() == n && amounts.rows() == n,
-            "costs and amounts must have one row for each candidate");
+    require(have_rows(n, costs, amounts), "costs and amounts must have one row for each candidate");
     require(cameras >= 0, "cameras must be 0 or more");
     std::fill(amounts.begin(), amounts.end(), 0.0);
     const int64_t most = std::min(cameras, n);
@@ -128,7 +127,8 @@ double most_earned(Values earned, Values costs, int64_t cameras, double budget, 
     if (!(budget < INF)) return income;
     const auto by_value =
         least_of(n, n, [&](int64_t c) { return -earned[c] / std::max(costs[c], LEAST_COST); });
-    double left = budget, by_cost = 0.0;
+    double left = budget;
+    double by_cost = 0.0;
     size_t last = 0;
     for (; last < by_value.size() && costs[by_value[last].at] <= left; last++) {
         left -= costs[by_value[last].at];
@@ -145,8 +145,7 @@ double most_earned(Values earned, Values costs, int64_t cameras, double budget, 
 
 void cheapest(Values price, Values weights, Faces kind, Values least, double least_total, Out z) {
     const int64_t n = price.rows();
-    require(weights.rows() == n && kind.rows() == n && z.rows() == n,
-            "weights, kind and z must have one row for each face");
+    require(have_rows(n, weights, kind, z), "weights, kind and z must have one row for each face");
     require_indices(kind, least.rows(), "kind must hold rows of least");
     const auto order = least_of(n, n, [&](int64_t f) { return price[f]; });
     std::vector<double> missing(least.begin(), least.end());
@@ -154,7 +153,8 @@ void cheapest(Values price, Values weights, Faces kind, Values least, double lea
     for (const auto &[value, f] : order) {
         double &of_kind = missing[size_t(kind[f])];
         const double part = std::min(weights[f], std::max(0.0, of_kind));
-        of_kind -= part, total -= part;
+        of_kind -= part;
+        total -= part;
         z[f] = part / weights[f];
     }
     for (const auto &[value, f] : order) {

@@ -114,11 +114,10 @@ int64_t grow_segments(Array<const double, Any, 3> normals, Array<const uint8_t, 
                       Array<const int64_t, Any> starts, Array<const int64_t, Any> neighbours,
                       double least_cosine, double radius, Array<int64_t, Any> labels) {
     const int64_t n_faces = role.rows();
-    require(normals.rows() == n_faces && labels.rows() == n_faces && starts.rows() == n_faces + 1,
-            "normals, role and labels must have one row for each face, starts one more");
-    bool is_right = starts[0] >= 0 && starts[n_faces] <= neighbours.rows();
-    for (int64_t f = 0; f < n_faces; f++) is_right &= starts[f] <= starts[f + 1];
-    require(is_right, "starts must rise, within the neighbours");
+    require(have_rows(n_faces, normals, labels),
+            "normals, role and labels must have one row for each face");
+    require_starts(starts, n_faces, neighbours.rows(),
+                   "starts must rise, within the neighbours, one for each face and one more");
     require_indices(neighbours, n_faces, "neighbours must hold faces");
     const std::vector<int64_t> none(static_cast<size_t>(n_faces), -1);
     std::vector<int64_t> queue(none), refused(none); // refused: last segment that rejected a face

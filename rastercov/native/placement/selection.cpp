@@ -85,9 +85,9 @@ void require_lists(const Lists &lists) {
 }
 
 void require_faces(const Faces &faces, int64_t n) {
-    require(faces.views.rows() == n && faces.need.rows() == n && faces.step.rows() == n &&
-                faces.bonus.rows() == n && faces.kind.rows() == n && faces.weights.rows() == n,
-            "views, need, step, bonus, kind and weights must have one row for each face");
+    require(
+        have_rows(n, faces.views, faces.need, faces.step, faces.bonus, faces.kind, faces.weights),
+        "views, need, step, bonus, kind and weights must have one row for each face");
 }
 
 void require_state(const State &state, int64_t n_faces) {
@@ -214,7 +214,7 @@ int64_t change(int64_t row, int64_t sign, const Lists &lists, const Faces &faces
 int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces &faces,
                       const State &state, const Rays &rays, const Seen &seen) {
     require_rays(rays, lists.n_cameras(), lists.n_faces());
-    require(seen.cameras.rows() == lists.n_faces() && seen.is_spread.rows() == lists.n_faces(),
+    require(have_rows(lists.n_faces(), seen.cameras, seen.is_spread),
             "seen and is_spread must have one row for each face");
     const auto &eyes = rays.eyes, &centroids = rays.centroids;
     const double min_cosine = rays.min_cosine;
@@ -261,7 +261,10 @@ int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces
         std::array<Worth, 3> amounts = amounts_of(n);
         each_run(lists.starts, lists.cameras, lists.owner, state.gain.rows(), f,
                  [&](int64_t candidate, int64_t first, int64_t last) {
-                     if (last - first != n) n = last - first, amounts = amounts_of(n);
+                     if (last - first != n) {
+                         n = last - first;
+                         amounts = amounts_of(n);
+                     }
                      int64_t &gain = state.gain(candidate, kind);
                      if (amounts[0] == amounts[1] && amounts[1] == amounts[2])
                          return add_to(gain, amounts[0]); // wherever its cameras are
@@ -299,8 +302,7 @@ struct Choice {
     bool by_cost;
 
     void check() const {
-        require(costs.rows() == gain.rows() && barred.rows() == gain.rows() &&
-                    room.rows() == gain.extent(1),
+        require(have_rows(gain.rows(), costs, barred) && room.rows() == gain.extent(1),
                 "costs and barred must have one row for each candidate, room for each requirement");
     }
 
@@ -308,7 +310,8 @@ struct Choice {
     double score(int64_t c) const {
         constexpr double LEAST_COST = 1e-12;
         if (barred[c] || costs[c] > most_cost) return 0.0;
-        Worth worth = 0, total = 0;
+        Worth worth = 0;
+        Worth total = 0;
         for (int64_t g = 0; g < room.rows(); g++) {
             worth += Worth(std::min(gain(c, g), room[g]));
             total += Worth(gain(c, g));
@@ -338,8 +341,10 @@ int64_t next_camera(Gains gain, Weights room, int64_t total_room, Array<const do
     double best_score = 0.0;
     for (int64_t c = 0; c < gain.rows(); c++) {
         const double score = choice.score(c);
-        if (score > best_score || (score == best_score && best >= 0 && rank[c] < rank[best]))
-            best = c, best_score = score;
+        if (score > best_score || (score == best_score && best >= 0 && rank[c] < rank[best])) {
+            best = c;
+            best_score = score;
+        }
     }
     return best;
 }

@@ -58,12 +58,21 @@ nb::tuple clusters_of(nb::handle_t<Scene> self) {
 
 void register_engine_raster(nanobind::module_ &m) {
     using namespace raster;
-    m.attr("LANES") = LANES, m.attr("SIDE") = SIDE, m.attr("STRIP_BITS") = STRIP_BITS;
-    m.attr("STEPS") = STEPS, m.attr("GUARD_BAND") = GUARD_BAND, m.attr("TIE_REL") = TIE_REL;
-    m.attr("FINE_STEP_BITS") = FINE_STEP_BITS, m.attr("MAX_BAND") = MAX_BAND;
-    m.attr("FACES") = FACES, m.attr("VERTICES") = VERTICES, m.attr("LINE_BITS") = LINE_BITS;
-    m.attr("VERTEX_STEP") = VERTEX_STEP, m.attr("BOUNDS_OF_CLUSTER") = int(BOUNDS_OF_CLUSTER);
-    m.attr("RADIUS") = int(RADIUS), m.attr("ALTITUDE") = int(ALTITUDE);
+    m.attr("LANES") = LANES;
+    m.attr("SIDE") = SIDE;
+    m.attr("STRIP_BITS") = STRIP_BITS;
+    m.attr("STEPS") = STEPS;
+    m.attr("GUARD_BAND") = GUARD_BAND;
+    m.attr("TIE_REL") = TIE_REL;
+    m.attr("FINE_STEP_BITS") = FINE_STEP_BITS;
+    m.attr("MAX_BAND") = MAX_BAND;
+    m.attr("FACES") = FACES;
+    m.attr("VERTICES") = VERTICES;
+    m.attr("LINE_BITS") = LINE_BITS;
+    m.attr("VERTEX_STEP") = VERTEX_STEP;
+    m.attr("BOUNDS_OF_CLUSTER") = int(BOUNDS_OF_CLUSTER);
+    m.attr("RADIUS") = int(RADIUS);
+    m.attr("ALTITUDE") = int(ALTITUDE);
     auto scene = nb::class_<Scene>(m, "Scene", "Mesh in clusters.");
     def(scene, nb::init<const Points &, const Triples &, const Array<const double, 3> &, bool>(),
         "vertices", "faces", "centre", "is_wound");

@@ -14,11 +14,13 @@ using engine::Surface;
 using Positions = Array<const double, Any, 3>;
 using Corners = Array<const int64_t, Any, 3>;
 
-template <class T> engine::Room<T> copy_of(nb::handle array) {
-    const auto view = nb::cast<Array<const T, Any>>(array);
-    engine::Room<T> held(view.rows());
-    std::copy(view.begin(), view.end(), held.begin());
+template <class T> engine::Room<T> copy_of(const Array<const T, Any> &array) {
+    engine::Room<T> held(array.rows());
+    std::copy(array.begin(), array.end(), held.begin());
     return held;
+}
+template <class T> engine::Room<T> copy_of(nb::handle array) {
+    return copy_of<T>(nb::cast<Array<const T, Any>>(array));
 }
 
 // A function of Python that threads without its lock may call, and give up.
@@ -74,12 +76,6 @@ Handle moved(const Handle &rest, Positions vertices, Positions all_vertices, dou
     });
 }
 
-template <class T> engine::Room<T> copy_of(const Array<T, Any> &array) {
-    engine::Room<T> held(array.rows());
-    std::copy(array.begin(), array.end(), held.begin());
-    return held;
-}
-
 // The same surface, no block of which is decided at once, for tests.
 Handle one_by_one(const Handle &whole) {
     const Surface &of = *whole.surface;
@@ -95,8 +91,8 @@ Handle one_by_one(const Handle &whole) {
     arrays.opaque.blocks.is_plain = kept->is_plain.rows();
     const auto find = [kept](double distance) -> engine::Contacts {
         const engine::Contacts &found = kept->whole->contacts(distance);
-        return {copy_of(found.faces.rows()), copy_of(found.starts.rows()),
-                copy_of(found.partners.rows())};
+        return {copy_of<bool>(found.faces.rows()), copy_of<int64_t>(found.starts.rows()),
+                copy_of<int32_t>(found.partners.rows())};
     };
     return {
         std::make_shared<const Surface>(arrays, kept, engine::ContactFinder{of.diagonal(), find})};

@@ -49,7 +49,7 @@ void add_pinhole_task(CameraTask &task, const area::Criteria &criteria) {
 
 void add_plane_task(CameraTask &task, const area::LensCriteria &criteria) {
     const lens::Tree &tree = criteria.tree;
-    require(tree.children.rows() == tree.lines.rows() && tree.kinds.rows() == tree.lines.rows() &&
+    require(have_rows(tree.lines.rows(), tree.children, tree.kinds) &&
                 tree.root < tree.lines.rows(),
             "the field of view must have one row for each node");
     task.planes.push_back(criteria);

@@ -229,7 +229,9 @@ inline int64_t draw_band(const Clusters &clusters, const Window &window, double 
     const auto &[starts, slots, lines] =
         std::tie(clusters.vertex_starts, clusters.face_starts, clusters.line_starts);
     Target target = {window, image, counts, has_bounds};
-    int64_t filled = 0, in_vain = 0, filled_when_bounded = 0;
+    int64_t filled = 0;
+    int64_t in_vain = 0;
+    int64_t filled_when_bounded = 0;
     Poll poll;
     for (int64_t i = 0; i < n_seen; i++) {
         poll();
@@ -249,7 +251,9 @@ inline int64_t draw_band(const Clusters &clusters, const Window &window, double 
         if (drawn.filled == 0) {
             in_vain += drawn.n_tried;
             if (in_vain >= FACES_IN_VAIN && filled > filled_when_bounded) {
-                in_vain = 0, target.tests_cells = true, filled_when_bounded = filled;
+                in_vain = 0;
+                target.tests_cells = true;
+                filled_when_bounded = filled;
                 bound_cells(window, image);
             }
         }

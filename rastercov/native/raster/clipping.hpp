@@ -130,13 +130,15 @@ inline void clip_and_triangulate(const Clusters &clusters, const Cluster &cluste
         for (int k = 0; k < 3; k++)
             face.corners[i][k] = x * axes[k] + y * axes[3 + k] + z * axes[6 + k];
     }
-    fan.plane = plane_of(face, lens), fan.n = 0;
+    fan.plane = plane_of(face, lens);
+    fan.n = 0;
     Polygon part = clip_to_near(face, camera.near);
     // Beyond the border of the window nothing covers a sample.
     const double lows[2] = {0.0, double(window.top)};
     const double highs[2] = {window.right + 1.0, window.bottom + 1.0};
     for (int axis = 0; axis < 2; axis++) {
-        int n_below = 0, n_above = 0;
+        int n_below = 0;
+        int n_above = 0;
         for (int i = 0; i < part.n; i++) {
             const auto &p = part.corners[i];
             const double position = lens.focal[axis] * p[axis] + lens.centre[axis] * p[2];
@@ -152,7 +154,9 @@ inline void clip_and_triangulate(const Clusters &clusters, const Cluster &cluste
         const double u = (lens.focal[0] * x * w + lens.centre[0]) * steps;
         const double v = (lens.focal[1] * y * w + lens.centre[1]) * steps;
         const int at = VERTICES + i;
-        vertices.u[at] = u, vertices.v[at] = v, vertices.w[at] = w;
+        vertices.u[at] = u;
+        vertices.v[at] = v;
+        vertices.w[at] = w;
         vertices.places.put(at, to_step(u), to_step(v));
     }
     for (int k = 0; k < part.n - 2; k++) {

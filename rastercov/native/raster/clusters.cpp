@@ -78,12 +78,14 @@ void nth_element(const Words &order, int64_t begin, int64_t end, int64_t first,
     const auto is_before = [&](int32_t f, int32_t g) {
         return centroids[f] < centroids[g] || (centroids[f] == centroids[g] && f < g);
     };
-    int64_t low = begin, high = end - 1;
+    int64_t low = begin;
+    int64_t high = end - 1;
     const int64_t at = begin + first;
     while (low < high) {
         // Pseudo-random pivot: no quadratic time on sorted or adversarial input.
         const int32_t pivot = order[low + int64_t(uint64_t(high - low) * 2654435769ull >> 32)];
-        int64_t i = low, j = high;
+        int64_t i = low;
+        int64_t j = high;
         while (i <= j) {
             while (is_before(order[i], pivot)) i++;
             while (is_before(pivot, order[j])) j--;
@@ -102,7 +104,8 @@ int64_t n_vertices_of(const Triples &faces, const Words &order, int64_t begin, i
     for (int64_t i = begin; i < end; i++)
         for (int j = 0; j < 3; j++) {
             int32_t &its = marks[faces(order[i], j)];
-            n += its != mark, its = mark;
+            n += its != mark;
+            its = mark;
         }
     return n;
 }
@@ -114,12 +117,16 @@ int longest_axis(const Words &order, int64_t begin, int64_t end,
     int axis = 0;
     for (int k = 0; k < 3; k++) {
         const auto along = centroids[k];
-        float least = along[order[begin]], greatest = least;
+        float least = along[order[begin]];
+        float greatest = least;
         for (int64_t i = begin; i < end; i++) {
             least = std::min(least, along[order[i]]);
             greatest = std::max(greatest, along[order[i]]);
         }
-        if (greatest - least > longest) longest = greatest - least, axis = k;
+        if (greatest - least > longest) {
+            longest = greatest - least;
+            axis = k;
+        }
     }
     return axis;
 }
@@ -139,7 +146,8 @@ Sizes split_at_medians(const Triples &faces, const Words &order,
     int64_t stack[64][2];
     int32_t mark = 0;
     for (int group = 0; group < DIRECTIONS; group++) {
-        stack[0][0] = direction_starts[group], stack[0][1] = direction_starts[group + 1];
+        stack[0][0] = direction_starts[group];
+        stack[0][1] = direction_starts[group + 1];
         int n_left = stack[0][0] < stack[0][1];
         while (n_left) {
             poll_interrupt();
@@ -157,8 +165,10 @@ Sizes split_at_medians(const Triples &faces, const Words &order,
             const int64_t first = std::max(whole, (size + whole) / (2 * whole) * whole);
             nth_element(order, begin, end, first,
                         centroids[longest_axis(order, begin, end, centroids)]);
-            stack[n_left][0] = begin + first, stack[n_left++][1] = end;
-            stack[n_left][0] = begin, stack[n_left++][1] = begin + first;
+            stack[n_left][0] = begin + first;
+            stack[n_left++][1] = end;
+            stack[n_left][0] = begin;
+            stack[n_left++][1] = begin + first;
         }
     }
     starts[sizes.n] = int32_t(order.rows());
@@ -175,7 +185,9 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
     const auto &[corners, face_of] = std::tie(out.corners.all, out.faces.all);
     const auto &[face_starts, vertex_starts, line_starts] =
         std::tie(out.face_starts.all, out.vertex_starts.all, out.line_starts.all);
-    int64_t slot = 0, vertex = 0, line = 0;
+    int64_t slot = 0;
+    int64_t vertex = 0;
+    int64_t line = 0;
     for (int64_t k = 0; k < n; k++) {
         int32_t held[VERTICES];
         int count = 0;
@@ -189,7 +201,8 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
                 const int32_t v = faces(f, j);
                 if (marks[v] != k) {
                     marks[v] = int32_t(k);
-                    held[count] = v, local[v] = uint8_t(count++);
+                    held[count] = v;
+                    local[v] = uint8_t(count++);
                 }
                 packed |= int32_t(local[v]) << 8 * j;
             }
@@ -201,9 +214,11 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
             for (int64_t i = 0; i < width; i++)
                 out.points.all[3 * vertex + axis * width + i] =
                     vertices(held[std::min<int64_t>(i, count - 1)], axis);
-        slot = padded(slot, LANES), vertex += width;
+        slot = padded(slot, LANES);
+        vertex += width;
         line_starts[k + 1] = int32_t(line);
-        face_starts[k + 1] = int32_t(slot), vertex_starts[k + 1] = int32_t(vertex);
+        face_starts[k + 1] = int32_t(slot);
+        vertex_starts[k + 1] = int32_t(vertex);
     }
     out.lines = Buffer<int32_t>(line);
     std::copy_n(lines.data(), line, out.lines.all.data);
@@ -221,8 +236,12 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
         const int64_t width = vertex_starts[k + 1] - vertex_starts[k];
         for (int axis = 0; axis < 3; axis++) {
             const auto along = part(points, begin + axis * width, width);
-            double low = along[0], high = low;
-            for (const double x : along) low = std::min(low, x), high = std::max(high, x);
+            double low = along[0];
+            double high = low;
+            for (const double x : along) {
+                low = std::min(low, x);
+                high = std::max(high, x);
+            }
             bounds(axis, k) = 0.5 * (low + high);
         }
         const Vector middle = {bounds(0, k), bounds(1, k), bounds(2, k)};
@@ -234,7 +253,8 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
         }
         bounds(RADIUS, k) = std::sqrt(squared);
         Vector sum = {0.0, 0.0, 0.0};
-        double offset = INF, altitude = INF;
+        double offset = INF;
+        double altitude = INF;
         const int n = starts[k + 1] - starts[k];
         for (int i = 0; i < n; i++) {
             const auto face = faces[order[starts[k] + i]];
@@ -260,9 +280,11 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
         for (int i = 0; i < n; i++) cosine = std::min(cosine, dot(normals[i], axis));
         // Rounding, of cosines near 1 above all.
         const double angle = std::acos(std::max(-1.0, cosine)) + 1e-7;
-        bounds(CONE_AXIS, k) = axis.x, bounds(CONE_AXIS + 1, k) = axis.y;
+        bounds(CONE_AXIS, k) = axis.x;
+        bounds(CONE_AXIS + 1, k) = axis.y;
         bounds(CONE_AXIS + 2, k) = axis.z;
-        bounds(CONE_COS, k) = std::cos(angle), bounds(CONE_SIN, k) = std::sin(angle);
+        bounds(CONE_COS, k) = std::cos(angle);
+        bounds(CONE_SIN, k) = std::sin(angle);
         bounds(PLANE_OFFSET, k) = offset;
         bounds(ALTITUDE, k) = cosine > 0.01 ? altitude : 0.0;
     }
@@ -291,7 +313,8 @@ struct Moved {
             double high = -INFINITY;
             for (int64_t v = 0; v < vertices.rows(); v++) {
                 const double x = memory[3 * v + k] = vertices(v, k) - centre[k];
-                low[k] = std::min(low[k], x), high = std::max(high, x);
+                low[k] = std::min(low[k], x);
+                high = std::max(high, x);
             }
             extent = std::max(extent, high - low[k]);
         }

@@ -55,7 +55,8 @@ INLINE InBlocks cover_blocks(int k, const Window &window, Setup<int32_t> &t) {
     const Int block_y = (Int::load(t.first_y) >> SIDE_BITS) + Int(j);
     Int dx[3], dy[3], last[3];
     for (int n = 0; n < 3; n++) {
-        dx[n] = Int::load(t.dx[n]), dy[n] = Int::load(t.dy[n]);
+        dx[n] = Int::load(t.dx[n]);
+        dy[n] = Int::load(t.dy[n]);
         Int first = Int::load(t.value[n]);
         if (i) first = first + (dx[n] << SIDE_BITS);
         if (j) first = first + (dy[n] << SIDE_BITS);
@@ -73,7 +74,8 @@ INLINE InBlocks cover_blocks(int k, const Window &window, Setup<int32_t> &t) {
     const Int inside = Int(ALL_LANES) - outside;
     inside.store(t.masks + k * LANES);
     const Starts start = block_starts(block_x, block_y, window, t);
-    start.sample.store(t.sample + k * LANES), start.depth.store(t.depth + k * LANES);
+    start.sample.store(t.sample + k * LANES);
+    start.depth.store(t.depth + k * LANES);
     const auto covered = (block_x <= Int::load(t.last_x) >> SIDE_BITS) & (inside > Int(0)) &
                          (block_y <= Int::load(t.last_y) >> SIDE_BITS);
     return {bits(covered), bits((block_x >= Int(window.full_x)) | (block_y >= Int(window.full_y)))};
@@ -148,11 +150,13 @@ inline void count_samples(int64_t chosen, Setup<int32_t> &t) {
     const int n_rows = greatest(rows);
     Int dx[3], dy[3], value[3], total(0);
     for (int n = 0; n < 3; n++) {
-        dx[n] = Int::load(t.dx[n]), dy[n] = Int::load(t.dy[n]);
+        dx[n] = Int::load(t.dx[n]);
+        dy[n] = Int::load(t.dy[n]);
         value[n] = Int::load(t.value[n]) + dy[n] * (first_y & Int(SIDE - 1));
     }
     for (int y = 0; y < n_rows; y++) {
-        Int begin = left, end = right;
+        Int begin = left;
+        Int end = right;
         for (int n = 0; n < 3; n++) {
             const Int bound = last_covered(to<float>(value[n]), to<float>(dx[n]));
             const auto rises = dx[n] > Int(0);
@@ -263,7 +267,8 @@ INLINE int64_t whole_scattered(int k, const Edges<E> &t, const Window &window,
 INLINE void start_blocks(int k, int tile_x, int tile_y, const Window &window, Triangles &t) {
     const Int x = Int(tile_x) + lane_x<int32_t>(), y = Int(tile_y) + lane_y<int32_t>();
     const Starts start = block_starts(x, y, window, t.origin[k], t.slope_x[k], t.slope_y[k]);
-    start.sample.store(t.sample), start.depth.store(t.depth);
+    start.sample.store(t.sample);
+    start.depth.store(t.depth);
 }
 
 // Coverage mask of a block of the tile of reach_blocks, of E for the triangle, at memory index

@@ -108,7 +108,9 @@ INLINE Binned bin_faces(const Faces &faces, int at, const Window &window, bool i
     const Int columns = b.last_x - b.first_x, rows = b.last_y - b.first_y, area = area_of(p);
     const int64_t can_cover = bits((columns | rows) >= Int(0));
     const int64_t is_2x2 = window.is_scattered() ? 0 : bits(max<int32_t>(columns, rows) <= Int(1));
-    int64_t wide = 0, clipped = 0, rest = can_cover;
+    int64_t wide = 0;
+    int64_t clipped = 0;
+    int64_t rest = can_cover;
     if (!is_plain) [[unlikely]] {
         const Int low = least_of(p.x), high = greatest_of(p.x);
         const auto is_face = Int::load(faces.corners + at) > Int(0);
@@ -150,7 +152,8 @@ inline void cover_samples_2x2(const Faces &faces, const Window &window, SmallLis
         });
         (Int(0xF) - missed).store(coverage);
         for (int k = 0; k < std::min(list.n - first, LANES); k++) {
-            list.slots[kept] = slots[k], list.coverage[kept] = coverage[k];
+            list.slots[kept] = slots[k];
+            list.coverage[kept] = coverage[k];
             kept += coverage[k] > 0;
         }
     }
@@ -193,8 +196,12 @@ INLINE int64_t append_set_bits(int64_t bits, int64_t base, int32_t *listed, int6
 // of LANES.
 inline void cull_and_bin(const Faces &faces, int n_slots, const Target &target, bool is_plain,
                          Bins &bins) {
-    int64_t n_small = 0, n_larger = 0, n_hidden_small = 0, n_hidden_larger = 0, n_wide = 0,
-            n_clipped = 0;
+    int64_t n_small = 0;
+    int64_t n_larger = 0;
+    int64_t n_hidden_small = 0;
+    int64_t n_hidden_larger = 0;
+    int64_t n_wide = 0;
+    int64_t n_clipped = 0;
     for (int at = 0; at < n_slots; at += LANES) {
         const Binned found = bin_faces(faces, at, target.window, is_plain);
         n_small = append_set_bits(found.samples_2x2, at, bins.samples_2x2.slots, n_small);
@@ -204,18 +211,24 @@ inline void cull_and_bin(const Faces &faces, int n_slots, const Target &target, 
             n_clipped = append_set_bits(found.clipped, at, bins.clipped.slots, n_clipped);
         }
         if (target.counts.with_drawn) {
-            int64_t small = found.hidden_samples_2x2, larger = found.hidden_larger;
-            if (target.counts_in_blocks()) // the mask of 2 x 2 has no places
-                larger |= small, small = 0;
+            int64_t small = found.hidden_samples_2x2;
+            int64_t larger = found.hidden_larger;
+            if (target.counts_in_blocks()) { // the mask of 2 x 2 has no places
+                larger |= small;
+                small = 0;
+            }
             n_hidden_small =
                 append_set_bits(small, at, bins.hidden_samples_2x2.slots, n_hidden_small);
             n_hidden_larger =
                 append_set_bits(larger, at, bins.hidden_larger.slots, n_hidden_larger);
         }
     }
-    bins.samples_2x2.n = int(n_small), bins.larger.n = int(n_larger);
-    bins.hidden_samples_2x2.n = int(n_hidden_small), bins.hidden_larger.n = int(n_hidden_larger);
-    bins.wide.n = int(n_wide), bins.clipped.n = int(n_clipped);
+    bins.samples_2x2.n = int(n_small);
+    bins.larger.n = int(n_larger);
+    bins.hidden_samples_2x2.n = int(n_hidden_small);
+    bins.hidden_larger.n = int(n_hidden_larger);
+    bins.wide.n = int(n_wide);
+    bins.clipped.n = int(n_clipped);
     cover_samples_2x2(faces, target.window, bins.samples_2x2);
     cover_samples_2x2(faces, target.window, bins.hidden_samples_2x2);
 }

@@ -41,7 +41,8 @@ INLINE int64_t fill_samples_2x2(int64_t chosen, Int coverage, const Target &targ
             if (old > 0) add(-1, image.face[sample], counts.visible);
             else filled++;
             add(1, face, counts.visible);
-            image.depth[sample] = depth, image.face[sample] = face;
+            image.depth[sample] = depth;
+            image.face[sample] = face;
         }
     }
     return filled;
@@ -59,7 +60,8 @@ INLINE Won fill_block(int64_t at, int64_t covered, const BlockPlane &plane, floa
     const Int old = load(image.face, at);
     if (ties) { // the lower face wins
         ties &= bits(old > Int(face));
-        won |= ties, lost |= ties;
+        won |= ties;
+        lost |= ties;
     }
     if (won == 0) return {0, 0};
     const int64_t n_new = count(won) - count(lost);
@@ -77,7 +79,9 @@ INLINE Won fill_block(int64_t at, int64_t covered, const BlockPlane &plane, floa
 INLINE int64_t fill_blocks_2x2(int64_t chosen, const Sides &sides, const Target &target,
                                Setup<int32_t> &t) {
     const auto &[window, image, counts, _] = target;
-    int64_t filled = 0, found = 0, at_border = 0;
+    int64_t filled = 0;
+    int64_t found = 0;
+    int64_t at_border = 0;
     for (int k = 0; k < 4; k++)
         if ((!(k & 1) || chosen & sides.wide) && (!(k >> 1) || chosen & sides.tall)) {
             const InBlocks some = cover_blocks(k, window, t);
@@ -126,7 +130,9 @@ INLINE int64_t fill_scattered(int64_t chosen, const Sides &sides, const Target &
 
 // Samples of a triangle: covered, and won; and how many of these were empty.
 struct Filled {
-    int64_t covered = 0, gained = 0, n_new = 0;
+    int64_t covered = 0;
+    int64_t gained = 0;
+    int64_t n_new = 0;
 };
 // Fills a block of triangle k, of start_blocks.
 INLINE void fill_lane(int k, int lane, int64_t covered, const Triangles &t, BlockPlane plane,
@@ -134,7 +140,8 @@ INLINE void fill_lane(int k, int lane, int64_t covered, const Triangles &t, Bloc
     const int64_t at = t.sample[lane];
     if (target.window.is_scattered()) plane.beyond = beyond_corner(k, at, target.window, t);
     const Won won = fill_block(at, covered, plane, t.depth[lane], t.face[k], target);
-    filled.gained += won.n, filled.n_new += won.n_new;
+    filled.gained += won.n;
+    filled.n_new += won.n_new;
 }
 INLINE int64_t add_filled(const Filled &filled, int face, const Counts &counts) {
     if (filled.gained) add(filled.gained, face, counts.visible);
@@ -284,8 +291,10 @@ inline int64_t fill_any(const int32_t *slots, int n, const Faces &faces, const T
         for (int k = 0; k < (has_plane ? std::min(n - i, LANES) : 0); k++) {
             t.origin[k] = plane.origin;
             if (target.window.is_scattered()) t.origin[k] -= 0.5 * (plane.slope_x + plane.slope_y);
-            t.slope_x[k] = plane.slope_x, t.step_x[k] = float(plane.slope_x);
-            t.slope_y[k] = plane.slope_y, t.step_y[k] = float(plane.slope_y);
+            t.slope_x[k] = plane.slope_x;
+            t.step_x[k] = float(plane.slope_x);
+            t.slope_y[k] = plane.slope_y;
+            t.step_y[k] = float(plane.slope_y);
         }
         const int64_t valid = first_lanes(n - i);
         for (int64_t shown = sides.shown & valid; shown; shown = without_lowest(shown)) {

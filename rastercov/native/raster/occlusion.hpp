@@ -22,8 +22,10 @@ inline void order_by_depth(const Clusters &clusters, const Array<int32_t, Any> &
     const auto radius = clusters.bounds[RADIUS];
     const auto nearest = [&](int64_t i) { return forward[seen[i]] - radius[seen[i]]; };
     double low = std::numeric_limits<double>::infinity(), high = -low;
-    for (int64_t i = 0; i < n; i++)
-        low = std::min(low, nearest(i)), high = std::max(high, nearest(i));
+    for (int64_t i = 0; i < n; i++) {
+        low = std::min(low, nearest(i));
+        high = std::max(high, nearest(i));
+    }
     const double scale = high > low ? (DEPTH_BUCKETS - 1) / (high - low) : 0.0;
     const auto bucket = [&](int64_t i) {
         const double at = (nearest(i) - low) * scale; // NaN for depths that are not finite
@@ -31,7 +33,10 @@ inline void order_by_depth(const Clusters &clusters, const Array<int32_t, Any> &
     };
     int32_t ends[DEPTH_BUCKETS] = {}, end = 0;
     for (int64_t i = 0; i < n; i++) ends[bucket(i)]++;
-    for (int32_t &one : ends) std::swap(one, end), end += one;
+    for (int32_t &one : ends) {
+        std::swap(one, end);
+        end += one;
+    }
     for (int64_t i = 0; i < n; i++) ordered[ends[bucket(i)]++] = seen[i];
 }
 

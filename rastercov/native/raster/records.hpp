@@ -215,11 +215,13 @@ struct Range {
 
 // A vector of an array, from an element on.
 template <class T> INLINE auto load(const Array<T, Any> &array, int64_t at) {
-    check_index(at, array.rows()), check_index(at + LANES - 1, array.rows());
+    check_index(at, array.rows());
+    check_index(at + LANES - 1, array.rows());
     return Vec<std::remove_const_t<T>>::load(array.data + at);
 }
 template <class T> INLINE void store(Vec<T> values, const Array<T, Any> &array, int64_t at) {
-    check_index(at, array.rows()), check_index(at + LANES - 1, array.rows());
+    check_index(at, array.rows());
+    check_index(at + LANES - 1, array.rows());
     values.store(array.data + at);
 }
 template <class T> Array<T, Any> part(const Array<T, Any> &array, int64_t begin, int64_t n) {

@@ -31,7 +31,8 @@ template <class E> INLINE Places<E> places_of(const int32_t *packed, const Verti
     unroll<3>([&](auto k) __attribute__((always_inline)) {
         Int x, y;
         vertices.places.find<IN_CLUSTER<E>, k>(packed, x, y);
-        p.x[k] = to<E>(x), p.y[k] = to<E>(y);
+        p.x[k] = to<E>(x);
+        p.y[k] = to<E>(y);
     });
     return p;
 }
@@ -116,10 +117,13 @@ INLINE void put_planes(const int32_t *packed, const Vertices &vertices, const Pl
     const Double slope_y = (w_ac * ab_x - w_ab * ac_x) * scale;
     const Double shift = slope_x * (Double(half) - u[0]) + slope_y * (Double(half) - v[0]);
     (w[0] + shift * (1.0 / steps)).store(out.origin);
-    slope_x.store(out.slope_x), slope_y.store(out.slope_y);
-    to<float>(slope_x).store(out.step_x), to<float>(slope_y).store(out.step_y);
+    slope_x.store(out.slope_x);
+    slope_y.store(out.slope_y);
+    to<float>(slope_x).store(out.step_x);
+    to<float>(slope_y).store(out.step_y);
     // Rounding puts samples slightly outside the triangle; their depth stays within the corners'.
-    to<float>(least_of(w)).store(out.least), to<float>(greatest_of(w)).store(out.greatest);
+    to<float>(least_of(w)).store(out.least);
+    to<float>(greatest_of(w)).store(out.greatest);
 }
 
 // Masks of triangles: reaches at most 2 x 2 blocks, two columns of blocks, two rows of blocks; may
@@ -145,11 +149,14 @@ INLINE Sides set_up(const int32_t *slots, bool wants_edges, const Faces &faces,
         edge_functions(p, area, b.first_x & V(-SIDE), b.first_y & V(-SIDE), window, edges);
         unroll<3>([&](auto k) __attribute__((always_inline)) {
             edges[k].value.store(out.value[k]);
-            edges[k].dx.store(out.dx[k]), edges[k].dy.store(out.dy[k]);
+            edges[k].dx.store(out.dx[k]);
+            edges[k].dy.store(out.dy[k]);
         });
     }
-    to<int32_t>(b.first_x).store(out.first_x), to<int32_t>(b.last_x).store(out.last_x);
-    to<int32_t>(b.first_y).store(out.first_y), to<int32_t>(b.last_y).store(out.last_y);
+    to<int32_t>(b.first_x).store(out.first_x);
+    to<int32_t>(b.last_x).store(out.last_x);
+    to<int32_t>(b.first_y).store(out.first_y);
+    to<int32_t>(b.last_y).store(out.last_y);
     if constexpr (!PLANES) {
         return {};
     } else {

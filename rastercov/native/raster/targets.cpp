@@ -72,10 +72,20 @@ Run covered_run(const Side (&sides)[3], int64_t row, Run run) {
     int64_t a = sides[0].at(u, v), b = sides[1].at(u, v), c = sides[2].at(u, v);
     if (run.last - run.first < MOST_TESTED) {
         const int64_t steps[3] = {sides[0].step(), sides[1].step(), sides[2].step()};
-        const auto next = [&] { a += steps[0], b += steps[1], c += steps[2]; };
-        while (run.first <= run.last && (a | b | c) < 0) next(), run.first++;
+        const auto next = [&] {
+            a += steps[0];
+            b += steps[1];
+            c += steps[2];
+        };
+        while (run.first <= run.last && (a | b | c) < 0) {
+            next();
+            run.first++;
+        }
         int64_t last = run.first - 1;
-        while (last < run.last && (a | b | c) >= 0) next(), last++;
+        while (last < run.last && (a | b | c) >= 0) {
+            next();
+            last++;
+        }
         return {run.first, last};
     }
     const int64_t start = run.first, values[3] = {a, b, c};
@@ -122,7 +132,8 @@ Counted count_samples(Triangle triangle, const Tile &tile, const Runs &runs, con
     const int64_t first_column = std::max(first(low_x), left);
     const int64_t last_column = std::min(first(high_x), left + tile.width);
     const Side sides[3] = {{a, b}, {b, c}, {c, a}};
-    int64_t covered = 0, seen = 0;
+    int64_t covered = 0;
+    int64_t seen = 0;
     for (int64_t row = first_row; row < last_row; row++) {
         const Run run = covered_run(sides, row,
                                     {std::max<int64_t>(first_column, runs.first[row]),
@@ -145,7 +156,8 @@ Counted count_lanes(Triangle triangle, const Tile &tile, const Lanes &lanes) {
     const auto [low_y, high_y] = std::minmax({a.y, b.y, c.y});
     const int64_t right = (tile.width - 1) >> SIDE_BITS, bottom = (tile.height - 1) >> SIDE_BITS;
     const Side sides[3] = {{a, b}, {b, c}, {c, a}};
-    int64_t covered = 0, seen = 0;
+    int64_t covered = 0;
+    int64_t seen = 0;
     for (int64_t y = std::max<int64_t>(low_y >> BLOCK_BITS, 0),
                  last_y = std::min(high_y >> BLOCK_BITS, bottom);
          y <= last_y; y++)
@@ -176,7 +188,8 @@ bool is_beside(const Polygon &face, const Lens &lens, const Tile &tile) {
     const int64_t begins[2] = {tile.left, tile.top}, sizes[2] = {tile.width, tile.height};
     for (int axis = 0; axis < 2; axis++) {
         const double first = double(begins[axis]) - lens.centre[axis], last = first + sizes[axis];
-        int n_before = 0, n_behind = 0;
+        int n_before = 0;
+        int n_behind = 0;
         for (int i = 0; i < 3; i++) {
             const double position = lens.focal[axis] * face.corners[i][axis];
             n_before += position < first * face.corners[i][2];
@@ -206,7 +219,8 @@ void visit_triangles(const Polygon &face, const Lens &lens, double near, int ste
     if (!is_finite(triangle.plane)) triangle.plane = {triangle.greatest, 0.0, 0.0};
     for (int k = 0; k < part.n - 2; k++) {
         triangle.corners[0] = places[0];
-        triangle.corners[1] = places[k + 1], triangle.corners[2] = places[k + 2];
+        triangle.corners[1] = places[k + 1];
+        triangle.corners[2] = places[k + 2];
         visit(triangle);
     }
 }
@@ -229,7 +243,7 @@ void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Ti
                    Array<int64_t, Any> drawn) {
     const int64_t n = view.corners.rows();
     require_tile(tile, runs, depth);
-    require(rows.rows() == n && visible.rows() == n && drawn.rows() == n,
+    require(have_rows(n, rows, visible, drawn),
             "rows, visible and drawn must have one row for each target");
     const Lens lens = lens_of(view);
     Poll poll(64);
@@ -240,7 +254,8 @@ void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Ti
         if (is_beside(face, lens, tile)) continue;
         visit_triangles(face, lens, view.near, STEPS, [&](const Triangle &triangle) {
             const auto [covered, seen] = count_samples(triangle, tile, runs, depth);
-            drawn[f] += covered, visible[f] += seen;
+            drawn[f] += covered;
+            visible[f] += seen;
         });
     }
 }
@@ -249,8 +264,7 @@ void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
                      Array<int64_t, Any> visible, Array<int64_t, Any> drawn) {
     const int64_t n = view.corners.rows(), n_rows = (tile.height + SIDE - 1) >> SIDE_BITS;
     require_size(tile);
-    require(visible.rows() == n && drawn.rows() == n,
-            "visible and drawn must have one row for each target");
+    require(have_rows(n, visible, drawn), "visible and drawn must have one row for each target");
     require(lanes.columns >= (tile.width + SIDE - 1) >> SIDE_BITS && lanes.columns <= MAX_SIDE &&
                 lanes.used.rows() >= n_rows * lanes.columns &&
                 lanes.offsets.rows() >= n_rows * lanes.columns * LANES &&
@@ -264,7 +278,8 @@ void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
         if (is_beside(face, lens, tile)) continue;
         visit_triangles(face, lens, view.near, 1 << FINE_STEP_BITS, [&](const Triangle &triangle) {
             const auto [covered, seen] = count_lanes(triangle, tile, lanes);
-            drawn[f] += covered, visible[f] += seen;
+            drawn[f] += covered;
+            visible[f] += seen;
         });
     }
 }
@@ -279,11 +294,13 @@ void rows_of_targets(const View &view, int64_t height, Array<int64_t, Any, 2> ro
     for (int64_t f = 0; f < rows.rows(); f++) {
         const Polygon part =
             clip_to_guard_band(clip_to_near(face_in_camera(view, f), view.near), lens, STEPS);
-        double least = INF, most = -INF;
+        double least = INF;
+        double most = -INF;
         for (int i = 0; i < (part.n >= 3 ? part.n : 0); i++) {
             const double v =
                 lens.focal[1] * part.corners[i][1] / part.corners[i][2] + lens.centre[1];
-            least = std::min(least, v), most = std::max(most, v);
+            least = std::min(least, v);
+            most = std::max(most, v);
         }
         const bool is_seen = least <= most;
         rows(f, 0) = is_seen ? within(least - 1.0) : 0;

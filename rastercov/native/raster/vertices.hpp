@@ -31,11 +31,14 @@ inline Box project_vertices(const Clusters &clusters, const Cluster &cluster, co
         const Double forward = x * axes[2] + y * axes[5] + z * axes[8];
         const Double w = Double(1) / forward;
         const Double u = Double(fx) * right * w + cx, v = Double(fy) * down * w + cy;
-        u.store(out.u + at), v.store(out.v + at), w.store(out.w + at);
+        u.store(out.u + at);
+        v.store(out.v + at);
+        w.store(out.w + at);
         const Double round_u = floor(u + 0.5), round_v = floor(v + 0.5);
         Int whole_x, whole_y;
         if (cluster.is_safe) [[likely]] {
-            whole_x = to<int32_t>(round_u), whole_y = to<int32_t>(round_v);
+            whole_x = to<int32_t>(round_u);
+            whole_y = to<int32_t>(round_v);
         } else {
             const auto is_beyond_near = forward >= Double(camera.near);
             const auto is_seen =
@@ -46,7 +49,8 @@ inline Box project_vertices(const Clusters &clusters, const Cluster &cluster, co
                 const Int whole = to<int32_t>(select<double>(is_seen, rounded, 0.0));
                 return select<int32_t>(seen, whole, unseen);
             };
-            whole_x = of(round_u), whole_y = of(round_v);
+            whole_x = of(round_u);
+            whole_y = of(round_v);
         }
         out.places.store(at, whole_x, whole_y);
         const auto is_vertex = lane_numbers() < Int(n - at);
