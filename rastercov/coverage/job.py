@@ -57,7 +57,7 @@ def evaluate(
     poses: ArrayLike,
     task: Task | None = None,
     *,
-    by: str | None = "face",
+    by: str | None = None,
     lamps: Lamps | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
@@ -74,10 +74,10 @@ def evaluate(
         What looks; where there are several, `Poses.camera` says which of them is in each pose.
     poses, task : (P, 4, 4) array_like, or Poses; Task, optional
         world_from_camera, and thresholds, `Task()` unless given.
-    by : {"face", "area"}, optional
-        Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
-        zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
-        face or the method counts samples.
+    by : {"area", "face"}, optional
+        Unit of the result: exact area, with the unions and dead zones of docs/area.md, or whole
+        faces as in the thesis. Area unless given, or face where a threshold is of a face or the
+        method counts samples.
     lamps : Lamps, optional
         Lamps that must light what is covered, by area; see docs/light.md.
     method, threads

@@ -328,7 +328,9 @@ def _draw_poses(
     captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
     reasons = {}
     if parts is None:
-        found = evaluate(mesh, shown.camera, drawn, task, method=engine, fields=("reason",))
+        found = evaluate(
+            mesh, shown.camera, drawn, task, method=engine, fields=("reason",), by="face"
+        )
         reasons = dict(zip(drawn.ids.tolist(), found.reason, strict=True))
     try:
         for index, rows in drawn.by_camera():

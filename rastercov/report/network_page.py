@@ -243,7 +243,7 @@ class NetworkPage:
             return {"nearest": None, "advice": general_advice(name)}
         middle = mesh.centroids[face]
         some = nearest_to(self.poses, middle)
-        found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE))
+        found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE), by="face")
         own = found.reason[:, face] == Reason[name.upper()]
         rows = np.flatnonzero(own if own.any() else ~own)
         figures = [

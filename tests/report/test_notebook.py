@@ -30,7 +30,7 @@ def results(tmp_path_factory):
     asked["meshes"][1].pop("role")
     mesh = rc.Mesh.load([each["path"] for each in asked["meshes"]])
     scene = mesh, CAMERA, rc.sphere_of_poses((0, 0, 0), 4.0, 7), rc.Task(max_incidence_deg=70)
-    placed, found = rc.place(asked, out=out / "place"), rc.evaluate(*scene)
+    placed, found = rc.place(asked, out=out / "place"), rc.evaluate(*scene, by="face")
     with rc.open_observer(mesh, CAMERA) as observer:
         batch = next(rc.evaluate_batches(observer, *scene[2:]))
     return {

@@ -63,7 +63,7 @@ def assert_lit(session, mesh, poses, lamps, task=LIT):
     rig = rc.Rig([CAMERA])._lit(lamps)
     faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     plain = rc.Task(max_incidence_deg=75)
-    covers = rc.evaluate(mesh, CAMERA, poses, plain).reason == rc.Reason.COVERED
+    covers = rc.evaluate(mesh, CAMERA, poses, plain, by="face").reason == rc.Reason.COVERED
     placed = rc.Poses.of(poses)
     judged = failures_of_rows(mesh, rig, task, placed, mesh.centroids[faces], faces)
     n_light, every = 0, np.zeros(len(faces), bool)

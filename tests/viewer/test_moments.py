@@ -35,7 +35,7 @@ def acted(session, at, mode="reason", **action):
 
 
 def assert_figures(head, levels, mesh, poses):
-    found = rc.evaluate(mesh, CAMERA, poses, TASK)
+    found = rc.evaluate(mesh, CAMERA, poses, TASK, by="face")
     network = rc.Network(mesh, TASK)
     network.add(found)
     assert head["summary"]["covered"] == pytest.approx(network.summary()["covered"])

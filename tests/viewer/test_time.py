@@ -92,7 +92,7 @@ def assert_shown(page, mesh, poses):
     shown = np.reshape([each["pose"] for each in page.state()["stations"]], (-1, 4, 4))
     assert np.allclose(shown, poses)
     network = rc.Network(mesh, TASK)
-    network.add(rc.evaluate(mesh, CAMERA, poses, TASK))
+    network.add(rc.evaluate(mesh, CAMERA, poses, TASK, by="face"))
     assert page.area_percent() == pytest.approx(network.summary()["covered"]["area_percent"])
 
 
