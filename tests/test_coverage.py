@@ -191,12 +191,13 @@ def test_only_a_run_within_the_budget_is_returned(how, monkeypatch):
     poses = np.concatenate((POSES, POSES * np.nan))
     assert len(evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how, by="face").pose_ids) == 6
     monkeypatch.setattr(job, "EVALUATE_BUDGET", size - 1)
-    assert evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how, by="face").reason.shape == (
-        6,
-        552,
-    )
+    found = evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how, by="face")
+    assert found.reason.shape == (6, 552)
+    # What is advised is there: sums without figures of pairs.
+    sums = evaluate(TEAPOT, SMALL, POSES, fields=(), **how, by="face").network.summary()
+    assert sums == found.network.summary()
     monkeypatch.setattr(job, "open_for", lambda *_, **__: pytest.fail("opened"))
-    with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*evaluate_batches"):
+    with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*fields=\(\)"):
         evaluate(TEAPOT, SMALL, POSES, **how, by="face")
 
 

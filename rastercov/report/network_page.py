@@ -201,7 +201,7 @@ class NetworkPage:
     @cached_property
     def lost_m2(self) -> FloatArray | None:
         """(P,) area that is not covered any more without each camera; None where not known."""
-        if self.timed is not None and self.timed.over != "some":
+        if self.timed is not None and self.timed.asked.over != "some":
             return None
         if self.parts is not None and self.together is not None:
             leads = np.unique(self.together, return_index=True)[1]
@@ -375,7 +375,7 @@ class NetworkPage:
     @property
     def _long(self) -> str:
         """Words on the time in which parts are covered, after a space; none where nothing moves."""
-        return "" if self.timed is None else f" {time_words(self.timed.over)}"
+        return "" if self.timed is None else f" {time_words(self.timed.asked.over)}"
 
     @property
     def covered_words(self) -> str:

@@ -284,7 +284,7 @@ def test_a_folder_that_cannot_be_used_is_refused_before_a_device_is_opened(tmp_p
     for name in ("file", "taken/view.html", "taken/coverage.parquet"):
         (tmp_path / name).write_text("mine")
     before = content(tmp_path)
-    monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.coverage.job.open_for", lambda *_: pytest.fail("opened"))
     with ReportFolder(tmp_path / "used", EVALUATION):
         for out in ("file", "file/report", "taken", "used"):
             with pytest.raises(ConfigError):
