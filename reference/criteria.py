@@ -70,9 +70,14 @@ class FaceGeometry:
 
 
 MEASURED = (
-    "in_view", "in_view_fraction", "projected_area", "pixel_density", "facing_density", "incidence",
+    "in_view",
+    "in_view_fraction",
+    "projected_area",
+    "pixel_density",
+    "facing_density",
+    "incidence",
     "reason",
-)  # fmt: skip
+)
 """Figures that `measured_geometry` asks of the compiled loops."""
 
 

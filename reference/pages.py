@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
@@ -39,15 +39,19 @@ class Theme(pages.Theme):
 
 
 LIGHT = Theme(
-    **vars(pages.LIGHT), paper="#ffffff", grid="#e3e7ec",
+    **vars(pages.LIGHT),
+    paper="#ffffff",
+    grid="#e3e7ec",
     series=("#0072b2", "#d55e00", "#009e73", "#b0569a", "#8a6d00", "#4a90c2", "#777777"),
     sizes=("#f2b36b", "#5b1a6e"),
-)  # fmt: skip
+)
 DARK = Theme(
-    **vars(pages.DARK), paper="#171c22", grid="#2c343d",
+    **vars(pages.DARK),
+    paper="#171c22",
+    grid="#2c343d",
     series=("#58a9e8", "#ff9052", "#3ccb9d", "#e59ac9", "#dcc04c", "#9fd0f2", "#aaaaaa"),
     sizes=("#8a4fa0", "#ffd9a0"),
-)  # fmt: skip
+)
 WIDTH, HEIGHT = 5.6, 4.0
 """Inches; 100 CSS pixels an inch on a page, twice as many in the picture."""
 DPI = 200
@@ -240,7 +244,7 @@ def opened(out: Path | ReportFolder, kind: ReportKind) -> AbstractContextManager
 
 
 def publish(
-    folder: ReportFolder, page: str, data: Any, pictures: Mapping[str, Picture] | None = None
+    folder: ReportFolder, page: str, data: object, pictures: Mapping[str, Picture] | None = None
 ) -> Path:
     """Write the pictures, the page and the JSON of a report, and publish them with signals held.
 

@@ -77,9 +77,15 @@ def covers_points(
         meets = meets_criteria(mesh, camera, task, pose, near[row], local, face)
         is_open, depth = mesh.degenerate_mask | mesh.target_mask, _depth(local, is_wide=is_wide)
         hidden = _find_hidden(
-            corners, is_open, mesh.target_mask, near[row], local, depth, face.astype(np.int64),
+            corners,
+            is_open,
+            mesh.target_mask,
+            near[row],
+            local,
+            depth,
+            face.astype(np.int64),
             np.flatnonzero(meets),
-        )  # fmt: skip
+        )
         found[row] = meets & ~hidden
     return found
 

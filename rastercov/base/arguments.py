@@ -33,21 +33,21 @@ LARGEST_COORDINATE = 1e30
 
 
 def check_kind(
-    name: str, value: Any, kind: Kinds, wanted: str, error: type[RastercovError]
+    name: str, value: object, kind: Kinds, wanted: str, error: type[RastercovError]
 ) -> None:
     """Raise `error` unless a value is of that kind; `wanted` says what it must be."""
     if not isinstance(value, kind):
         raise error(f"{name} must be {wanted}, got {shown(value)}")
 
 
-def check_choice(name: str, value: Any, choices: Sequence[str]) -> None:
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raise ConfigError unless a value is one of these words."""
     if not isinstance(value, str) or value not in choices:
         words = f"{', '.join(choices[:-1])} or {choices[-1]}"
         raise ConfigError(f"{name} must be {words}, got {shown(value)}")
 
 
-def flag(name: str, value: Any) -> bool:
+def flag(name: str, value: object) -> bool:
     """True or False, of Python or numpy; else ConfigError."""
     check_kind(name, value, (bool, np.bool_), "True or False", ConfigError)
     return bool(value)
@@ -136,7 +136,7 @@ def checked_array(
     return array
 
 
-def check_room(name: str, values: Any) -> None:
+def check_room(name: str, values: object) -> None:
     """Raise ResourceError where an array, each number in 8 bytes, takes more memory than is free.
 
     An array that repeats one row without storing it can be larger than what it takes.
@@ -189,7 +189,7 @@ class Reads(NamedTuple):
     metavar: str
 
 
-def check_limits(value: Any) -> None:
+def check_limits(value: object) -> None:
     """Check all fields of a frozen dataclass, and replace each by its plain Python value.
 
     Raises
@@ -210,7 +210,7 @@ def annotations_of(kind: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
-def metadata_of(hint: Any) -> tuple[Any, ...]:
+def metadata_of(hint: object) -> tuple[Any, ...]:
     """Metadata of an annotation; of the first member that has any, where it is a union."""
     if get_origin(hint) is Annotated:
         return tuple(get_args(hint)[1:])
@@ -218,7 +218,7 @@ def metadata_of(hint: Any) -> tuple[Any, ...]:
     return next((found for member in members if (found := metadata_of(member))), ())
 
 
-def reader_of(hint: Any) -> Reads | None:
+def reader_of(hint: object) -> Reads | None:
     """`Reads` of an annotation, if it has any."""
     return next((each for each in metadata_of(hint) if isinstance(each, Reads)), None)
 
@@ -233,7 +233,7 @@ def documented(kind: type) -> dict[str, str]:
     }
 
 
-def _is_optional(hint: Any) -> bool:
+def _is_optional(hint: object) -> bool:
     return get_origin(hint) is Union or type(None) in get_args(hint)
 
 
@@ -252,7 +252,7 @@ class _Rule:
     limits: dict[str, float]
 
     @classmethod
-    def of(cls, name: str, default: Any, hint: Any) -> "_Rule":
+    def of(cls, name: str, default: object, hint: object) -> "_Rule":
         """The rule of an annotation."""
         is_optional = _is_optional(hint)
         if is_optional:
@@ -260,7 +260,7 @@ class _Rule:
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
         return cls(name, default, is_optional, kind, reader_of(hint), _limits(hint))
 
-    def checked(self, value: Any) -> Any:
+    def checked(self, value: object) -> Any:
         """The plain value; ConfigError for one that is not allowed."""
         if value is None and self.is_optional:
             return None
@@ -298,7 +298,7 @@ IS_WITHIN = {"gt": operator.gt, "ge": operator.ge, "le": operator.le}
 """Comparisons with limits, by their names in `annotated_types`."""
 
 
-def _limits(hint: Any) -> dict[str, float]:
+def _limits(hint: object) -> dict[str, float]:
     """Limits of an annotation by their names."""
     metadata = metadata_of(hint)
     return {name: getattr(m, name) for name in IS_WITHIN for m in metadata if hasattr(m, name)}

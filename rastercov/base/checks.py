@@ -45,7 +45,7 @@ def number(
     return result
 
 
-def positive(name: str, value: Any) -> float:
+def positive(name: str, value: object) -> float:
     """`value` as a finite float above 0."""
     result = number(name, value)
     if result <= 0:
@@ -53,18 +53,18 @@ def positive(name: str, value: Any) -> float:
     return result
 
 
-def focal_length_px(name: str, value: Any) -> float:
+def focal_length_px(name: str, value: object) -> float:
     """`value` as a focal length in pixels."""
     wanted = f"{SHORTEST:g} to {LONGEST:g} px"
     return number(name, positive(name, value), SHORTEST, LONGEST, wanted)
 
 
-def principal_point_px(name: str, value: Any) -> float:
+def principal_point_px(name: str, value: object) -> float:
     """`value` as a coordinate of the principal point in pixels."""
     return number(name, value, -LONGEST, LONGEST, f"within {LONGEST:g} px of the image")
 
 
-def pair(name: str, value: Any) -> tuple[float, float]:
+def pair(name: str, value: object) -> tuple[float, float]:
     """One or two positive numbers as two."""
     values = value if isinstance(value, tuple | list) else (value, value)
     if len(values) != 2:
@@ -72,7 +72,7 @@ def pair(name: str, value: Any) -> tuple[float, float]:
     return positive(name, values[0]), positive(name, values[1])
 
 
-def two(name: str, value: Any) -> tuple[Any, Any]:
+def two(name: str, value: object) -> tuple[Any, Any]:
     """Two values of any kind, from a sequence or an array."""
     if isinstance(value, np.ndarray) and value.shape == (2,):
         value = value.tolist()
@@ -81,7 +81,7 @@ def two(name: str, value: Any) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
-def image_side(name: str, value: Any) -> int:
+def image_side(name: str, value: object) -> int:
     """Width or height of an image, in whole pixels."""
     result = number(name, value)
     if result != int(result) or not 1 <= result <= MAX_IMAGE_SIDE:
@@ -101,12 +101,12 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
     raise CameraError(f"distortion must be at most {MOST_COEFFICIENTS} numbers, got {size}")
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> bool:
     """True for a whole or real number of Python or numpy; True and False are none."""
     return not isinstance(value, bool) and isinstance(value, int | float | np.integer | np.floating)
 
 
-def is_one_of(value: Any, names: Container[str]) -> bool:
+def is_one_of(value: object, names: Container[str]) -> bool:
     """True for text that is among some names; an array is never compared with them."""
     return isinstance(value, str) and value in names
 
@@ -120,12 +120,12 @@ def finite_number(value: Any) -> float:
     return result if math.isfinite(result) else math.nan
 
 
-def is_inf(value: Any) -> bool:
+def is_inf(value: object) -> bool:
     """True for positive infinity."""
     return isinstance(value, float | np.floating) and value == math.inf
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """`value` in at most `LONGEST_SHOWN` characters on one line, whatever it is."""
     return shortened(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
 

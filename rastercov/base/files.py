@@ -195,7 +195,7 @@ def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
         raise UnparsedError(form, reason) from None
 
 
-def check_numbers(content: Any, name: str = "") -> None:
+def check_numbers(content: object, name: str = "") -> None:
     """Raise UnreadableError for a number beyond `LARGEST_NUMBER` in tables and lists of a file.
 
     The line names the entry. Sums, products and conversions of all other numbers are finite.
@@ -218,7 +218,7 @@ def is_within(value: float) -> bool:
     return -LARGEST_NUMBER <= value <= LARGEST_NUMBER
 
 
-def check_number(value: Any, name: str) -> None:
+def check_number(value: object, name: str) -> None:
     """Raise UnreadableError for a finite number beyond `LARGEST_NUMBER`."""
     if not isinstance(value, int | float) or is_within(value):
         return

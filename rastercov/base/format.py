@@ -32,7 +32,7 @@ class InNotebook:
             return None
 
 
-def _in_short(value: Any) -> str:
+def _in_short(value: object) -> str:
     if hasattr(value, "dtype") and hasattr(value, "shape"):
         return f"{value.shape} {value.dtype}"
     if isinstance(value, Mapping | tuple | list) and len(value) > MOST_SHOWN:

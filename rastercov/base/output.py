@@ -29,17 +29,17 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 
 
-def write_json(path: str | Path, data: Any) -> None:
+def write_json(path: str | Path, data: object) -> None:
     """Write data as JSON: numpy values as plain ones, numbers that are not finite as null."""
     write_bytes(path, json_bytes(data, indent=2) + b"\n")
 
 
-def json_text(data: Any) -> str:
+def json_text(data: object) -> str:
     """Text that `write_json` writes, in ASCII, which any terminal or pipe takes."""
     return json.dumps(_plain(data), indent=2, allow_nan=False)
 
 
-def json_bytes(data: Any, indent: int | None = None) -> bytes:
+def json_bytes(data: object, indent: int | None = None) -> bytes:
     """Content that `write_json` writes, without the line end."""
     plain = _plain(data)
     text = _line(plain) if indent is None else _indented(plain, indent)
@@ -200,7 +200,7 @@ SCALARS = {str, int, bool, type(None)}
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
-def _indented(plain: Any, indent: int, depth: int = 0) -> str:
+def _indented(plain: object, indent: int, depth: int = 0) -> str:
     """JSON over several lines, but a list of numbers on one.
 
     The encoder of the standard library that indents is written in Python, and a report has as many
@@ -220,7 +220,7 @@ def _indented(plain: Any, indent: int, depth: int = 0) -> str:
     return brackets[0] + start + f",{start}".join(lines) + start[:-indent] + brackets[1]
 
 
-def _plain(data: Any) -> Any:
+def _plain(data: object) -> Any:
     """The same data in types that JSON has."""
     if type(data) in SCALARS:
         return data

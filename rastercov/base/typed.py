@@ -170,7 +170,7 @@ def check_fields(value: Any) -> None:
             check_type(field.name, getattr(value, field.name), hints[field.name])
 
 
-def check_type(name: str, value: Any, hint: Any) -> None:
+def check_type(name: str, value: object, hint: object) -> None:
     """Raise the error that goes with a type where a value is not of it."""
     if _is_array_like(hint):
         check_room(name, value)
@@ -188,7 +188,7 @@ class _Names(dict[str, Any]):
 
 
 @functools.cache  # resolved at the first call, when all modules are there
-def _hints(thing: Any) -> dict[str, Any]:
+def _hints(thing: object) -> dict[str, Any]:
     known = _Names(vars(builtins) | vars(sys.modules[thing.__module__]))
     return get_type_hints(thing, localns=known)
 
@@ -232,13 +232,13 @@ def fits(value: Any, hint: Any) -> bool:
     return (is_set or _is_row(value)) and all(fits(each, kinds[0]) for each in value)
 
 
-def _is_array_like(hint: Any) -> bool:
+def _is_array_like(hint: object) -> bool:
     """True for an annotation of ArrayLike, alone or among others, or of arrays."""
     kinds = get_args(hint) or (hint,)
     return (get_origin(hint) or hint) in ARRAYS or all(kind in kinds for kind in ARRAY)
 
 
-def _is_numeric(value: Any) -> bool:
+def _is_numeric(value: object) -> bool:
     """True when numpy makes numbers of a value, without reading texts or losing a mask."""
     try:
         array = as_array(value)
@@ -248,7 +248,7 @@ def _is_numeric(value: Any) -> bool:
     return (not array.size or is_real) and not np.ma.is_masked(value)
 
 
-def _is_row(value: Any) -> bool:
+def _is_row(value: object) -> bool:
     """True for a sequence of other values, and no text."""
     return isinstance(value, list | tuple | range) or (
         isinstance(value, np.ndarray) and value.ndim > 0

@@ -59,7 +59,7 @@ MOST_DIFFERENCE_REL = 0.05
 """Difference of the focal lengths across and down the image that is taken for calibration."""
 
 
-def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
+def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     """Arguments of `Camera` from the entries of a file.
 
     "preset" adds the entries of a camera of the catalogue; "hfov_deg" and "vfov_deg" give fx and
@@ -185,7 +185,7 @@ def _focal_length_m(entries: Mapping[str, Any]) -> float:
     return (across + down) / 2
 
 
-def _near(name: str, value: Any) -> float:
+def _near(name: str, value: object) -> float:
     near = number(name, value)
     if not 0 <= near <= LARGEST_COORDINATE:
         raise CameraError(
@@ -194,7 +194,7 @@ def _near(name: str, value: Any) -> float:
     return near
 
 
-def field_angle(name: str, value: Any) -> float:
+def field_angle(name: str, value: object) -> float:
     """Angle from an axis, degrees: up to `WIDEST_DEG`, or 180; CameraError for another one."""
     angle = number(name, value)
     if not (0 < angle <= WIDEST_DEG or angle == 180):
@@ -205,7 +205,7 @@ def field_angle(name: str, value: Any) -> float:
     return angle
 
 
-def _range(name: str, value: Any) -> tuple[float, float]:
+def _range(name: str, value: object) -> tuple[float, float]:
     first, second = two(name, value)
     is_open = second is None or is_inf(second)  # JSON has no infinity
     z_n, z_f = number(name, first), math.inf if is_open else number(name, second)
@@ -351,7 +351,7 @@ class Camera:
         height: int,
         focal_length: float,
         pixel_size: float | tuple[float, float],
-        **others: Any,
+        **others: object,
     ) -> "Camera":
         """Camera from a lens and a sensor in metres: fx = f/s_u, fy = f/s_v, as (3.5) intends.
 
@@ -378,7 +378,7 @@ class Camera:
         *,
         hfov_deg: float | None = None,
         vfov_deg: float | None = None,
-        **others: Any,
+        **others: object,
     ) -> "Camera":
         """Pinhole from its angles of view; with square pixels where one is given.
 

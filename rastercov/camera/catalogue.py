@@ -59,7 +59,7 @@ class Catalogue(NamedTuple):
             else:
                 yield from (f"{name}+{lens}" for lens in self.lenses_of(name))
 
-    def parts(self, name: Any) -> list[Entries]:
+    def parts(self, name: object) -> list[Entries]:
         """Entries of a camera, and of its lens where the name has one.
 
         Raises
@@ -153,7 +153,7 @@ def is_head(text: Any, file: StrPath | None = None) -> bool:
     return text.split(":")[0] in catalogue(file).heads
 
 
-def head_of(name: Any, file: StrPath | None = None) -> tuple[str, float]:
+def head_of(name: object, file: StrPath | None = None) -> tuple[str, float]:
     """Camera of a head, and the distance of its two centres, metres.
 
     Raises

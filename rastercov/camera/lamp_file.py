@@ -143,7 +143,7 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
     return getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
 
 
-def _read(entries: Any, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
+def _read(entries: object, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
     """Lamp of its entries, its places and whether it rides on the rig."""
     if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
         raise CameraError(

@@ -184,7 +184,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 8,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points in a row along x, metres, in the middle of equal parts of it.
 
@@ -202,7 +202,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 12,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points on a circle around z, metres, which look along z; see `bar`."""
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
@@ -216,7 +216,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 16,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points on half a sphere behind its origin, which look at it; see `bar`."""
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
@@ -231,7 +231,7 @@ class Lamp:
         power_w_sr: float | None = None,
         *,
         points: int = 16,
-        **more: Any,
+        **more: object,
     ) -> "Lamp":
         """Lamp of points in the cells of a rectangle, metres, a square for one side; see `bar`.
 
@@ -292,9 +292,13 @@ class Lamp:
             return Camera(width=360, height=180, fx=step, fy=step, model="equirectangular")
         radius = math.ceil(PIXELS_PER_RADIAN * math.radians(self.half_angle_deg)) + MARGIN
         return Camera(
-            width=2 * radius, height=2 * radius, fx=PIXELS_PER_RADIAN, fy=PIXELS_PER_RADIAN,
-            model="opencv_fisheye", max_angle_deg=self.half_angle_deg,
-        )  # fmt: skip
+            width=2 * radius,
+            height=2 * radius,
+            fx=PIXELS_PER_RADIAN,
+            fy=PIXELS_PER_RADIAN,
+            model="opencv_fisheye",
+            max_angle_deg=self.half_angle_deg,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Arguments of the constructor that differ from its defaults, ready for JSON."""
@@ -360,9 +364,12 @@ class Lamps(InOneLine):
                 "lamps must be all in cd or all in W/sr, since lx and W/m2 do not add up, got both"
             )
         words = members(
-            "names", [f"lamp {row}" for row in range(n)] if names is None else names, str,
-            f"{n} texts", CameraError,
-        )  # fmt: skip
+            "names",
+            [f"lamp {row}" for row in range(n)] if names is None else names,
+            str,
+            f"{n} texts",
+            CameraError,
+        )
         if len(words) != n or len(set(words)) != n or not all(words):
             raise CameraError(
                 f"names of lamps must be {n} different texts, got {shown(list(words))}"
@@ -371,9 +378,11 @@ class Lamps(InOneLine):
         if len(matrices) != n:
             raise PoseError(f"places must be one for each of {n} lamps, got {len(matrices)}")
         wanted = f"True, False or the name of a camera for each of {n} lamps"
-        on_rig = (False,) * n if rides is None else members(
-            "rides", rides, (bool, np.bool_, str), wanted, CameraError
-        )  # fmt: skip
+        on_rig = (
+            (False,) * n
+            if rides is None
+            else members("rides", rides, (bool, np.bool_, str), wanted, CameraError)
+        )
         if len(on_rig) != n:
             raise CameraError(f"rides must be {wanted}, got {len(on_rig)}")
         on_rig = tuple(each if isinstance(each, str) else bool(each) for each in on_rig)
@@ -522,7 +531,7 @@ def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
     return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
 
 
-def _checked(profile: Any) -> Profile:
+def _checked(profile: object) -> Profile:
     """Profile as pairs of numbers."""
     pairs = members("profile", profile, (tuple, list), "pairs of angle and share", CameraError)
     found = tuple(

@@ -11,7 +11,7 @@ documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rastercov.base.checks import coefficients_of, number, shown
 from rastercov.base.errors import CameraError
@@ -175,7 +175,7 @@ RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
 """Ranges of coefficients in which the equations of their model are a lens."""
 
 
-def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
+def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, ...]]:
     """Model and its coefficients; a model "opencv" whose coefficients are all 0 is a pinhole.
 
     Raises

@@ -104,12 +104,14 @@ def near_cuts(
     """
     limit = near_limit(views[0][0], bounds, views[0][1])
     widest = max(
-        float(np.hypot(
-            max(camera.cx, camera.width - camera.cx) / camera.fx,
-            max(camera.cy, camera.height - camera.cy) / camera.fy,
-        ))
+        float(
+            np.hypot(
+                max(camera.cx, camera.width - camera.cx) / camera.fx,
+                max(camera.cy, camera.height - camera.cy) / camera.fy,
+            )
+        )
         for camera, _ in views
-    )  # fmt: skip
+    )
     reach = (limit * np.sqrt(1 + widest**2))[:, None]
     eyes = views[0][1][:, :3, 3]
     close = ((eyes > bounds[0] - reach) & (eyes < bounds[1] + reach)).all(axis=1)

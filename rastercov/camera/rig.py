@@ -203,7 +203,7 @@ class Rig(InOneLine):
         by_name = dict(zip(rigs[0].names, names, strict=True))
         return found._with(rule=renamed(rigs[0].rule, by_name))
 
-    def _with(self, **changes: Any) -> "Rig":
+    def _with(self, **changes: object) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""
         found = copy(self)
         for name, value in changes.items():
@@ -222,9 +222,10 @@ class Rig(InOneLine):
         new = {row: at for at, row in enumerate(rows)}
         names = tuple(self.names[row] for row in rows)
         gates = {
-            new[at]: gate for at, gate in self.gates.items()
+            new[at]: gate
+            for at, gate in self.gates.items()
             if all(row in new for row in range(at, at + gate.n))
-        }  # fmt: skip
+        }
         fixed = tuple(name for name in self.fixed if name in names)
         return self._with(
             cameras=tuple(self.cameras[row] for row in rows),
@@ -270,7 +271,7 @@ def preset_rig(name: str, catalogue: StrPath | None = None) -> Rig:
     return Rig([camera] * 2, ["left", "right"], places, rule=All())
 
 
-def cameras_of(cameras: Any) -> tuple[Camera, ...]:
+def cameras_of(cameras: object) -> tuple[Camera, ...]:
     """The cameras of a camera, a rig or a sequence of cameras; `CameraError` for anything else."""
     if isinstance(cameras, Camera):
         return (cameras,)
@@ -311,10 +312,14 @@ def gates_to_json(cameras: Cameras) -> dict[str, Any]:
     """
     if not isinstance(cameras, Rig) or not (cameras.tasks or cameras.fixed or is_joint(cameras)):
         return {}
-    lamps = {} if cameras.lamps is None else {
-        "lamps": cameras.lamps.to_json(),
-        "places": cameras.rig_from_camera.tolist(),
-    }  # fmt: skip
+    lamps = (
+        {}
+        if cameras.lamps is None
+        else {
+            "lamps": cameras.lamps.to_json(),
+            "places": cameras.rig_from_camera.tolist(),
+        }
+    )
     return lamps | {
         "gates": {str(first): list(gate) for first, gate in cameras.gates.items()},
         "tasks": {name: task_to_json(task) for name, task in cameras.tasks.items()},
@@ -420,13 +425,13 @@ def short_names(names: Sequence[str]) -> list[str]:
     return [re.sub(r"^camera (?=\d+$)", "", name) for name in names]
 
 
-def check_scene(mesh: Any, camera: Any) -> None:
+def check_scene(mesh: object, camera: object) -> None:
     """Raise MeshError or CameraError unless they are a Mesh and a camera, or several."""
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
     cameras_of(camera)
 
 
-def _checked(cameras: Any) -> tuple[Camera, ...]:
+def _checked(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
     found = members("camera", cameras, Camera, wanted, CameraError)
     if not 1 <= len(found) <= MOST_CAMERAS:

@@ -74,11 +74,21 @@ def audit(
     with progress_bar() as progress:
         asked: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
         made = partial(
-            reconstruction, mesh, views.rig, views.poses, task, names=views.images or None,
-            frames=views.frames, progress=progress, workers=staff, watch=tally.add,
-            note=lambda line: warn([line]), unit="m" if views.has_unit else "unit",
-            suggested=suggest, **asked,
-        )  # fmt: skip
+            reconstruction,
+            mesh,
+            views.rig,
+            views.poses,
+            task,
+            names=views.images or None,
+            frames=views.frames,
+            progress=progress,
+            workers=staff,
+            watch=tally.add,
+            note=lambda line: warn([line]),
+            unit="m" if views.has_unit else "unit",
+            suggested=suggest,
+            **asked,
+        )
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)}
         _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level)

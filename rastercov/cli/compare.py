@@ -88,9 +88,15 @@ def compare(
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
-                mesh, eye, matrices, method, against, worst=faces, convergence=convergence,
+                mesh,
+                eye,
+                matrices,
+                method,
+                against,
+                worst=faces,
+                convergence=convergence,
                 progress=progress,
-            )  # fmt: skip
+            )
         with progress_bar() as progress:
             path = report.write_comparison(folder, found, mesh, eye, matrices, progress)
     if as_json:

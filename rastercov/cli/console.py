@@ -357,7 +357,7 @@ class LazyCommand(TyperCommand):
         found.name = self.name
         return found
 
-    def make_context(self, *args: Any, **options: Any) -> Any:
+    def make_context(self, *args: object, **options: object) -> Any:
         """Context of the command itself."""
         return self.loaded.make_context(*args, **options)
 

@@ -123,9 +123,18 @@ def evaluate(
         moving = PlanMotion.read(motion, mesh, report.method)
         mesh = moving.motion.mesh
     run_and_print(
-        mesh, with_lamps(eyes.rig, lit), eyes.poses, task.lit_by(lit), out, settings, as_json,
-        workers, level, eyes.images, moving,
-    )  # fmt: skip
+        mesh,
+        with_lamps(eyes.rig, lit),
+        eyes.poses,
+        task.lit_by(lit),
+        out,
+        settings,
+        as_json,
+        workers,
+        level,
+        eyes.images,
+        moving,
+    )
 
 
 def run_and_print(
@@ -157,9 +166,17 @@ def run_and_print(
     with progress_bar() as progress:
         staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
         summary = run(
-            mesh, camera, accepted, task, out, settings, staff, level=level, names=names,
+            mesh,
+            camera,
+            accepted,
+            task,
+            out,
+            settings,
+            staff,
+            level=level,
+            names=names,
             moving=moving,
-        )  # fmt: skip
+        )
     warn(summary["doubts"])
     if as_json:
         print(json_text(summary))

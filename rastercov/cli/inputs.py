@@ -65,9 +65,11 @@ class SceneOptions(NamedTuple):
         transforms = by_file("--transform", _named(self.transform), paths, "")
         units = by_file("--unit", _named(self.unit), paths, "m")
         mesh = Mesh.load(
-            paths, list(map(options.number_or_name, units)),
-            transforms=list(map(_transform, transforms)), drop_invalid=self.drop_invalid,
-        )  # fmt: skip
+            paths,
+            list(map(options.number_or_name, units)),
+            transforms=list(map(_transform, transforms)),
+            drop_invalid=self.drop_invalid,
+        )
         names = names_of(mesh, paths)
         both = "all" if "all" in self.two_sided else named("--two-sided", self.two_sided, names)
         hiding, transparent = (named(role, given, names) for role, given in roles.items())

@@ -185,7 +185,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
         made[each.name] = [option.name for option in own], make
 
     @functools.wraps(command)
-    def with_options(**values: Any) -> None:
+    def with_options(**values: object) -> None:
         for name, (names, make) in made.items():
             values[name] = make(**{option: values.pop(option) for option in names})
         command(**values)
@@ -195,7 +195,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     return with_options
 
 
-def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
+def _parameter(name: str, default: object, annotation: object) -> inspect.Parameter:
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
@@ -254,14 +254,14 @@ def _task(thesis: bool, **thresholds: Any) -> Task:
     return Task(**thresholds)
 
 
-def _option(hint: Any, text: str) -> Any:
+def _option(hint: object, text: str) -> Any:
     """Annotation of an option for a number; text where names and units are read, too."""
     if (reader := reader_of(hint)) is not None:
         return Annotated[str, typer.Option(help=text, metavar=reader.metavar)]
     return Annotated[_plain(hint), typer.Option(help=text)]
 
 
-def _plain(hint: Any) -> Any:
+def _plain(hint: object) -> Any:
     """Annotation without metadata."""
     if get_origin(hint) is Annotated:
         return get_args(hint)[0]

@@ -55,7 +55,7 @@ def write_inputs(
     cameras: Cameras,
     poses: Poses,
     note: Note,
-    **arrays: Any,
+    **arrays: object,
 ) -> None:
     """Write all files that are not there with this content; `note` names damaged ones.
 

@@ -48,12 +48,15 @@ class Process(Closing):
         self.has_ended = False
         # A session of its own: Ctrl-C is for this process, which then ends the other.
         self._child = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            env={**child_environment(), **environment}, start_new_session=True,
+            [sys.executable, "-c", PROGRAM],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**child_environment(), **environment},
+            start_new_session=True,
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows
-        )  # fmt: skip
+        )
 
-    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: object) -> Any:
         """Result of a function of a module.
 
         Raises
@@ -96,7 +99,7 @@ class Processes(Closing):
         self._lock, self._is_closed = threading.Lock(), False
         self._all, self._free = set[Process](), list[Process]()
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
         """Outcome of a call, as by `Process.call`."""
         return self._threads.submit(self._call, function, *arguments)
 
@@ -116,7 +119,7 @@ class Processes(Closing):
                 process.close()
         self._threads.shutdown(cancel_futures=True)
 
-    def _call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _call(self, function: Callable[..., Any], *arguments: object) -> Any:
         with self._lock:
             if self._is_closed:
                 raise ProcessEndedError(-signal.SIGTERM)

@@ -7,7 +7,7 @@ and to the commands, which write chosen pairs to a table while it runs.
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +120,7 @@ def evaluate(
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     if folder is not None and names:
         raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
-    options = {"by": by} | asdict(replace(engine, threads=None))
+    options = vars(engine) | {"by": by, "threads": None}
     with nullcontext() if folder is None else locked(Path(folder)) as above:
         found = answer(query, fields=names, options=options, folder=above, staff=Staff(workers))
     if found.interrupted:

@@ -169,10 +169,18 @@ def surface_of(mesh: Mesh, least_sorted: int = LEAST_SORTED) -> Surface:
 
 def _build(mesh: Mesh, least_sorted: int) -> Surface:
     opaque, is_target = mesh.opaque, mesh.target_mask if mesh.has_targets else np.empty(0, bool)
-    return Surface(engine_surface.Surface(
-        opaque.vertices, opaque.welded_faces, mesh.vertices, mesh.welded_faces, is_target,
-        *_finder(mesh), least_sorted, _hides_its_back(mesh),
-    ))  # fmt: skip
+    return Surface(
+        engine_surface.Surface(
+            opaque.vertices,
+            opaque.welded_faces,
+            mesh.vertices,
+            mesh.welded_faces,
+            is_target,
+            *_finder(mesh),
+            least_sorted,
+            _hides_its_back(mesh),
+        )
+    )
 
 
 def _finder(mesh: Mesh) -> tuple[float, Any]:

@@ -81,9 +81,12 @@ class Rest:
         keys, corners = np.unique(mesh.faces[kept] * n + own[:, None], return_inverse=True)
         vertex, of_vertex = np.divmod(keys, n)
         made = Mesh(
-            mesh.vertices[vertex], corners.reshape(-1, 3), mesh.groups, mesh.face_group[kept],
+            mesh.vertices[vertex],
+            corners.reshape(-1, 3),
+            mesh.groups,
+            mesh.face_group[kept],
             mesh.source_face[kept],
-        )  # fmt: skip
+        )
         return cls(made, own.astype(np.int32), of_vertex.astype(np.int32), n, mesh, kept)
 
     def __post_init__(self) -> None:
@@ -108,9 +111,13 @@ class Rest:
         hides = ~mesh.target_mask
         used = np.unique(mesh.faces[hides])
         return Rest(
-            mesh.opaque, self.body[hides], self.vertex_body[used], self.n_bodies, self.whole,
+            mesh.opaque,
+            self.body[hides],
+            self.vertex_body[used],
+            self.n_bodies,
+            self.whole,
             self.kept[hides],
-        )  # fmt: skip
+        )
 
     @cached_property
     def boxes(self) -> FloatArray:
@@ -150,9 +157,15 @@ class Rest:
         else:
             within, is_asked = self._within, None if of_occluders else self._has_task
             own["contacts"] = BodyContacts(
-                moved, mesh.faces, mesh.degenerate_mask, diagonal, mesh.topology.components,
-                within, poses, is_asked,
-            )  # fmt: skip
+                moved,
+                mesh.faces,
+                mesh.degenerate_mask,
+                diagonal,
+                mesh.topology.components,
+                within,
+                poses,
+                is_asked,
+            )
         shared = {name: getattr(mesh, name) for name in OF_EVERY_POSE} if "contacts" in own else {}
         return mesh._with_vertices(frozen(moved), bounds=frozen(bounds), **shared, **own)
 
@@ -228,10 +241,13 @@ class Within:
         found: BoolArray = self._once(
             ("touching", tolerance),
             lambda: touching_faces(
-                self.vertices, self.faces, tolerance, degenerate_mask=self.degenerate_mask,
+                self.vertices,
+                self.faces,
+                tolerance,
+                degenerate_mask=self.degenerate_mask,
                 labels=self.body,
             ),
-        )  # fmt: skip
+        )
         return found
 
     def of_components(self, tolerance: float, components: Callable[[], Any]) -> BoolArray:
@@ -242,9 +258,12 @@ class Within:
             if not any_contact.any():
                 return any_contact
             return touching_faces(
-                self.vertices, self.faces, tolerance, degenerate_mask=self.degenerate_mask,
+                self.vertices,
+                self.faces,
+                tolerance,
+                degenerate_mask=self.degenerate_mask,
                 labels=components(),
-            )  # fmt: skip
+            )
 
         return self._once(("components", tolerance), make)
 
@@ -259,9 +278,9 @@ class Within:
             part = self.part(index)
             own = contact_partners(part.points, part.faces, tolerance, touching[part.rows])
             counts[part.rows] = np.diff(own.starts)
-            lists.append(np.stack((
-                np.repeat(part.rows, np.diff(own.starts)), part.rows[own.faces]), axis=1
-            ))  # fmt: skip
+            lists.append(
+                np.stack((np.repeat(part.rows, np.diff(own.starts)), part.rows[own.faces]), axis=1)
+            )
         pairs = np.concatenate(lists)
         order = np.argsort(pairs[:, 0], kind="stable")
         starts = np.concatenate(([0], np.cumsum(counts)))
@@ -323,9 +342,20 @@ class Within:
         pairs = np.empty((LEAST_ROOM + PAIRS_A_FACE * min(len(face), len(other_face)), 2), np.int32)
         scale = 1 / max(diagonal, 1e-300)
         n = mesh_contacts.list_between(
-            tree.points, tree.faces, tree.boxes, tree.nodes, points, other_tree.faces, boxes, nodes,
-            scale, ROUNDING_FACTOR * tolerance * scale, marks, other_marks, pairs,
-        )  # fmt: skip
+            tree.points,
+            tree.faces,
+            tree.boxes,
+            tree.nodes,
+            points,
+            other_tree.faces,
+            boxes,
+            nodes,
+            scale,
+            ROUNDING_FACTOR * tolerance * scale,
+            marks,
+            other_marks,
+            pairs,
+        )
         touching = np.concatenate((face[marks], other_face[other_marks]))
         if n > len(pairs):
             return Between(touching, None)
@@ -359,9 +389,10 @@ class BodyContacts(Contacts):
     def faces_within_components(self, distance: float = 0.0) -> BoolArray:
         """As of `Contacts`; no component is of two bodies."""
         return self._once(
-            "within", distance,
+            "within",
+            distance,
             lambda tolerance: self.within.of_components(tolerance, self.components),
-        )  # fmt: skip
+        )
 
     def _all(self, tolerance: float) -> BoolArray:
         within, between = self.within.touching(tolerance), self._between(tolerance)

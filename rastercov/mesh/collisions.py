@@ -158,9 +158,13 @@ class Collisions(InOneLine):
             relative = np.linalg.inv(frames[one]) @ frames[other]
             trees = (self._trees[one], self._trees[other])
             mesh_clearance.distances(
-                trees[0].corners, trees[0].nodes, trees[1].corners, trees[1].nodes,
-                np.ascontiguousarray(relative), found,
-            )  # fmt: skip
+                trees[0].corners,
+                trees[0].nodes,
+                trees[1].corners,
+                trees[1].nodes,
+                np.ascontiguousarray(relative),
+                found,
+            )
             found[found <= contact] = 0.0
         found[self._is_inside(frames, found > 0)] = 0.0
         return found

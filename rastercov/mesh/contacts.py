@@ -178,11 +178,12 @@ class Contacts:
     def partners_for(self, distance: float = 0.0) -> Partners:
         """For each face in contact the others that it touches or cuts; see `faces_for`."""
         return self._once(
-            "partners", distance,
+            "partners",
+            distance,
             lambda tolerance: contact_partners(
                 self.vertices, self.faces, tolerance, self.faces_for(distance)
             ),
-        )  # fmt: skip
+        )
 
     def faces_within_components(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact with one of their own edge-connected component; see `faces_for`."""
@@ -197,9 +198,12 @@ class Contacts:
         self, tolerance: float, labels: NDArray[np.integer[Any]] | None = None
     ) -> NDArray[np.bool_]:
         return touching_faces(
-            self.vertices, self.faces, tolerance, degenerate_mask=self.degenerate_mask,
+            self.vertices,
+            self.faces,
+            tolerance,
+            degenerate_mask=self.degenerate_mask,
             labels=labels,
-        )  # fmt: skip
+        )
 
     def _once(self, what: str, distance: float, make: Callable[[float], T]) -> T:
         """Answer for a distance, made of the tolerance in metres, once a decade of distances."""
@@ -258,10 +262,15 @@ def touching_faces(
         degenerate_mask = ~np.any(normals_and_areas(vertices, faces)[0], axis=1)
     names = np.empty(0, np.int32) if labels is None else labels
     engine_contacts.find_touching(
-        *_positions(vertices, faces), read_only(degenerate_mask, np.bool_),
-        read_only(names, np.int32), float(tolerance), thread_count(threads), MOST_AT_A_CORNER,
-        LEAVES_A_PART, touching,
-    )  # fmt: skip
+        *_positions(vertices, faces),
+        read_only(degenerate_mask, np.bool_),
+        read_only(names, np.int32),
+        float(tolerance),
+        thread_count(threads),
+        MOST_AT_A_CORNER,
+        LEAVES_A_PART,
+        touching,
+    )
     return touching
 
 

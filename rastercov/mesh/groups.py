@@ -107,7 +107,7 @@ def by_file(
     return [values[max(values)] if values else other for values in found]
 
 
-def of_files(what: str, given: Any, paths: Sequence[StrPath], other: Any) -> list[Any]:
+def of_files(what: str, given: object, paths: Sequence[StrPath], other: object) -> list[Any]:
     """Value of each file: the one given, one of a list for each, or one by its name."""
     if isinstance(given, Mapping):
         return by_file(what, given.items(), paths, other)

@@ -105,9 +105,14 @@ class Kinematics:
         return found
 
     def solve(
-        self, poses: FloatArray, tip: str, link_from_tip: FloatArray, starts: int, seed: int,
+        self,
+        poses: FloatArray,
+        tip: str,
+        link_from_tip: FloatArray,
+        starts: int,
+        seed: int,
         most: int,
-    ) -> Solutions:  # fmt: skip
+    ) -> Solutions:
         """Solutions of (N, 4, 4) poses of a frame that is fixed to a link, up to `most` for each.
 
         Deterministic; poses farther away than the links are long are left out at once.
@@ -144,9 +149,13 @@ class Kinematics:
         kinds = [{e.kind for e in self.joints if e.column == j} for j in range(len(self.limits))]
         factors = [[e.factor for e in self.joints if e.column == j] for j in range(len(kinds))]
         is_whole = [all(float(f).is_integer() for f in each) for each in factors]
-        return np.array([
-            "prismatic" not in kind and whole for kind, whole in zip(kinds, is_whole, strict=True)
-        ], np.bool_)  # fmt: skip
+        return np.array(
+            [
+                "prismatic" not in kind and whole
+                for kind, whole in zip(kinds, is_whole, strict=True)
+            ],
+            np.bool_,
+        )
 
     def _within_reach(
         self, poses: FloatArray, chain: Sequence[Joint], link_from_tip: FloatArray
@@ -188,9 +197,12 @@ class Kinematics:
         return tip, found
 
     def _descended(
-        self, poses: FloatArray, chain: Sequence[Joint], link_from_tip: FloatArray,
+        self,
+        poses: FloatArray,
+        chain: Sequence[Joint],
+        link_from_tip: FloatArray,
         seeds: FloatArray,
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:  # fmt: skip
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """(N, S, J) angles after the descent from S starts, and which meet their poses."""
         joints = np.tile(seeds, (len(poses), 1))
         goals, live = np.repeat(poses, len(seeds), axis=0), np.arange(len(joints))
@@ -208,10 +220,13 @@ class Kinematics:
                 break
             damping = (DAMPING * np.minimum(1.0, size))[:, None, None] ** 2
             across = slope.transpose(0, 2, 1)
-            step = (across @ np.linalg.solve(slope @ across + (damping + 1e-15) * identity,
-                                             error[..., None]))[..., 0]  # fmt: skip
-            step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12)
-                               )[:, None]  # fmt: skip
+            step = (
+                across
+                @ np.linalg.solve(slope @ across + (damping + 1e-15) * identity, error[..., None])
+            )[..., 0]
+            step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[
+                :, None
+            ]
             joints[live] += step
         joints = self._wrapped(joints)
         low, high = self.limits.T

@@ -4,6 +4,7 @@ A `Mesh` is checked once, at construction, and never changes, so all other modul
 arrays. Topology is computed on positions, because files repeat vertices along seams.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -223,9 +224,12 @@ class Mesh(InNotebook):
             mesh = BUILT_IN[name]()
         else:
             scene, files = read_files(
-                paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
+                paths,
+                scales,
+                drop_invalid=drop_invalid,
+                max_bytes=max_bytes,
                 memory_budget=memory_budget,
-            )  # fmt: skip
+            )
             spaces = [
                 (product, Mesh(points, corners).moved(**places[row]))
                 for (row, product), points, corners in scene.spaces
@@ -385,7 +389,7 @@ class Mesh(InNotebook):
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 
-    def _with_vertices(self, vertices: NDArray[np.float64], **derived: Any) -> Self:
+    def _with_vertices(self, vertices: NDArray[np.float64], **derived: object) -> Self:
         """Mesh of the same faces with other vertices, which are not checked, and derived values."""
         other = object.__new__(type(self))
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
@@ -479,8 +483,9 @@ class Mesh(InNotebook):
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the diagonal of the bounding box, metres."""
-        return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        """Length of the diagonal of the bounding box, metres, not by BLAS: its bits may differ."""
+        x, y, z = np.ptp(self.bounds, axis=0).tolist()
+        return math.sqrt(x * x + y * y + z * z)
 
     @property
     def size_in_words(self) -> str:

@@ -122,10 +122,14 @@ class Motion(InOneLine):
                 raise ConfigError(f"present must be ({n},) True or False, got shape {mask.shape}")
             is_there[:, 1 + list(bodies).index(name)] = mask
         values: dict[str, Any] = {
-            "mesh": mesh, "names": ("world", *bodies), "body": of_group[mesh.face_group],
-            "world_from_body": poses, "present": is_there, "durations": weights,
+            "mesh": mesh,
+            "names": ("world", *bodies),
+            "body": of_group[mesh.face_group],
+            "world_from_body": poses,
+            "present": is_there,
+            "durations": weights,
             "_rests": {},
-        }  # fmt: skip
+        }
         for name, value in values.items():
             object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
 

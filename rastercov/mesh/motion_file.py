@@ -150,7 +150,7 @@ def read_motion(path: StrPath) -> dict[str, Any]:
         raise ConfigError(f"{printable(Path(path).name)}: {error}") from None
 
 
-def _of_json(content: Any) -> dict[str, Any]:
+def _of_json(content: object) -> dict[str, Any]:
     known = {"bodies", "durations", "times"}
     if not isinstance(content, dict) or not isinstance(content.get("bodies"), dict):
         raise ConfigError('a motion holds {"bodies": {NAME: {"poses": [4 x 4, ...]}}}')
@@ -278,9 +278,11 @@ def quaternions_of(rotations: FloatArray) -> FloatArray:
         else:
             i, j, k = (largest - 1 + np.arange(3)) % 3
             values = {
-                0: m[k, j] - m[j, k], 1 + i: 1 + m[i, i] - m[j, j] - m[k, k],
-                1 + j: m[j, i] + m[i, j], 1 + k: m[k, i] + m[i, k],
-            }  # fmt: skip
+                0: m[k, j] - m[j, k],
+                1 + i: 1 + m[i, i] - m[j, j] - m[k, k],
+                1 + j: m[j, i] + m[i, j],
+                1 + k: m[k, i] + m[i, k],
+            }
             q = tuple(values[at] for at in range(4))
         found[row] = np.array(q) / np.linalg.norm(q)
         if row and found[row] @ found[row - 1] < 0:

@@ -111,10 +111,13 @@ class Robot(InOneLine):
         if unknown := [link for link in shapes if link not in description.links]:
             raise MeshError(f"shapes must be of links of the robot, got {shown(unknown)}")
         values: dict[str, Any] = {
-            "name": name or description.name, "links": tuple(description.links),
-            "joint_names": description.names, "limits": limits, "kinematics": kinematics,
+            "name": name or description.name,
+            "links": tuple(description.links),
+            "joint_names": description.names,
+            "limits": limits,
+            "kinematics": kinematics,
             "shapes": dict(shapes),
-        }  # fmt: skip
+        }
         for key, value in values.items():
             object.__setattr__(self, key, value)
         still = np.clip(np.zeros(len(limits)), *limits.T)

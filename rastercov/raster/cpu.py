@@ -20,7 +20,7 @@ threads that use the same rasteriser.
 The files are in `rastercov/native/raster`: `band.hpp` has the loop over the clusters of a band,
 `fill.hpp` those over faces and blocks, `coverage.hpp` those that count without depth,
 `occlusion.hpp` skips clusters and faces behind what is drawn; `records.hpp` defines the records.
-`rastercov.reference.raster_stages` has each stage in numpy.
+`rastercov.reference.samples` works the counts out another way, a ray a sample.
 
 Positions are integers of 1/256 sample, and edge functions are exact. A sample on a left or upper
 edge is inside and one on a right or lower edge outside, so every sample belongs to exactly one of

@@ -249,9 +249,15 @@ class Views:
         camera = Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, near=self._near)
         kept = slice(None if self._keeps_places else 0)
         view = View(
-            camera, matrices_of(frame), offsets, ((1 << filled) - 1).astype(np.uint16), bounds,
-            lanes[kept], order[kept].astype(np.int32), places[order[kept]].astype(np.float32),
-        )  # fmt: skip
+            camera,
+            matrices_of(frame),
+            offsets,
+            ((1 << filled) - 1).astype(np.uint16),
+            bounds,
+            lanes[kept],
+            order[kept].astype(np.int32),
+            places[order[kept]].astype(np.float32),
+        )
         return view, left
 
 

@@ -328,10 +328,18 @@ class AuditPage(NetworkPage):
     def html(self, pictures: Mapping[str, Picture], *, has_view: bool) -> str:
         """The page with pictures as of `pictures`; `summary` has its notes and provenance, too."""
         return self.page(
-            "audit.html", {}, answer=self.answer, lines=(), summary=self.summary,
-            run=self.summary["run"], notes=self.summary["notes"], has_view=has_view,
-            unit=self.unit, drawn=pictures, weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
-        )  # fmt: skip
+            "audit.html",
+            {},
+            answer=self.answer,
+            lines=(),
+            summary=self.summary,
+            run=self.summary["run"],
+            notes=self.summary["notes"],
+            has_view=has_view,
+            unit=self.unit,
+            drawn=pictures,
+            weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
+        )
 
 
 def html_of(found: Reconstruction) -> str:
@@ -353,7 +361,17 @@ def page_of(found: Reconstruction, summary: Mapping[str, Any]) -> AuditPage:
     if found.task.min_angle_deg:  # which the exact area leaves out
         figures.pop("covered_area", None)
     return AuditPage(
-        "Audit of existing images", elements, found.camera, found.poses, "image", found.names,
-        found.network, found.covered, found.problem.views, figures, unit=found.unit, found=found,
+        "Audit of existing images",
+        elements,
+        found.camera,
+        found.poses,
+        "image",
+        found.names,
+        found.network,
+        found.covered,
+        found.problem.views,
+        figures,
+        unit=found.unit,
+        found=found,
         summary=summary,
-    )  # fmt: skip
+    )

@@ -225,18 +225,24 @@ def run(
             of_poses = np.zeros(len(accepted.given), np.int32)
             of_poses[accepted.ids] = accepted.camera
             return CoverageTable(
-                folder.file("coverage.parquet"), mesh, header, by_area=query.unit == "area",
+                folder.file("coverage.parquet"),
+                mesh,
+                header,
+                by_area=query.unit == "area",
                 cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
-            )  # fmt: skip
+            )
 
         n_pictures = len(accepted) * (1 if moving is None else len(moving.motion))
         is_kept = is_long(n_pictures, mesh.n_faces)
         is_kept |= moving is not None and n_pictures > MOST_PICTURES
         found = answer(
-            query, pairs=pairs, options=asdict(options),
+            query,
+            pairs=pairs,
+            options=asdict(options),
             open_table=None if pairs == "none" else open_table,
-            folder=kept_in(folder.path) if is_kept or staff.workers else None, staff=staff,
-        )  # fmt: skip
+            folder=kept_in(folder.path) if is_kept or staff.workers else None,
+            staff=staff,
+        )
         named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
@@ -425,21 +431,36 @@ def network_of(
         ]
         poses = poses[leads]
     return NetworkPage(
-        title, mesh, found.camera, poses, noun, names,
-        found.network, found.network.covered, np.full(mesh.n_faces, found.task.views), summary,
-        areas, None if areas is None else areas.zones(), parts,
+        title,
+        mesh,
+        found.camera,
+        poses,
+        noun,
+        names,
+        found.network,
+        found.network.covered,
+        np.full(mesh.n_faces, found.task.views),
+        summary,
+        areas,
+        None if areas is None else areas.zones(),
+        parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
         uncertainty_um=found.apart.uncertainty_um,
-    )  # fmt: skip
+    )
 
 
 def _page_of(shown: NetworkPage, summary: Mapping[str, Any], images: Any, *, has_view: bool) -> str:
     return shown.page(
-        "network.html", images, answer=shown.answer, lines=missed_lines(summary), summary=summary,
-        run=summary["run"], notes=[*summary["warnings"], *summary["doubts"]],
+        "network.html",
+        images,
+        answer=shown.answer,
+        lines=missed_lines(summary),
+        summary=summary,
+        run=summary["run"],
+        notes=[*summary["warnings"], *summary["doubts"]],
         files="summary.json and coverage.parquet" if has_parquet() else "summary.json",
         has_view=has_view,
-    )  # fmt: skip
+    )
 
 
 def title_of(run: Mapping[str, Any], other: str) -> str:

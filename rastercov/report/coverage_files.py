@@ -204,9 +204,7 @@ def _animation(
     def add(node: int, path: str, values: FloatArray) -> None:
         values = np.concatenate((values, values[-1:])).astype(np.float32)
         samplers.append({"input": at, "output": buffer.add(values), "interpolation": "STEP"})
-        channels.append({
-            "sampler": len(samplers) - 1, "target": {"node": node, "path": path}
-        })  # fmt: skip
+        channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": path}})
 
     for index, node in enumerate(nodes):
         members = np.flatnonzero(mesh.face_group == names.index(node["name"]))

@@ -141,7 +141,7 @@ class ReportFolder:
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, *error: object) -> None:
         self._stack.close()
         fault = error[1]
         if isinstance(fault, OSError) and fault.filename:

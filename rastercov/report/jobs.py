@@ -231,10 +231,22 @@ def audit(
         raise PoseError("poses are missing; give them, or views in place of the cameras")
 
     made = partial(
-        reconstruction, mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
-        resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
-        progress=progress, workers=workers, unit=unit, suggested=suggest,
-    )  # fmt: skip
+        reconstruction,
+        mesh,
+        camera,
+        poses,
+        task,
+        names=names,
+        frames=frames,
+        by=by,
+        method=method,
+        resolution_of_result=resolution_of_result,
+        skip_bad_poses=skip_bad_poses,
+        progress=progress,
+        workers=workers,
+        unit=unit,
+        suggested=suggest,
+    )
     folder = _folder(out, workers)
     if folder is None:
         return made()

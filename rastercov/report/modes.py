@@ -224,9 +224,14 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
             levels[own], palette[level] = level, words.colour
             percent_of_area = 100 * float(mesh.areas[own].sum()) / total
             entries.append(
-                {"level": level, "label": words.label, "colour": list(words.colour),
-                 "percent": percent_of_area, "hatch": words.hatch}
-            )  # fmt: skip
+                {
+                    "level": level,
+                    "label": words.label,
+                    "colour": list(words.colour),
+                    "percent": percent_of_area,
+                    "hatch": words.hatch,
+                }
+            )
     return replace(found, levels=levels, palette=palette, legend=entries)
 
 
@@ -303,15 +308,19 @@ MODES: dict[str, Mode] = {
     ),
     "time": Mode("Share of time", "Share of the time in which each part is covered.", by_share),
     "now": Mode(
-        "Covered now", "Share of each part that is covered in the frame.", by_share,
+        "Covered now",
+        "Share of each part that is covered in the frame.",
+        by_share,
     ),
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
     "single": Mode(
-        "One camera", "Coverage by the chosen camera: grey in proportion to it.", by_one_camera,
+        "One camera",
+        "Coverage by the chosen camera: grey in proportion to it.",
+        by_one_camera,
         "camera",
     ),
     "segments": Mode("Segments", "Segments by normals, (6.1) to (6.3).", by_segment, "object"),
-}  # fmt: skip
+}
 """Ways to colour faces by the name of their values, in the order of a menu."""
 
 
@@ -321,7 +330,7 @@ def mode_of(name: str) -> Mode:
     return MODES[name]
 
 
-def mode_picture(name: str, mesh: Mesh, values: Any, eyes: ArrayLike = ()) -> Image.Image:
+def mode_picture(name: str, mesh: Mesh, values: object, eyes: ArrayLike = ()) -> Image.Image:
     """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
     mode = mode_of(name)
     painted = mode.paint(mesh, values)
@@ -380,7 +389,11 @@ def _on_scale(
     palette[OCCLUDER] = theme.OCCLUDER_PALE
     legend = _classes(mesh, levels, palette[:FIRST].tolist(), [none, OCCLUDER_LABEL]).legend
     scale = {
-        "low": ends[0], "high": ends[1], "unit": unit, "is_log": is_log,
-        "first": FIRST, "last": LAST,
-    }  # fmt: skip
+        "low": ends[0],
+        "high": ends[1],
+        "unit": unit,
+        "is_log": is_log,
+        "first": FIRST,
+        "last": LAST,
+    }
     return Painted(levels, palette, legend, scale)

@@ -109,6 +109,8 @@ class NetworkPage:
         Of the tree of groups in the table of parts, as of `coverage.parts.entries_at`.
     uncertainty_um : (2, F) float64, or None
         As of `ByCamera`.
+    serves_goals : bool
+        True where cameras serve goals that are not shown: none is said to be spare.
     """
 
     title: str
@@ -129,6 +131,7 @@ class NetworkPage:
     level: int | None = None
     together: NDArray[np.int64] | None = None
     uncertainty_um: FloatArray | None = None
+    serves_goals: bool = False
 
     @property
     def eyes(self) -> FloatArray:
@@ -275,9 +278,16 @@ class NetworkPage:
             best = best_covering(self.network)
             zones, said = self.dead
             shown = Overview(
-                self.mesh, self.camera, self.poses, self.labels, best, self.parts,
-                zones=zones, said=said["dead_zones"], noun=self.noun,
-            )  # fmt: skip
+                self.mesh,
+                self.camera,
+                self.poses,
+                self.labels,
+                best,
+                self.parts,
+                zones=zones,
+                said=said["dead_zones"],
+                noun=self.noun,
+            )
             if self.timed is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together
                 best = np.append(np.unique(rows, return_index=True)[1], -1)[self.timed.longest()]
@@ -319,14 +329,19 @@ class NetworkPage:
     def view(self) -> str | None:
         """The page to look around in; None for a large mesh."""
         return view_page(
-            self.title, self.mesh, self.camera, self.poses,
-            self.names, self.values,
+            self.title,
+            self.mesh,
+            self.camera,
+            self.poses,
+            self.names,
+            self.values,
             figures_of(
                 self.figures, self.network.covered_faces, self.seen_m2, self.lost_m2, self.task_m2
             ),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
-            unit=self.unit, timed=self.timed,
-        )  # fmt: skip
+            unit=self.unit,
+            timed=self.timed,
+        )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
         """The page with images as of `drawn`, by a template that extends `report.html`.
@@ -420,6 +435,7 @@ class NetworkPage:
             said.append(f"{area(hidden)} are left out of that: no camera outside can ever see it.")
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
+            spare = 0 if self.serves_goals else spare
             rest = f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} adds most: {area(lost[best])} that "
@@ -473,7 +489,7 @@ class NetworkPage:
         order = np.arange(len(self.poses))
         if lost is not None:
             columns["only by it"] = self._areas(lost)
-            if (lost <= self._least).any():
+            if (lost <= self._least).any() and not self.serves_goals:
                 spare = ["yes" if each == "0" else "" for each in columns["only by it"]]
                 columns["could be left out"] = spare
             if not more:  # which follow the order of the names
@@ -493,13 +509,16 @@ class NetworkPage:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 advice = f"{self.noun} {self.labels[place]} comes nearest: {advice}"
-            found.append({
-                "heading": heading,
-                "reason": f"{zone_parts(zone)[0]}: {reason}" if len(self.mesh.groups) > 1
-                else f"{reason[:1].upper()}{reason[1:]}",
-                "advice": f"{advice[:1].upper()}{advice[1:]}.",
-                "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
-            })  # fmt: skip
+            found.append(
+                {
+                    "heading": heading,
+                    "reason": f"{zone_parts(zone)[0]}: {reason}"
+                    if len(self.mesh.groups) > 1
+                    else f"{reason[:1].upper()}{reason[1:]}",
+                    "advice": f"{advice[:1].upper()}{advice[1:]}.",
+                    "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
+                }
+            )
         return found
 
 

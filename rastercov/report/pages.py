@@ -72,7 +72,7 @@ class Picture:
         return cls(alt, light, png_in_the_dark(light))
 
 
-def rendered(template: str, package: str = "rastercov.report", **values: Any) -> str:
+def rendered(template: str, package: str = "rastercov.report", **values: object) -> str:
     """HTML of a template in the folder `templates` of a package, with some values."""
     return _environment(package).get_template(template).render(values)
 
@@ -104,8 +104,11 @@ def _environment(package: str) -> "Environment":
         "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
     environment.globals |= {
-        "light": LIGHT, "dark": DARK, "part_rows": part_rows, "most_embedded": MOST_EMBEDDED,
-    }  # fmt: skip
+        "light": LIGHT,
+        "dark": DARK,
+        "part_rows": part_rows,
+        "most_embedded": MOST_EMBEDDED,
+    }
     return environment
 
 
@@ -157,8 +160,13 @@ PARTS_OF_BORDER = 8
 """Rays of the border of a field of view along each side of the image."""
 _IMPORT = re.compile(r'^import (\{.*?\}) from "rastercov/(\w+)\.js";$', re.DOTALL | re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
-TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".glsl": "text/plain",
-         ".svg": "image/svg+xml"}  # fmt: skip
+TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".glsl": "text/plain",
+    ".svg": "image/svg+xml",
+}
 
 
 def view_page(
@@ -196,16 +204,27 @@ def view_page(
         return None
     cameras, eyes = names_of(camera), poses.world_from_camera[:, :3, 3]
     scene = described_mesh(mesh, poses.world_from_camera) | {
-        "title": title, "version": rastercov.__version__, "is_room": is_inside(mesh, eyes),
+        "title": title,
+        "version": rastercov.__version__,
+        "is_room": is_inside(mesh, eyes),
         "modes": [described_mode(name, MODES[name]) for name in values],
-        "constraints": {}, "can_edit": False, "result": None, "notes": [],
+        "constraints": {},
+        "can_edit": False,
+        "result": None,
+        "notes": [],
         "unit": unit,
-    }  # fmt: skip
+    }
     state = {
         "revision": 0,
         "stations": [
-            {"id": row, "name": names[row], "camera": cameras[index], "is_on": True,
-             "place": "allowed", "pose": pose.ravel().tolist()}
+            {
+                "id": row,
+                "name": names[row],
+                "camera": cameras[index],
+                "is_on": True,
+                "place": "allowed",
+                "pose": pose.ravel().tolist(),
+            }
             for row, (index, pose) in enumerate(
                 zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
             )
@@ -215,7 +234,7 @@ def view_page(
             for name, each in zip(cameras, cameras_of(camera), strict=True)
         },
         "task": {},
-    }  # fmt: skip
+    }
     frames = {}
     for name, each in values.items():
         painted = MODES[name].paint(mesh, each)
@@ -297,12 +316,16 @@ def figures_of(
 
     return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
         "by_camera": [
-            {"station": station, "faces": counts[row], "area_percent": share(seen_m2, row),
-             "alone_percent": share(alone_m2, row)}
+            {
+                "station": station,
+                "faces": counts[row],
+                "area_percent": share(seen_m2, row),
+                "alone_percent": share(alone_m2, row),
+            }
             for row, station in enumerate(stations or range(len(counts)))
         ],
         "exact_area_percent": summary.get("covered_area", {}).get("percent"),
-    }  # fmt: skip
+    }
 
 
 def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
@@ -321,20 +344,21 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
         "towards": towards,
         "groups": [
             {
-                "name": group.name, "role": group.role, "is_two_sided": group.is_two_sided,
-                "faces": counts[row], "first": int(firsts.get(row, -1)),
+                "name": group.name,
+                "role": group.role,
+                "is_two_sided": group.is_two_sided,
+                "faces": counts[row],
+                "first": int(firsts.get(row, -1)),
             }
             for row, group in enumerate(mesh.groups)
         ],
         "reasons": {name: words.label for name, words in REASONS.items()},
-    }  # fmt: skip
+    }
 
 
 def described_mode(name: str, mode: Mode) -> dict[str, Any]:
     """A way to colour the faces, ready for JSON."""
-    return {
-        "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel
-    }  # fmt: skip
+    return {"id": name, "label": mode.label, "words": mode.words, "panel": mode.panel}
 
 
 def described_motion(motion: Motion) -> dict[str, Any]:
@@ -356,7 +380,7 @@ def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
     return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
 
 
-def levels_of(levels: Any) -> dict[str, str]:
+def levels_of(levels: object) -> dict[str, str]:
     """Level of each face, as a frame of an exported page has it."""
     return {"levels": _base64(levels)}
 
@@ -377,7 +401,9 @@ def described_camera(camera: Camera) -> dict[str, Any]:
     sides = math.atan(camera.cx / camera.fx), math.atan((camera.width - camera.cx) / camera.fx)
     return {
         "model": camera.model,
-        "width": camera.width, "height": camera.height, "fx": camera.fx,
+        "width": camera.width,
+        "height": camera.height,
+        "fx": camera.fx,
         "hfov_deg": math.degrees(sum(sides)) if camera.is_pinhole else None,
         "focal_length": camera.focal_length,
         "f_number": f_number,
@@ -386,11 +412,12 @@ def described_camera(camera: Camera) -> dict[str, Any]:
         "focus_far": far,
         "near": camera.near,
         "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
-        "can_focus": camera.focal_length is not None and camera.pixel_size is not None
+        "can_focus": camera.focal_length is not None
+        and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
         "plain": camera.to_json() | ({} if near is None else {"focus_range": [near, far]}),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
-    }  # fmt: skip
+    }
 
 
 def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -401,11 +428,17 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[
         normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
         length = max(float(np.linalg.norm(normal)), 1e-300)
         found.append(
-            {"area": entry["area_m2"], "percent": entry["percent"],
-             "centre": list(entry["centroid"]), "normal": (normal / length).tolist(),
-             "group": entry["groups"][0], "reason": entry["reason"], "words": zone_line(entry),
-             "faces": faces[:MOST_FACES_OF_ZONE].tolist()}
-        )  # fmt: skip
+            {
+                "area": entry["area_m2"],
+                "percent": entry["percent"],
+                "centre": list(entry["centroid"]),
+                "normal": (normal / length).tolist(),
+                "group": entry["groups"][0],
+                "reason": entry["reason"],
+                "words": zone_line(entry),
+                "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
+            }
+        )
     return found
 
 
@@ -473,7 +506,7 @@ def _script(name: str) -> str:
     return "".join(made.values())
 
 
-def _inside(data: Any) -> str:
+def _inside(data: object) -> str:
     """JSON that no element of a page ends in."""
     return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
 

@@ -187,11 +187,17 @@ def seen(
     is_front = facing(mesh, matrix)[0]
     cosine = np.abs(mesh.normals @ matrix[:3, 2])  # one for all faces of a plane
     return Scene(
-        mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
+        mesh=mesh,
+        face=buffer.face,
+        targets=targets,
+        beneath=beneath,
         light=setting.least_light + (1 - setting.least_light) * cosine,
         backs=mesh.task_mask & ~mesh.target_mask & ~is_front,
-        camera=camera, pose=matrix, depth=buffer.depth, setting=setting,
-    )  # fmt: skip
+        camera=camera,
+        pose=matrix,
+        depth=buffer.depth,
+        setting=setting,
+    )
 
 
 def look(

@@ -152,10 +152,21 @@ def network_of(
         together = rows_of_result(plan.rig, placed)
         parts = taken(parts, together)
     return NetworkPage(
-        title, of.mesh, plan.rig, placed, "camera", names_of_poses(placed, names),
-        cameras.network, cameras.covered, views_of(of.mesh, asked or plan.task.views),
+        title,
+        of.mesh,
+        plan.rig,
+        placed,
+        "camera",
+        names_of_poses(placed, names),
+        cameras.network,
+        cameras.covered,
+        views_of(of.mesh, asked or plan.task.views),
         content["network"] | figures,
-        areas, None if areas is None else areas.zones(views_by_group(plan, asked)), parts,
-        cameras.covers, together=together,
+        areas,
+        None if areas is None else areas.zones(views_by_group(plan, asked)),
+        parts,
+        cameras.covers,
+        together=together,
         uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
-    )  # fmt: skip
+        serves_goals=bool(plan.goals),
+    )

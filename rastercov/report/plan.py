@@ -33,6 +33,7 @@ from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import named_cameras, provenance_of
 from rastercov.placement.plan.arm import MOST_LOST, ArmPoses
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
@@ -143,7 +144,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
     each pose.
     """
     mounts, cameras = placement.prepared.mounts, placement.cameras
-    is_chosen = placement.prepared.plan.existing is None
+    is_chosen = placement.prepared.plan.chooses_cameras
     content: dict[str, Any] = {
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
@@ -276,7 +277,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
     for row, pose in enumerate(cameras.poses):
         owner = int(cameras.owner[row])
         entry: dict[str, Any] = {"origin": placement.origin[owner]}
-        if placement.prepared.plan.existing is None:
+        if placement.prepared.plan.chooses_cameras:
             candidate = int(placement.chosen[owner])
             entry |= {"candidate": candidate, "cost": costs[candidate]}
         entry |= {"position": pose[:3, 3], "direction": pose[:3, 2]}
@@ -325,7 +326,7 @@ def lines(placement: Placement) -> list[str]:
     """Sentences about a placement that no table has."""
     prepared, selection = placement.prepared, placement.selection
     said: list[str] = []
-    if prepared.plan.existing is None:
+    if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
         said.append(_selected(placement))
     if placement.lamps is not None:
@@ -338,10 +339,9 @@ def lines(placement: Placement) -> list[str]:
     if placement.refined is not None:
         done = placement.refined
         what = _what(prepared)
-        said.append(
-            f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}: "
-            f"{percent(done.start_share)} -> {percent(done.share)} of {of} ({done.status})"
-        )
+        moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
+        shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
+        said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
         said += [
             f"{what} {row} of the selection added nothing after refinement and was left out"
             for row in placement.left_out
@@ -411,6 +411,8 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
     goal, wanted = prepared.problem.goal, goal_of(prepared.selection)
     if not isinstance(goal, FewestCameras) or not isinstance(wanted, FewestCameras):
         return []
+    if has_goals(prepared.problem):  # it is of parts
+        return []
     if goal.coverage == wanted.coverage or goal.of_reachable != wanted.of_reachable:
         return []
     of = OF[prepared.plan.task.weight_by]
@@ -423,6 +425,7 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
 def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
     of, cells = OF[prepared.plan.task.weight_by], prepared.cells
+    of += " of task and goals" if has_goals(prepared.problem) else ""
     return of if cells is None else f"{of} on {len(cells):,} cells of {cells.size:g} m"
 
 

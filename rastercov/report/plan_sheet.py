@@ -81,7 +81,7 @@ class Frame(NamedTuple):
     floor: float
     cut: float
 
-    def path(self, found: Any) -> str:
+    def path(self, found: object) -> str:
         """Lines, and the borders of areas, of the world as an SVG path."""
         parts = shapely.get_parts(found)
         parts = parts[~shapely.is_empty(parts)]
@@ -203,11 +203,22 @@ def plan_sheet(
     whole = percent(found.network.summary()["covered"]["area_percent"] / 100)
     words = f"{whole} of the area, by whole faces"
     return rendered(
-        "plan_sheet.svg", width=width, height=height, panel_width=PANEL, paper=frame.paper,
-        scale_text=scale_text(frame.scale), floor=frame.floor, cut=frame.cut, paths=paths,
-        rows=_camera_rows(found, names, frame.floor), cameras=_symbols(found, names, frame, ends),
+        "plan_sheet.svg",
+        width=width,
+        height=height,
+        panel_width=PANEL,
+        paper=frame.paper,
+        scale_text=scale_text(frame.scale),
+        floor=frame.floor,
+        cut=frame.cut,
+        paths=paths,
+        rows=_camera_rows(found, names, frame.floor),
+        cameras=_symbols(found, names, frame, ends),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
-        bar_mm=bar * metre, bar_text=f"{bar:g} m", dead=area(zone.area), edition=DORI_EDITION,
+        bar_mm=bar * metre,
+        bar_text=f"{bar:g} m",
+        dead=area(zone.area),
+        edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
         mesh=shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60),
@@ -216,9 +227,10 @@ def plan_sheet(
             ("" if row else "Task", line)
             for row, line in enumerate(wrap(task_in_words(asdict(found.task), views), LETTERS))
         ],
-        date=date or datetime.date.today().isoformat(), version=version_of("rastercov"),
+        date=date or datetime.date.today().isoformat(),
+        version=version_of("rastercov"),
         project=shortened(project, 44),
-    )  # fmt: skip
+    )
 
 
 def scale_text(scale: float) -> str:
@@ -226,7 +238,7 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: Any) -> dict[str, str]:
+def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: object) -> dict[str, str]:
     """Paths of what cameras see at the height of the cut, by level, and "FOV", of each camera."""
     cameras = cameras_of(found.camera)
     seen: dict[str, list[Any]] = {level: [] for level in LEVELS}

@@ -12,12 +12,16 @@ from rastercov.base.output import write_text
 from rastercov.report.folder import ReportFolder
 
 BROWSERS = (
-    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
     "microsoft-edge",
     # Where macOS and Windows install theirs, off the path.
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
-)  # fmt: skip
+)
 INSTALL_CHROMIUM = to_install("Chromium", "chromium", "install Chromium or Chrome")
 MOST_SECONDS = 120
 
@@ -51,9 +55,14 @@ def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False)
     path = folder.file(f"{name}.pdf")
     with TemporaryDirectory() as profile:
         command = [
-            browser(), "--headless", "--disable-gpu", "--no-pdf-header-footer",
-            f"--user-data-dir={profile}", f"--print-to-pdf={path}", page.resolve().as_uri(),
-        ]  # fmt: skip
+            browser(),
+            "--headless",
+            "--disable-gpu",
+            "--no-pdf-header-footer",
+            f"--user-data-dir={profile}",
+            f"--print-to-pdf={path}",
+            page.resolve().as_uri(),
+        ]
         if hasattr(os, "geteuid") and os.geteuid() == 0:  # a sandbox wants another user
             command.insert(1, "--no-sandbox")
         try:

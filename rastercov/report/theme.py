@@ -32,13 +32,23 @@ class Theme:
 
 
 LIGHT = Theme(
-    page="#ffffff", card="#f6f8fa", ink="#1b2129", soft="#5b6673", line="#dfe4ea",
-    good="#0b7a55", bad="#b8172a",
-)  # fmt: skip
+    page="#ffffff",
+    card="#f6f8fa",
+    ink="#1b2129",
+    soft="#5b6673",
+    line="#dfe4ea",
+    good="#0b7a55",
+    bad="#b8172a",
+)
 DARK = Theme(
-    page="#0f1318", card="#171c22", ink="#e6eaef", soft="#9aa6b3", line="#2c343d",
-    good="#3ccb9d", bad="#ff6b78",
-)  # fmt: skip
+    page="#0f1318",
+    card="#171c22",
+    ink="#e6eaef",
+    soft="#9aa6b3",
+    line="#2c343d",
+    good="#3ccb9d",
+    bad="#ff6b78",
+)
 
 # Pictures of the part.
 PAPER, INK = (255, 255, 255), (24, 28, 34)

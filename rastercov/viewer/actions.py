@@ -305,7 +305,7 @@ def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
     return camera
 
 
-def _with_angle(camera: Camera, value: Any) -> Camera:
+def _with_angle(camera: Camera, value: object) -> Camera:
     wanted = number("hfov_deg", value)
     if not camera.is_pinhole:
         raise CameraError(f"hfov_deg is of a pinhole; change fx of a lens of model {camera.model}")
@@ -323,7 +323,7 @@ def _scaled(camera: Camera, factor: float) -> Camera:
     return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f)
 
 
-def _with_focus(camera: Camera, value: Any) -> Camera:
+def _with_focus(camera: Camera, value: object) -> Camera:
     distance = positive("focus_distance", value)
     aperture = camera.aperture
     if aperture is None:
@@ -331,7 +331,7 @@ def _with_focus(camera: Camera, value: Any) -> Camera:
     return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
 
 
-def _with_f_number(camera: Camera, value: Any) -> Camera:
+def _with_f_number(camera: Camera, value: object) -> Camera:
     aperture = _focal_length(camera) / positive("f_number", value)
     distance = camera.focus_distance or max(1.0, 2 * _focal_length(camera))
     return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
@@ -346,7 +346,7 @@ def _focal_length(camera: Camera) -> float:
     return camera.focal_length
 
 
-def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
+def _with_range(camera: Camera, low: object, high: object) -> Camera:
     near, far = camera.focus_range or (0.0, math.inf)
     near = near if low is None else number("focus_near", low)
     far = far if high is None else number("focus_far", high)
@@ -355,19 +355,49 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
 
 _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
     ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right.", _with_angle),
-    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.",
-     lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx)),
-    ("width", 64, 8192, "px", "Pixels across, at the same field of view.",
-     lambda camera, value: camera.resized(image_side("width", value) / camera.width)),
+    (
+        "fx",
+        10.0,
+        20_000.0,
+        "px",
+        "Focal length over pixel width.",
+        lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
+    ),
+    (
+        "width",
+        64,
+        8192,
+        "px",
+        "Pixels across, at the same field of view.",
+        lambda camera, value: camera.resized(image_side("width", value) / camera.width),
+    ),
     ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus.", _with_focus),
     ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture.", _with_f_number),
-    ("focus_near", 0.0, 100.0, "m", "Least depth in focus.",
-     lambda camera, value: _with_range(camera, value, None)),
-    ("focus_far", 0.01, 1000.0, "m", "Greatest depth in focus.",
-     lambda camera, value: _with_range(camera, None, value)),
-    ("near", 0.0, 10.0, "m", "Surfaces nearer than this are not seen.",
-     lambda camera, value: replace(camera, near=value)),
-)  # fmt: skip
+    (
+        "focus_near",
+        0.0,
+        100.0,
+        "m",
+        "Least depth in focus.",
+        lambda camera, value: _with_range(camera, value, None),
+    ),
+    (
+        "focus_far",
+        0.01,
+        1000.0,
+        "m",
+        "Greatest depth in focus.",
+        lambda camera, value: _with_range(camera, None, value),
+    ),
+    (
+        "near",
+        0.0,
+        10.0,
+        "m",
+        "Surfaces nearer than this are not seen.",
+        lambda camera, value: replace(camera, near=value),
+    ),
+)
 CAMERA_FIELDS = [
     {"name": name, "low": low, "high": high, "unit": unit, "words": words}
     for name, low, high, unit, words, _ in _FIELDS

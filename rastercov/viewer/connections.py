@@ -137,8 +137,17 @@ def settings(application: Any) -> Any:
     own: Any = type("ProtocolOfServer", (Protocol,), {"places": []})
     return Config(
         application,
-        http=own, loop="asyncio", ws="none", lifespan="off", backlog=ACCEPTED_AT_ONCE,
-        callback_notify=own.close_late, timeout_notify=0, log_config=None,
-        log_level="critical", access_log=False, server_header=False, proxy_headers=False,
+        http=own,
+        loop="asyncio",
+        ws="none",
+        lifespan="off",
+        backlog=ACCEPTED_AT_ONCE,
+        callback_notify=own.close_late,
+        timeout_notify=0,
+        log_config=None,
+        log_level="critical",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
         timeout_graceful_shutdown=2,
-    )  # fmt: skip
+    )

@@ -342,9 +342,12 @@ class NetworkFigures:
         eyes = np.array([each.pose[:3, 3] for each in self.state.on]).reshape(-1, 3)
         widest = np.zeros(self.mesh.n_faces)
         widest_angles(
-            starts, camera, read_only(self.mesh.centroids, np.float64),
-            np.ascontiguousarray(eyes), widest,
-        )  # fmt: skip
+            starts,
+            camera,
+            read_only(self.mesh.centroids, np.float64),
+            np.ascontiguousarray(eyes),
+            widest,
+        )
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> dict[str, Any]:
@@ -386,9 +389,16 @@ def exact_area(
 
 
 OF_A_FACE = (
-    "coverage", "reason", "visibility", "visibility_bound", "drawn_pixels", "incidence",
-    "pixel_density", "facing_density", "in_view_fraction",
-)  # fmt: skip
+    "coverage",
+    "reason",
+    "visibility",
+    "visibility_bound",
+    "drawn_pixels",
+    "incidence",
+    "pixel_density",
+    "facing_density",
+    "in_view_fraction",
+)
 """Figures that say why a camera does not cover a face."""
 
 

@@ -209,9 +209,10 @@ class RigState:
         """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
         stations = [
             replace(each, pose=frozen(bodies[each.camera] @ each.pose))
-            if each.camera in bodies else each
+            if each.camera in bodies
+            else each
             for each in self.stations
-        ]  # fmt: skip
+        ]
         return replace(self, stations=tuple(stations)) if bodies else self
 
     def without(self, station: int) -> "RigState":

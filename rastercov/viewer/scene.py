@@ -53,21 +53,42 @@ if TYPE_CHECKING:
     from rastercov.placement.plan.scene import CandidatePool
 
 UNITS = {
-    "min_pixels": "px", "max_blur": "px", "max_incidence_deg": "deg", "min_angle_deg": "deg",
+    "min_pixels": "px",
+    "max_blur": "px",
+    "max_incidence_deg": "deg",
+    "min_angle_deg": "deg",
     "max_highlight_deg": "deg",
-    "min_pixel_density": "px/m", "min_facing_density": "px/m", "min_pixels_per_m2": "px/m²",
-}  # fmt: skip
+    "min_pixel_density": "px/m",
+    "min_facing_density": "px/m",
+    "min_pixels_per_m2": "px/m²",
+}
 """Units of thresholds."""
 KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
 """Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
-    {"name": "alpha_deg", "words": "Largest angle between two normals of a segment, (6.1).",
-     "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 30.0,
-     "is_optional": False, "unit": "deg"},
-    {"name": "beta_deg", "words": "Largest angle between segments that are merged, (6.3).",
-     "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
-     "is_optional": False, "unit": "deg"},
-)  # fmt: skip
+    {
+        "name": "alpha_deg",
+        "words": "Largest angle between two normals of a segment, (6.1).",
+        "kind": "float",
+        "low": 0.0,
+        "high": 89.0,
+        "choices": None,
+        "default": 30.0,
+        "is_optional": False,
+        "unit": "deg",
+    },
+    {
+        "name": "beta_deg",
+        "words": "Largest angle between segments that are merged, (6.3).",
+        "kind": "float",
+        "low": 0.0,
+        "high": 89.0,
+        "choices": None,
+        "default": 10.0,
+        "is_optional": False,
+        "unit": "deg",
+    },
+)
 OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
 """Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
 MOST_REACH = 100.0
@@ -385,15 +406,19 @@ def described_state(
     return history | {
         "stations": [
             {
-                "id": each.id, "name": each.name, "camera": each.camera,
-                "pose": each.pose.ravel().tolist(), "is_on": each.is_on, "place": place,
+                "id": each.id,
+                "name": each.name,
+                "camera": each.camera,
+                "pose": each.pose.ravel().tolist(),
+                "is_on": each.is_on,
+                "place": place,
             }
             for each, place in zip(shown.stations, places, strict=True)
         ],
         "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {name: getattr(state.task, name) for name in thresholds},
         "lamps": described_lamps(state.whole),
-    }  # fmt: skip
+    }
 
 
 def described_lamps(rig: Rig) -> list[dict[str, Any]]:
@@ -405,13 +430,18 @@ def described_lamps(rig: Rig) -> list[dict[str, Any]]:
         lamp, place = lamps.lamps[row], lamps.places[row]
         on = np.flatnonzero(carriers).tolist()
         rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
-        found.append({
-            "id": f"lamp {row}", "row": row, "name": lamps.names[row],
-            "half_angle_deg": lamp.half_angle_deg,
-            "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
-            "points": lamp.lamp_from_point[:, :3, 3].tolist(),
-            "pose": None if on else place.ravel().tolist(), "rides": rides,
-        })  # fmt: skip
+        found.append(
+            {
+                "id": f"lamp {row}",
+                "row": row,
+                "name": lamps.names[row],
+                "half_angle_deg": lamp.half_angle_deg,
+                "words": f"{lamp.kind}, {lamp.intensity_of_point * lamp.points:g} {lamp.unit}",
+                "points": lamp.lamp_from_point[:, :3, 3].tolist(),
+                "pose": None if on else place.ravel().tolist(),
+                "rides": rides,
+            }
+        )
     return found
 
 

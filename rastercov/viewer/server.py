@@ -17,7 +17,7 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -44,9 +44,12 @@ if TYPE_CHECKING:
     from starlette.applications import Starlette
     from starlette.requests import Request
     from starlette.responses import Response
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOG = logging.getLogger("rastercov")
-Answer = Callable[[Any, Any], Any]
+Query = Mapping[str, str]
+Body = dict[str, Any]
+Answer = Callable[[Query, Body], Any]
 """Answer to a query and a body; see `_response`."""
 MOST_BYTES = 1 << 20
 """Longest request, a drawing excepted: poses and thresholds have some hundred bytes."""
@@ -109,27 +112,27 @@ def application(
 class _Guard:
     """Middleware that refuses other hosts, origins and tokens, and sets headers of safety."""
 
-    def __init__(self, app: Any, port: int, token: str, arrived: Callable[[], None]) -> None:
+    def __init__(self, app: "ASGIApp", port: int, token: str, arrived: Callable[[], None]) -> None:
         self.app, self.token = app, token.encode()
         self.arrived: Callable[[], None] | None = arrived
         self.hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
         self.origins = {f"http://{host}" for host in self.hosts}
 
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+    async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
         if fault := self._fault(scope["path"], dict(scope["headers"])):
             await _error(403, fault)(scope, receive, send)
             return
         if scope["path"].startswith("/api/"):
             self._authenticated(scope)
 
-        async def with_headers(message: Any) -> None:
+        async def with_headers(message: "Message") -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *_SAFETY]
             await send(message)
 
         await self.app(scope, receive, with_headers)
 
-    def _authenticated(self, scope: Any) -> None:
+    def _authenticated(self, scope: "Scope") -> None:
         """Take note of a request with the token."""
         if (connection := scope.get("state", {}).get("connection")) is not None:
             connection.is_authenticated = True
@@ -187,26 +190,26 @@ async def _static(request: "Request") -> "Response":
 def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, str, Answer]]:
     """Path, method and function of each answer."""
 
-    def soup(query: Any, body: Any) -> tuple[bytes, dict[str, str]]:
+    def soup(query: Query, body: Body) -> tuple[bytes, dict[str, str]]:
         origin, data = soup_of(session.scene.mesh)
         return data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))}
 
-    def ping(query: Any, body: Any) -> dict[str, Any]:
+    def ping(query: Query, body: Body) -> dict[str, Any]:
         measured = session.measurements.progress
         return {"revision": session.history.revision, "at": session.at, "measured": measured}
 
-    def image(query: Any, body: Any) -> bytes:
+    def image(query: Query, body: Body) -> bytes:
         side = _whole(query, "side") if "side" in query else 720
         return session.image(_whole(query, "station"), side)
 
-    def pieces(query: Any, body: Any) -> bytes:
+    def pieces(query: Query, body: Body) -> bytes:
         try:
             return session.pieces()
         except ConfigError as error:  # no fault of the page, which asks at every rest
             return framed({"fault": str(error)}, b"")
 
-    def download(query: Any, body: Any) -> tuple[bytes, dict[str, str]]:
-        name, data = saving.content(str(query.get("what", "")))
+    def download(query: Query, body: Body) -> tuple[bytes, dict[str, str]]:
+        name, data = saving.content(query.get("what", ""))
         return data, {"content-disposition": f'attachment; filename="{name}"'}
 
     return [
@@ -230,7 +233,7 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
     ]
 
 
-def _response(answer: Any) -> "Response":
+def _response(answer: object) -> "Response":
     """Response with bytes, with headers where these come with some, or with JSON."""
     from starlette.responses import Response
 
@@ -254,7 +257,7 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer, most: int) -> Any:
 
         loop = asyncio.get_running_loop()
         try:
-            body = await _body(request, most) if request.method == "POST" else None
+            body = await _body(request, most) if request.method == "POST" else {}
             return await loop.run_in_executor(
                 threads, lambda: _response(answer(request.query_params, body))
             )
@@ -299,7 +302,7 @@ async def _body(request: "Request", most: int) -> dict[str, Any]:
     raise ConfigError("a request is a JSON object, and this is none")
 
 
-def _whole(query: Any, name: str) -> int:
+def _whole(query: Query, name: str) -> int:
     """A whole number of a query."""
     text = query.get(name, "")
     if not re.fullmatch(r"\d{1,9}", text):

@@ -314,11 +314,15 @@ class Session:
         found = by_faces(camera_scene(mesh, small, own.pose), row.failed)
         image, buffer = Image.fromarray(camera_pixels(found)), BytesIO()
         legend = [
-            {"label": key.name, "colour": first, "stripe": next(iter(others), None),
-             "hatch": key.hatch}
+            {
+                "label": key.name,
+                "colour": first,
+                "stripe": next(iter(others), None),
+                "hatch": key.hatch,
+            }
             for key in camera_keys(found)
             for first, *others in (key.colours,)
-        ]  # fmt: skip
+        ]
         image.save(buffer, "PNG", compress_level=1)
         title = f"{own.name}: covers {int((mesh.task_mask & row.covers).sum()):,} whole faces"
         head = {"width": image.width, "height": image.height, "title": title, "legend": legend}

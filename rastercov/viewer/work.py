@@ -286,7 +286,7 @@ class Work:
         self._thread: Thread | None = None
         self._said: dict[str, Any] = {"id": None}
 
-    def start(self, entries: Any) -> int:
+    def start(self, entries: object) -> int:
         """Begin work; its number.
 
         Raises
@@ -302,9 +302,13 @@ class Work:
                 raise BusyError("other work is running; wait for its end, or cancel it")
             number = (self._said["id"] or 0) + 1
             self._said = {
-                "id": number, "kind": asked.kind, "status": "running", "done": 0, "total": None,
+                "id": number,
+                "kind": asked.kind,
+                "status": "running",
+                "done": 0,
+                "total": None,
                 "words": "",
-            }  # fmt: skip
+            }
             self._began = self._step_began = time.monotonic()
             self._cancel.clear()
             self._thread = Thread(target=self._run, args=(asked,), daemon=True, name=ABANDONED)

@@ -59,7 +59,7 @@ def detect(
     *,
     min_perimeter: float = MIN_PERIMETER,
     subpixel: bool = False,
-    **parameters: Any,
+    **parameters: object,
 ) -> dict[int, FloatArray]:
     """Markers found: number -> corners (4, 2) in our pixels, clockwise from the top left.
 

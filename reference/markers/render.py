@@ -160,7 +160,7 @@ class MarkerRenderer(Closing):
     def _draw(
         self,
         gl: moderngl.Context,
-        vertices: Any,
+        vertices: object,
         bundles: FloatArray,
         columns: int,
         values: dict[str, Any],

@@ -239,7 +239,9 @@ def _fill(
             draw.line([*points, points[1]], outline, width, "curve")
 
 
-def _rings(shape: Any, box: Box, zoom: float) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+def _rings(
+    shape: object, box: Box, zoom: float
+) -> Iterator[tuple[list[tuple[float, float]], bool]]:
     """Outlines of a polygon, or several, each followed by its holes; True for a hole."""
     for polygon in getattr(shape, "geoms", [shape]):
         if not polygon.is_empty and polygon.geom_type == "Polygon":
@@ -254,7 +256,7 @@ def _placed(points: FloatArray, box: Box, zoom: float) -> list[tuple[float, floa
 
 
 def _paint(
-    panel: Image.Image, shape: Any, box: Box, zoom: float, colours: Image.Image, share: float
+    panel: Image.Image, shape: object, box: Box, zoom: float, colours: Image.Image, share: float
 ) -> None:
     """Blend colours over a polygon; `share` is their opacity."""
     mask = Image.new("L", panel.size, 0)

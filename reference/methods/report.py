@@ -458,9 +458,14 @@ def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Fig
         axes.plot([axis.low, ms], [row, row], color=colour, linewidth=2.2)
         axes.plot([ms], [row], "o", color=colour, markersize=8, clip_on=False)
         axes.annotate(
-            f"{ms:,.{max(0, 1 - math.floor(math.log10(ms)))}f} ms", (ms, row), (9, 0),
-            textcoords="offset points", va="center", color=theme.ink, fontsize=LABEL,
-        )  # fmt: skip
+            f"{ms:,.{max(0, 1 - math.floor(math.log10(ms)))}f} ms",
+            (ms, row),
+            (9, 0),
+            textcoords="offset points",
+            va="center",
+            color=theme.ink,
+            fontsize=LABEL,
+        )
     return figure
 
 

@@ -525,6 +525,40 @@ def test_a_plan_limits_the_uncertainty_of_what_its_rigs_measure():
     assert shares[0] > shares[1]
 
 
+@pytest.mark.parametrize("noise", [0.5, 0.02])
+def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_help(noise):
+    def found(limit, factor=1.0):
+        own = {"max_uncertainty": limit, "noise_px": factor * noise, "stripes": ["proj"]}
+        rigs = {"fringe": PLAN["rigs"]["fringe"] | own}
+        return placed(PLAN | {"rigs": rigs})
+
+    first = found(1e-3 * noise)
+    (line,) = [each for each in first.prepared.notes if each.startswith("rig fringe: uncertainty")]
+    words = r"uncertainty ([\d.]+) (m?m) at best, .* wanted: .* noise ([\d.]+) times as large"
+    assert first.leftover.summary()["could_be_covered"]["faces"] == 0  # single cameras do
+    assert first.prepared.bounds.covering.any()
+    value, unit, factor = re.search(words, line).groups()
+    best = float(value) * (1e-3 if unit == "mm" else 1.0)
+    assert found(1.3 * best).cameras.share > 0
+    assert found(0.9 * best).cameras.share == 0
+    assert found(1e-3 * noise, 0.7 * float(factor)).cameras.share > 0
+    checked = rc.check(first.prepared.plan, first.prepared.measured, min_coverage=0.5)
+    assert line in checked.lines()[1]
+
+
+def test_a_baseline_that_is_too_short_is_named():
+    rigs = {"fringe": PLAN["rigs"]["fringe"] | {"min_baseline_deg": 25.0}}
+    (line,) = [each for each in placed(PLAN | {"rigs": rigs}).prepared.notes if "baseline" in each]
+    angle, times = re.search(
+        r"by ([\d.]+) degrees at most.*a baseline ([\d.]+) times", line
+    ).groups()
+    assert 5 < float(angle) < 25
+    cameras = [dict(each) for each in PLAN["rigs"]["fringe"]["cameras"]]
+    cameras[1]["translation"] = [0.5 * 1.2 * float(times), 0, 0]
+    wider = {"fringe": rigs["fringe"] | {"cameras": cameras}}
+    assert placed(PLAN | {"rigs": wider}).cameras.share > 0
+
+
 @pytest.mark.parametrize(
     ("entries", "words"),
     [

@@ -311,10 +311,10 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
             "generator per_cavity does not go with lamp key",
         ),
         ({"candidates": [ENTRY, SPOT]}, "existing: candidates are of cameras, too"),
-        ({"candidates": [SPOT]}, "existing is of lamps to choose; give candidates with a lamp"),
+        ({"candidates": [SPOT]}, "selection.lamps is of lamps; give"),
         (
             {"existing": None, "candidates": [SPOT], "lamps": {"key": {**KEY, "rig": True}}},
-            "selection.lamps is of lamps to choose",
+            "selection.lamps is of lamps; give",
         ),
         ({"existing": None}, "existing: missing; lamps are chosen for cameras: give their poses"),
         ({"existing": "gone.json"}, "existing: wanted a file, got 'gone.json'"),

@@ -20,8 +20,8 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.native.engine_raster import TIE_REL, count_triangle
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl.strategy import Strategy
-from rastercov.reference import raster_stages as twin
 from rastercov.reference import samples
+from rastercov.reference import triangle_samples as twin
 
 SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)

@@ -236,7 +236,7 @@ def _of_content(source: Source) -> str:
     )
 
 
-def _of_table(content: Any, *, is_json: bool) -> str:
+def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name

@@ -50,7 +50,7 @@ TOP_REL = 0.15
 """Height of the mark by the height of the base."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for the JSON of a scene."""
     return isinstance(content, dict) and isinstance(content.get("asset"), dict)
 

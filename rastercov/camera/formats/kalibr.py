@@ -40,7 +40,7 @@ KNOWN = HARMLESS | {
 """Entries of a camera."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for a table with a cam0, or another camera by number."""
     return isinstance(content, Mapping) and any(
         CAMERA_NAME.fullmatch(name) and isinstance(value, Mapping) and "camera_model" in value

@@ -57,7 +57,7 @@ OTHERS = (
 """Matrices that often come beside those of cameras."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for a table with a matrix of OpenCV."""
     return isinstance(content, Mapping) and any(_is_matrix(value) for value in content.values())
 
@@ -164,14 +164,14 @@ def _key_of_coefficients(
     return key
 
 
-def _is_of_coefficients(name: str, value: Any) -> bool:
+def _is_of_coefficients(name: str, value: object) -> bool:
     """True for a value that is no text or flag, and a name that coefficients usually have."""
     is_named = any(COEFFICIENT_WORD.fullmatch(word.lower()) for word in _words(name))
     is_matrix = isinstance(value, Mapping | list | int | float) and not isinstance(value, bool)
     return is_named and (is_matrix or value in (None, "")) and not _is_square(value)
 
 
-def _is_square(value: Any) -> bool:
+def _is_square(value: object) -> bool:
     """True for a matrix of 3 rows, such as K, or `K_dist` of a distorted image."""
     if isinstance(value, Mapping):
         return value.get("rows") == value.get("cols") == 3

@@ -44,7 +44,7 @@ OTHERS = frozenset({"points", "biases", "reference_lla", "main_component"})
 """Further entries of a reconstruction."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for reconstructions, and for a table of cameras alone."""
     first = content[0] if isinstance(content, list) and content else content
     return isinstance(first, dict) and (
@@ -59,7 +59,7 @@ def _is_table_of_cameras(content: dict[str, Any]) -> bool:
     )
 
 
-def read(content: Any, border: Border) -> Views:
+def read(content: object, border: Border) -> Views:
     """Cameras and poses of the first reconstruction."""
     if isinstance(content, list):
         if len(content) > 1:

@@ -39,13 +39,21 @@ UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tou
 """Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
 RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 KNOWN = UNUSED | {
-    "cameras", "rig_from_camera", "world_from_camera", "camera", "frame", "has_unit", *RULE,
-    "tasks", "fixed", "lamps",
-}  # fmt: skip
+    "cameras",
+    "rig_from_camera",
+    "world_from_camera",
+    "camera",
+    "frame",
+    "has_unit",
+    *RULE,
+    "tasks",
+    "fixed",
+    "lamps",
+}
 """Entries of a file of cameras and poses."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for poses, for named cameras, and for the entries of a camera."""
     return isinstance(content, Mapping) and bool(
         {"world_from_camera", "cameras", "width", "preset"} & content.keys()
@@ -178,7 +186,7 @@ def _texts(entries: Entries, name: str, count: int) -> list[str] | None:
 def toml_of(camera: Camera) -> str:
     """Camera file of one camera, as people write it."""
 
-    def value(each: Any) -> str:
+    def value(each: object) -> str:
         if isinstance(each, (list, tuple)):
             return f"[{', '.join(map(value, each))}]"
         # repr: json writes infinity in another way.

@@ -40,7 +40,7 @@ KNOWN = HARMLESS | {
 """Entries of a camera_info."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for a camera_info, as a file or as a message."""
     return (
         isinstance(content, Mapping)
@@ -49,7 +49,7 @@ def is_mine(content: Any) -> bool:
     )
 
 
-def read(content: Any, border: Border) -> Views:
+def read(content: object, border: Border) -> Views:
     """The camera of a camera_info."""
     info = Entries(content, "camera_info")
     border.unknown.look("camera_info", info.names(), KNOWN, HARMLESS)

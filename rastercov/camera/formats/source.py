@@ -88,7 +88,7 @@ class Source:
 class Entries:
     """A table of a file; `where` names it in errors."""
 
-    def __init__(self, value: Any, where: str) -> None:
+    def __init__(self, value: object, where: str) -> None:
         if not isinstance(value, Mapping):
             raise CameraError(f"{where}: a table of names and values wanted, got {shown(value)}")
         self._table, self.where = value, where
@@ -100,7 +100,7 @@ class Entries:
         """Names of the table, as texts."""
         return [str(name) for name in self._table]
 
-    def get(self, name: str, default: Any = None) -> Any:
+    def get(self, name: str, default: object = None) -> Any:
         """The value as it came; `default` where it is missing or null."""
         value = self._table.get(name)
         return default if value is None else value
@@ -115,7 +115,7 @@ class Entries:
             raise CameraError(f"{self.where}: {name} is missing; export the file again")
         return self._table[name]
 
-    def wrong(self, name: str, wanted: str, got: Any) -> CameraError:
+    def wrong(self, name: str, wanted: str, got: object) -> CameraError:
         """Error of an entry that is not what was wanted."""
         return CameraError(f"{self.where}: {name} must be {wanted}, got {shown(got)}; correct it")
 
@@ -204,7 +204,7 @@ class Words(Entries):
         return checked([*map(number_of, words)], f"{self.where}: {name}", *shapes)
 
 
-def checked(value: Any, what: str, *shapes: tuple[int, ...]) -> FloatArray:
+def checked(value: object, what: str, *shapes: tuple[int, ...]) -> FloatArray:
     """Finite numbers of one of these shapes; `what` names them in errors."""
     shape = next((each for each in shapes if _fits(value, each)), None)
     if shape is None:

@@ -55,7 +55,7 @@ KNOWN_OF_FRAME = HARMLESS.union(INTRINSICS, ("file_path", "transform_matrix", "t
 """Entries of a file and of a frame; `HARMLESS` says nothing of cameras and poses."""
 
 
-def is_mine(content: Any) -> bool:
+def is_mine(content: object) -> bool:
     """True for JSON with frames that have a transform_matrix."""
     return isinstance(content, dict) and isinstance(content.get("frames"), list)
 

@@ -180,7 +180,7 @@ def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
     found = lru_cache(maxsize=MOST_LENSES)(function)
 
     @wraps(function)
-    def of_camera(camera: Camera, *others: Any) -> Found:
+    def of_camera(camera: Camera, *others: object) -> Found:
         return found(optics_of(camera), *others)
 
     return of_camera

@@ -63,7 +63,7 @@ class Expansion(Arithmetic):
     def __init__(self, centre: FloatArray, radius: FloatArray, order: int) -> None:
         self.centre, self.radius, self.order = centre, radius, order
 
-    def __add__(self, other: Any) -> "Expansion":
+    def __add__(self, other: object) -> "Expansion":
         if not isinstance(other, Expansion):
             centre = self.centre.copy()
             centre[0] += other
@@ -133,7 +133,7 @@ def _angle_over_r(r2: Any, z: Any) -> Any:
     return 16.0 * (c * series)
 
 
-def _atan2(y: Expansion, x: Any) -> Any:
+def _atan2(y: Expansion, x: object) -> Any:
     """Angle of (x, y) from the x axis, within half a turn, as longitudes of a plane are."""
     return y * _angle_over_r(y * y, x)
 

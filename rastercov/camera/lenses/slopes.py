@@ -221,11 +221,13 @@ def _around_axis(
         least_a, least_b = (np.abs(each.centre[0]) - each.radius[0] for each in (a, b))
         slope, change = np.maximum(a_1, b_1), a_1 / least_a + b_1 / least_b
         bend = (a_2 + a_1**2 / least_a) / least_a + (b_2 + b_1**2 / least_b) / least_b
-        found = np.array((
-            np.hypot(slope * far, h_0),
-            np.maximum(a_2, b_2) * far**2 + (slope + h_1) * far + 2 * h_0,
-            change * far,
-            np.maximum(bend * far**2, change * far),
-        ))  # fmt: skip
+        found = np.array(
+            (
+                np.hypot(slope * far, h_0),
+                np.maximum(a_2, b_2) * far**2 + (slope + h_1) * far + 2 * h_0,
+                change * far,
+                np.maximum(bend * far**2, change * far),
+            )
+        )
     is_good = np.isfinite(found) & (np.minimum(least_a, least_b) > 0)
     return np.where(is_good, found, np.inf).max(axis=1)

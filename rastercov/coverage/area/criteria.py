@@ -345,16 +345,22 @@ def deviations(
 
 def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
     """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
-    rays = eyes[:, None] - points
-    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), np.finfo(float).tiny)
-    pairs = combinations(range(len(eyes)), 2)
-    cosines = np.array([np.einsum("ni,ni->n", rays[a], rays[b]) for a, b in pairs])
-    if not len(cosines):
+    if len(eyes) < 2:
         return np.ones(len(points), np.bool_)
-    found: NDArray[np.bool_] = cosines.min(axis=0) >= math.cos(math.radians(gate.most_deg))
+    cosines = smallest_cosines(eyes, points)
+    found: NDArray[np.bool_] = cosines >= math.cos(math.radians(gate.most_deg))
     if gate.least_deg > 0:
-        found &= cosines.min(axis=0) <= math.cos(math.radians(gate.least_deg))
+        found &= cosines <= math.cos(math.radians(gate.least_deg))
     return found
+
+
+def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
+    """(N,) least cosine of the rays from points (N, 3) to two cameras, (n, 3) or (N, n, 3)."""
+    rays = eyes - points[:, None]
+    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), np.finfo(float).tiny)
+    pairs = combinations(range(rays.shape[1]), 2)
+    cosines = [np.einsum("ni,ni->n", rays[:, a], rays[:, b]) for a, b in pairs]
+    return np.min(cosines, axis=0, initial=1.0)
 
 
 def _set(criterion: Any, **values: Any) -> None:

@@ -5,6 +5,7 @@ one side of the face, by the sign of their height over its plane. Results have a
 of such a rig, and one for each pose of another camera: `rastercov.camera.rig.rows_of_result`.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, errors_as
+from rastercov.base.format import distance
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, gates_of, led_by, names_of, rows_of_result
@@ -22,9 +24,11 @@ from rastercov.coverage.area.criteria import (
     RayAngle,
     baseline_holds,
     deviations,
+    smallest_cosines,
     uncertainty_of,
 )
 from rastercov.coverage.area.cut import values_of
+from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.light import Light, Lit, lit_within
 from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Regions, joined, taken
@@ -278,6 +282,49 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
         triangles = np.einsum("qij,njk->nqik", QUARTERS, triangles[is_open]).reshape(-1, 3, 2)
     found[1] = found.max(axis=0)
     return found
+
+
+def rule_lines(regions: Regions, camera: Cameras, poses: Poses) -> list[str]:
+    """What keeps rigs with a rule from measuring what their devices see: baseline, uncertainty.
+
+    A line for each limit that no corner of a part that all devices see meets, with the best value
+    and what would help; `regions` are those of each pose.
+    """
+    lines = []
+    for gate, own, _ in _by_gate(camera, poses):
+        if gate is None or not (gate.has_baseline or gate.has_deviation):
+            continue
+        is_own = np.zeros(len(poses), np.bool_)
+        is_own[own.ravel()] = True
+        free = gate._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
+        seen = through(regions.of_poses(is_own), free)
+        if not len(seen.xy):
+            continue
+        counts = np.diff(seen.starts)
+        row, face = (np.repeat(each, counts).astype(np.int64) for each in (seen.pose, seen.face))
+        points, placed = to_world(seen.mesh, face, seen.xy), poses.world_from_camera[own[row]]
+        rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
+        if gate.least_deg > 0:
+            least = float(smallest_cosines(placed[:, :, :3, 3], points).min())
+            widest = math.degrees(math.acos(min(max(least, -1.0), 1.0)))
+            if widest < gate.least_deg:
+                wider = math.tan(math.radians(gate.least_deg / 2)) / math.tan(
+                    math.radians(max(widest, 1e-6) / 2)
+                )
+                lines.append(
+                    f"rig {rig}: rays to its devices differ by {widest:.3g} degrees at most, "
+                    f"{gate.least_deg:g} wanted: a baseline {wider:.2g} times as wide"
+                )
+        if gate.has_deviation:
+            best = float(deviations(gate, placed[..., :3, 3], placed[..., :3, 1], points).min())
+            if best > gate.most_deviation:
+                times = best / gate.most_deviation
+                lines.append(
+                    f"rig {rig}: uncertainty {distance(best)} at best, "
+                    f"{distance(gate.most_deviation)} wanted: a baseline {times:.2g} times as "
+                    f"wide, noise {1 / times:.2g} times as large, or less distance"
+                )
+    return lines
 
 
 def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> NDArray[np.bool_]:

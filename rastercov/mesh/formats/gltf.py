@@ -528,7 +528,7 @@ class _Shapes:
         )
         return values.astype(np.int64)
 
-    def _points(self, position: Any, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
+    def _points(self, position: object, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
         points = self._accessors.read(position, "VEC3").astype(np.float64)
         n = len(points)
         for weight, target in deltas:
@@ -539,7 +539,7 @@ class _Shapes:
             points += weight * self._accessors.read(target, "VEC3")
         return points
 
-    def _corners(self, index: int, indices: Any, n_points: int) -> NDArray[np.int64]:
+    def _corners(self, index: int, indices: object, n_points: int) -> NDArray[np.int64]:
         values = self._accessors.read(indices, "SCALAR")[:, 0]
         # The largest value of a type is the primitive restart index, which glTF forbids.
         limit = min(n_points, int(np.iinfo(values.dtype).max))

@@ -208,9 +208,11 @@ def _spline(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) 
     before, after, t, width = _span(times, keys)
     t2, t3 = t * t, t * t * t
     found: FloatArray = (
-        (2 * t3 - 3 * t2 + 1) * at[before] + width * (t3 - 2 * t2 + t) * out[before]
-        + (3 * t2 - 2 * t3) * at[after] + width * (t3 - t2) * into[after]
-    )  # fmt: skip
+        (2 * t3 - 3 * t2 + 1) * at[before]
+        + width * (t3 - 2 * t2 + t) * out[before]
+        + (3 * t2 - 2 * t3) * at[after]
+        + width * (t3 - t2) * into[after]
+    )
     return _unit(found) if path == "rotation" else found
 
 
@@ -221,6 +223,8 @@ def _unit(quaternions: FloatArray) -> FloatArray:
 
 
 WAYS: dict[str, Callable[[FloatArray, FloatArray, FloatArray, str], FloatArray]] = {
-    "STEP": _step, "LINEAR": _linear, "CUBICSPLINE": _spline
-}  # fmt: skip
+    "STEP": _step,
+    "LINEAR": _linear,
+    "CUBICSPLINE": _spline,
+}
 """Ways between keys, by their names in a file."""

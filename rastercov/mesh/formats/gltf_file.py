@@ -93,7 +93,7 @@ def json_list(owner: dict[str, Any], key: str) -> list[Any]:
     return found
 
 
-def json_object(header: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
+def json_object(header: dict[str, Any], key: str, index: object) -> dict[str, Any]:
     """Object of that index in the list at a key."""
     items = json_list(header, key)
     if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
@@ -151,11 +151,11 @@ class Accessors:
         self._n_bytes += n_bytes
         self.check(0, 0)
 
-    def count(self, index: Any) -> int:
+    def count(self, index: object) -> int:
         """Number of elements."""
         return json_count(json_object(self.header, "accessors", index), "count")
 
-    def read(self, index: Any, wanted: str) -> NDArray[Any]:
+    def read(self, index: object, wanted: str) -> NDArray[Any]:
         """(N, columns) of type `wanted`; normalised integers become floats, scalars are indices."""
         accessor = json_object(self.header, "accessors", index)
         where = f"accessor {index}"
@@ -187,12 +187,12 @@ class Accessors:
             values = np.maximum(values / np.iinfo(dtype).max, -1)
         return values
 
-    def step(self, index: Any) -> float:
+    def step(self, index: object) -> float:
         """Difference of neighbouring values, 0 for those of floating point."""
         kind = np.dtype(COMPONENTS[json_object(self.header, "accessors", index)["componentType"]])
         return 0.0 if kind.kind == "f" else 1 / float(np.iinfo(kind).max)
 
-    def read_times(self, index: Any) -> NDArray[np.float64]:
+    def read_times(self, index: object) -> NDArray[np.float64]:
         """(N,) float64 of an accessor of float32 scalars, such as times."""
         accessor = json_object(self.header, "accessors", index)
         is_right = (
@@ -330,8 +330,10 @@ def _windows(accessor: dict[str, Any]) -> Iterator[tuple[dict[str, Any], int, in
     sparse = accessor.get("sparse", {})
     indices, values = sparse.get("indices", {}), sparse.get("values", {})
     for owner, counted, size in (
-        (accessor, accessor, row), (indices, sparse, _width(indices)), (values, sparse, row)
-    ):  # fmt: skip
+        (accessor, accessor, row),
+        (indices, sparse, _width(indices)),
+        (values, sparse, row),
+    ):
         if "bufferView" in owner:
             yield owner, json_count(counted, "count"), size
 
@@ -341,7 +343,7 @@ def _width(owner: dict[str, Any]) -> int:
     return int(COMPONENTS.get(owner.get("componentType", 0), "00")[1])
 
 
-def _used(each: Any, has_accessors: bool = False) -> Iterator[int]:
+def _used(each: object, has_accessors: bool = False) -> Iterator[int]:
     """Whole numbers in all places that may have the index of an accessor."""
     if isinstance(each, dict):
         for key, value in each.items():

@@ -125,9 +125,12 @@ def converted(program: str, data: bytes, options: Sequence[str], fault: str, adv
         try:
             ended = subprocess.run(
                 [sys.executable, "-c", LIMITED.format(memory) + program, str(path), *options],
-                input=data, capture_output=True, check=False, env=child_environment(),
+                input=data,
+                capture_output=True,
+                check=False,
+                env=child_environment(),
                 timeout=seconds,
-            )  # fmt: skip
+            )
         except subprocess.TimeoutExpired:
             raise broken(f"{fault} (it takes more than {seconds:.0f} s)", advice) from None
         made = path.read_bytes() if path.exists() else b""
@@ -295,12 +298,14 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     kinds = {
         "are not flat": (is_bent, "other triangles would be another surface"),
         "cross or touch themselves": (
-            is_crossing, "their triangles may overlap, correct them in the modeller"
+            is_crossing,
+            "their triangles may overlap, correct them in the modeller",
         ),
         f"are concave and have more than {MOST_CORNERS} corners": (
-            is_given_up, "their triangles fold over, cut them in the modeller"
+            is_given_up,
+            "their triangles fold over, cut them in the modeller",
         ),
-    }  # fmt: skip
+    }
     return [
         f"{is_so.sum()} polygons {what}, the first is {source_face[start[is_so.argmax()]]}; {then}"
         for what, (is_so, then) in kinds.items()

@@ -165,10 +165,16 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
         found = Path(packages[package]) / rest
     elif scheme == "file":
         found = Path(rest)
-    check(scheme in ("", "file", "package"), f"a file or package:// wanted, got {name}",
-          "download it first")  # fmt: skip
-    check(is_file(found), f"its mesh {name} wanted, and there is no {printable(str(found))}",
-          "correct the name, or the folders of packages")  # fmt: skip
+    check(
+        scheme in ("", "file", "package"),
+        f"a file or package:// wanted, got {name}",
+        "download it first",
+    )
+    check(
+        is_file(found),
+        f"its mesh {name} wanted, and there is no {printable(str(found))}",
+        "correct the name, or the folders of packages",
+    )
     return found
 
 
@@ -180,8 +186,11 @@ def _described(root: Element, geometry: str, stem: str) -> Description:
     links = _by_name(children(root, "link"), "link")
     elements = _by_name(children(root, "joint"), "joint")
     check(links, "links wanted, got none", "is this the right file?")
-    check(len(links) <= MOST_LINKS, f"at most {MOST_LINKS} links wanted, got {len(links)}",
-          "leave some out")  # fmt: skip
+    check(
+        len(links) <= MOST_LINKS,
+        f"at most {MOST_LINKS} links wanted, got {len(links)}",
+        "leave some out",
+    )
     ordered = _from_root(list(links), [_joint(name, each) for name, each in elements.items()])
     joints, names, limits, notes = _driven(ordered, elements)
     root_link = (set(links) - {each.child for each in joints}).pop()
@@ -212,8 +221,11 @@ def _shapes(link: Element, geometry: str) -> list[Shape]:
                 is_right = min(sizes) > 0
                 check(is_right, f"{where}: a {kind} of sizes above 0 wanted, got {list(sizes)}")
             else:
-                check(kind == "mesh", f"{where}: a mesh, box, cylinder or sphere wanted, got "
-                      f"{shown(kind)}", "replace it by a mesh")  # fmt: skip
+                check(
+                    kind == "mesh",
+                    f"{where}: a mesh, box, cylinder or sphere wanted, got {shown(kind)}",
+                    "replace it by a mesh",
+                )
                 sizes = tuple(_numbers(each, "scale", 3, where, "1 1 1"))
                 check(all(sizes), f"{where}: a scale other than 0 wanted, got {list(sizes)}")
                 check(each.get("filename"), f"{where}: a mesh must have a filename, got none")
@@ -248,12 +260,18 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
             fault = f"joint {shown(each.name)}: there is no link {shown(end)}"
             check(end in links, fault, "correct the name")
     twice = [link for link, n in Counter(each.child for each in joints).items() if n > 1]
-    check(not twice, f"a loop of links: {shown(twice[:1])[1:-1]} is the child of two joints",
-          "cut the loop at one of them")  # fmt: skip
+    check(
+        not twice,
+        f"a loop of links: {shown(twice[:1])[1:-1]} is the child of two joints",
+        "cut the loop at one of them",
+    )
     roots = sorted(set(links) - {each.child for each in joints})
     check(roots, "a cycle of joints: every link is a child of another", "leave one link free")
-    check(len(roots) == 1, f"one link without a parent wanted, got {shown(roots)}",
-          "join them by fixed joints")  # fmt: skip
+    check(
+        len(roots) == 1,
+        f"one link without a parent wanted, got {shown(roots)}",
+        "join them by fixed joints",
+    )
     of_parent: dict[str, list[Joint]] = {}
     for each in joints:
         of_parent.setdefault(each.parent, []).append(each)
@@ -276,8 +294,11 @@ def _driven(
     they leave no room: hands whose fingers mirror each other often give all of them one range.
     """
     kinds = {each.name: each.kind for each in joints}
-    masters = {name: own[0] for name, each in elements.items()
-               if kinds[name] != "fixed" and (own := children(each, "mimic"))}  # fmt: skip
+    masters = {
+        name: own[0]
+        for name, each in elements.items()
+        if kinds[name] != "fixed" and (own := children(each, "mimic"))
+    }
     names = tuple(n for n in elements if kinds[n] != "fixed" and n not in masters)
     limits_of = {each.name: _limits(each, elements[each.name]) for each in joints}
     limits, notes = np.array([limits_of[name] for name in names]).reshape(-1, 2), []
@@ -313,8 +334,11 @@ def _limits(joint: Joint, element: Element) -> tuple[float, float]:
     where, given = f"joint {shown(joint.name)}", children(element, "limit")
     check(given, f"{where}: a {joint.kind} joint must have limits, got none", "add them")
     low, high = (float(_numbers(given[0], name, 1, where, "0")[0]) for name in ("lower", "upper"))
-    check(low <= high, f"{where}: limits must be lower <= upper, got {low:g} and {high:g}",
-          "correct them")  # fmt: skip
+    check(
+        low <= high,
+        f"{where}: limits must be lower <= upper, got {low:g} and {high:g}",
+        "correct them",
+    )
     return low, high
 
 
@@ -327,8 +351,12 @@ def _numbers(
     except ValueError:
         found = np.full(count, np.inf)
     got = shown(element.get(name, "nothing"))
-    check(np.abs(found).max() <= LARGEST_COORDINATE, f"{where}: {name} must be {count} finite "
-          f"{'number' if count == 1 else 'numbers'}, got {got}", "correct it")  # fmt: skip
+    check(
+        np.abs(found).max() <= LARGEST_COORDINATE,
+        f"{where}: {name} must be {count} finite "
+        f"{'number' if count == 1 else 'numbers'}, got {got}",
+        "correct it",
+    )
     return found
 
 

@@ -5,7 +5,7 @@
 // Invariants: every sample belongs to exactly one of two faces that share an edge; results depend
 // neither on the number of threads, nor on the bands, nor on what was counted before.
 //
-// Twins: rastercov.reference.raster_stages, of each stage.
+// Twin: rastercov.reference.samples.
 #include "engine/raster.hpp"
 #include <cmath>
 #include <tuple>

@@ -2,7 +2,7 @@
 //
 // A sample is covered where no edge function is negative. Blocks within tiles, a vector at a time:
 // M. Abrash. Rasterization on Larrabee. 2009.
-// Twins: the functions of these names in rastercov.reference.raster_stages.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/records.hpp"
 

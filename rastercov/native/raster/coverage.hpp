@@ -1,6 +1,6 @@
 // Samples that triangles cover: blocks in reach, the image border, and counts without depth.
 //
-// Twins: the functions of these names in rastercov.reference.raster_stages.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/depth.hpp"
 #include "raster/setup.hpp"

@@ -9,7 +9,7 @@
 //
 // L. Shirman and S. Abi-Ezzi. The Cone of Normals Technique for Fast Processing of Curved Patches.
 // 1993.
-// Twins: rastercov.reference.raster_stages.cull_clusters, clusters_in_band, bin_faces.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/setup.hpp"
 #include <tuple>

@@ -3,7 +3,7 @@
 // The greatest 1/z wins, and the lower face where two are equal. A rounded product or sum does not
 // decrease where an operand increases, so the extremes of a plane in a block are at its corners,
 // bit for bit. Where slopes are not finite, 1/z is `least`.
-// Twins: the functions of these names in rastercov.reference.raster_stages.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/cover.hpp"
 

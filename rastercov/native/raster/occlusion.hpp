@@ -7,7 +7,7 @@
 //
 // N. Greene, M. Kass, G. Miller. Hierarchical Z-Buffer Visibility. 1993.
 //
-// Twins: the functions of these names in rastercov.reference.raster_stages.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/depth.hpp"
 #include "raster/vertices.hpp"

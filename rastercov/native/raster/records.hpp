@@ -9,7 +9,7 @@
 // Invariants: a cluster has 1 to 64 vertices and at most 64 faces, whose corners are among them; a
 // face is one of the mesh; see clusters.cpp, which groups them.
 //
-// Twin: rastercov.reference.raster_stages.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "array.hpp"
 #include "simd.hpp"

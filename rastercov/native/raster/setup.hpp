@@ -3,7 +3,7 @@
 // Edge functions are exact integers, in 32 bits up to LARGE steps, else in 64. 1/z is affine in the
 // image: w = w_a + slope . (position - a).
 // J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988.
-// Twin: rastercov.reference.raster_stages.set_up_triangles.
+// Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/records.hpp"
 

@@ -6,7 +6,7 @@
 //
 // J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988.
 //
-// Twin: rastercov.reference.raster_stages.count_triangle.
+// Twin: rastercov.reference.triangle_samples.count_triangle.
 #include "raster/targets.hpp"
 #include "interrupt.hpp"
 #include "raster/clipping.hpp"

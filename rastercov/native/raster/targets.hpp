@@ -1,6 +1,6 @@
 // Samples of faces one by one against an image that is drawn; see targets.cpp.
 //
-// Twin: rastercov.reference.raster_stages.count_triangle.
+// Twin: rastercov.reference.triangle_samples.count_triangle.
 #pragma once
 #include "raster/view.hpp"
 #include <utility>

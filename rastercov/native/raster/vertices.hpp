@@ -1,7 +1,7 @@
 // Stage 2 of the CPU rasteriser: projection of vertices to fixed-point image positions.
 //
 // u = s (fx X/Z + cx), v = s (fy Y/Z + cy), s steps in a sample, rounded to the nearest step,
-// halves up. Twin: rastercov.reference.raster_stages.project_vertices.
+// halves up. Twin: rastercov.reference.samples.
 #pragma once
 #include "raster/records.hpp"
 #include <tuple>

@@ -5,8 +5,9 @@ on demand, in batches.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, Self
 
@@ -34,6 +35,8 @@ from rastercov.placement.select.problem import (
     weights_of,
 )
 
+PART_OF_TOTAL = 1 << 40
+"""Total weight of each part of several objectives."""
 POSES_A_BATCH = 64
 """Poses between two calls of `Objective.watch` where they are estimated."""
 
@@ -54,7 +57,8 @@ class Objective:
     task : Task
         Thresholds at which a camera covers a face.
     integer_weights : (F,) int64
-        Integer weight of each face; 0 for faces that are not scored.
+        Integer weight of each face; 0 for faces that are not scored, less than 0 for those that
+        are better not covered.
     need : (F,) int64
         Cameras that must cover it.
     min_cosine : float
@@ -241,9 +245,14 @@ class Objective:
         """Integer weight of the covered faces, (..., F) -> (...)."""
         return np.asarray(covered @ self.integer_weights)
 
+    @property
+    def total(self) -> int:
+        """Greatest integer weight of covered faces."""
+        return int(self.integer_weights.clip(0).sum())
+
     def share(self, worth: ArrayLike) -> FloatArray:
         """Integer weight as a share of the total, [0, 1]; 1 where there is no weight."""
-        total = int(self.integer_weights.sum())
+        total = self.total
         return np.asarray(worth) / total if total else np.ones(np.shape(worth))
 
     def share_of(self, poses: ArrayLike | Poses) -> float:
@@ -322,3 +331,67 @@ class CellObjective(Objective):
             rows += [found.row(row) for row in range(found.n)]
             self.watch(int(is_own.sum()))
         return Lists.of(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class TogetherObjective(Objective):
+    """Several objectives of the same cameras as one, each of its share; make it with `together`.
+
+    Faces of `Objective` are those of all parts, one after the other.
+    """
+
+    parts: tuple[Objective, ...] = field(kw_only=True)
+
+    @classmethod
+    def together(cls, parts: Sequence[tuple[Objective, int]]) -> Self:
+        """One objective of some and their factors, below 0 for what is better not covered."""
+        every = tuple(each for each, _ in parts)
+        weights = [in_parts(each.integer_weights) * factor for each, factor in parts]
+        first = every[0]
+        return cls(
+            first.observer,
+            first.task,
+            np.concatenate(weights),
+            np.concatenate([each.need for each in every]),
+            first.min_cosine,
+            mounts=first.mounts,
+            parts=every,
+        )
+
+    @property
+    def is_estimated(self) -> bool:  # type: ignore[override] # of a class there
+        """True where the estimates of a part differ from what is listed."""
+        return any(each.is_estimated for each in self.parts)
+
+    @cached_property
+    def elements(self) -> Mesh:
+        """Meshes of all parts."""
+        meshes = [each.elements for each in self.parts]
+        names = [f"{row}" for row in range(sum(len(each.groups) for each in meshes))]
+        return Mesh.joined(meshes, names)
+
+    def _listed(self, poses: Poses) -> Lists:
+        """Faces of all parts that each camera covers."""
+        return self._joined([each._listed(poses) for each in self.parts], len(poses))
+
+    def _estimated(self, poses: Poses) -> Lists:
+        return self._joined([each._estimated(poses) for each in self.parts], len(poses))
+
+    def _joined(self, found: Sequence[Lists], n_poses: int) -> Lists:
+        """Lists of the rows of all parts."""
+        self.watch(n_poses)
+        starts = np.cumsum([0, *(len(each.need) for each in self.parts)]).tolist()
+        rows = [
+            np.concatenate([
+                each.row(row) + np.int32(first)
+                for each, first in zip(found, starts, strict=False)
+            ])
+            for row in range(found[0].n)
+        ]  # fmt: skip
+        return Lists.of(rows)
+
+
+def in_parts(weights: IntArray) -> IntArray:
+    """Integer weights as parts of one total, whatever theirs is."""
+    total = max(int(weights.clip(0).sum()), 1)
+    return np.asarray(np.rint(weights / total * PART_OF_TOTAL), np.int64)

@@ -112,6 +112,7 @@ def refine(
     halvings: int = HALVINGS,
     budget: int = BUDGET,
     seed: int = 0,
+    fixed: ArrayLike = False,
 ) -> Refined:
     """Move the cameras of a network until no move gains; never worse than the start.
 
@@ -135,6 +136,8 @@ def refine(
         Greatest number of poses to measure or estimate.
     seed : int
         Seed of the random moves. The same start and seed give the same network.
+    fixed : bool or (k,) bool array_like
+        Cameras that stay, wherever they are.
 
     Raises
     ------
@@ -151,9 +154,10 @@ def refine(
     for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
         if value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
-    space.require(start, "camera")
+    is_fixed = np.broadcast_to(np.asarray(fixed, np.bool_), len(start))
+    space.require(start[~is_fixed], "camera")
 
-    search = _Search(objective, space, placed, budget, seed)
+    search = _Search(objective, space, placed, budget, seed, is_fixed)
     try:
         status = _descend(search, steps, np.radians(turn_deg), halvings)
     except KeyboardInterrupt:
@@ -191,9 +195,11 @@ class _Search:
     """A network, the faces it covers, and the measured trials around each camera."""
 
     def __init__(
-        self, objective: Objective, space: PoseSpace, placed: Poses, budget: int, seed: int
-    ) -> None:
+        self, objective: Objective, space: PoseSpace, placed: Poses, budget: int, seed: int,
+        is_fixed: BoolArray,
+    ) -> None:  # fmt: skip
         self.objective, self.space, self.budget, self.seed = objective, space, budget, seed
+        self.is_fixed = is_fixed
         start, self.camera = placed.world_from_camera, placed.camera
         self.poses = start.copy()
         # (k, width, F) faces and (k, width, 3) centres: the cameras of rigs may count one by one.
@@ -220,13 +226,16 @@ class _Search:
     @property
     def has_room(self) -> bool:
         """True while some weight is uncovered."""
-        return self.worth < int(self.objective.integer_weights.sum())
+        return self.worth < self.objective.total
 
     def sharpen(self, level: int, steps: FloatArray, turn: float) -> bool:
         """Estimate the unknown trials of a level; False where the budget does not suffice."""
         missing = [row for row in range(len(self.poses)) if level not in self._trials[row]]
         moves = []
         for row in missing:
+            if self.is_fixed[row]:
+                moves.append(np.zeros((0, 4, 4)))
+                continue
             rng = np.random.default_rng((self.seed, row, level, int(self._moves_made[row])))
             moves.append(_moves(self.space, self.poses[row], steps[row], turn, rng))
         counts = [len(poses) for poses in moves]

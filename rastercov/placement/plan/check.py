@@ -7,7 +7,8 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,10 @@ from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Views, lamps_of, names_of_poses
+from rastercov.camera.rig import Views, gates_of, lamps_of, names_of_poses
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.sensors import rule_lines
+from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -31,6 +34,7 @@ from rastercov.mesh.groups import Names, listed, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     HOLDS,
     Measured,
@@ -80,6 +84,8 @@ class Checked(InOneLine, InNotebook):
         Of the cameras, as of `names_of_poses`.
     against : Against or None
         Differences from an earlier check, where there is one to hold it against.
+    goals : mapping of str to Checked
+        Outcome of each goal of its own, by name.
     """
 
     plan: Plan
@@ -95,6 +101,7 @@ class Checked(InOneLine, InNotebook):
     asked_views: int | None = None
     names: tuple[str, ...] = ()
     against: Against | None = None
+    goals: Mapping[str, "Checked"] = field(default_factory=dict)
 
     @property
     def is_met(self) -> bool:
@@ -117,6 +124,10 @@ class Checked(InOneLine, InNotebook):
         """Reasons why it does not hold, by the groups or parts in it, the most uncovered first."""
         if requirement.status == HOLDS:
             return []
+        if requirement.goal in self.goals:
+            return self.goals[requirement.goal].reasons(requirement)
+        if requirement.is_most:
+            return self._seen_by
         groups, level, own = self.mesh.groups, 1, None
         if requirement.group is not None:
             own = rows_of([group.name for group in groups], requirement.group)
@@ -140,7 +151,34 @@ class Checked(InOneLine, InNotebook):
             if hidden := list(entry["hidden_by"]):
                 text += f"; in the way: {', '.join(hidden[:3])}"
             lines.append(text)
-        return lines
+        return [*self._of_rules, *lines]
+
+    @cached_property
+    def _regions(self) -> Regions | None:
+        """Regions of each camera by itself; None by face, and where bodies move."""
+        if self.cameras.areas is None or self.plan.motion is not None:
+            return None
+        scene = self.mesh, self.plan.rig, self.task
+        with closing(RegionPass(*scene, method=self.plan.task.method)) as finder:
+            return finder.find(self.cameras.placed)
+
+    @cached_property
+    def _of_rules(self) -> list[str]:
+        """Lines on limits of rigs with a rule that no place of theirs meets."""
+        if not gates_of(self.plan.rig) or (found := self._regions) is None:
+            return []
+        return rule_lines(found, self.plan.rig, self.cameras.placed)
+
+    @cached_property
+    def _seen_by(self) -> list[str]:
+        """The cameras that cover some of what may not be covered."""
+        sees = np.array((self.cameras.covers & self.mesh.task_mask).any(axis=1))
+        if (found := self._regions) is not None:
+            sees[found.pair_pose[found.area > 0]] = True
+        rows = np.flatnonzero(sees).tolist()
+        names = [self.names[row] for row in rows[:MOST_GROUPS]]
+        more = f" and {len(rows) - len(names)} more" if len(rows) > len(names) else ""
+        return [f"seen by {', '.join(names)}{more}"] if names else []
 
 
 def limits(
@@ -176,10 +214,10 @@ def limits(
         if value == 0:
             raise ConfigError(f"--group {text} always holds; give more than 0, or leave it out")
         found[name] = value
-    if not found and not may_be_none:
+    if not found and not plan.goals and not may_be_none:
         raise ConfigError(
-            f"{plan.name} asks for no coverage; give --min-coverage or --group, --baseline, or a "
-            'selection with goal = "fewest_cameras"'
+            f"{plan.name} asks for no coverage; give --min-coverage or --group, --baseline, goals, "
+            'or a selection with goal = "fewest_cameras"'
         )
     return found
 
@@ -242,9 +280,30 @@ def check(
         plan = plan.with_lamps(chosen)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
-        mesh, plan, names = named_scene(plan)
-        over_time = PlanMotion.of(plan, mesh)
+        whole, plan, names = named_scene(plan)
+        mesh, goals = goals_apart(plan, whole)
     limits = _by_place(plan, limits, names, mesh)
+    shown = names_of_poses(rig, images)
+    checked = _checked(plan, mesh, rig, limits, views, step)
+    apart: dict[str, Checked] = {}
+    required = list(checked.requirements)
+    for goal in goals:
+        found = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
+        apart[goal.name] = replace(found, poses_file=poses_file, names=shown)
+        required.append(goal.required(*found.requirements))
+    checked = replace(
+        checked, poses_file=poses_file, names=shown, goals=apart, requirements=tuple(required)
+    )
+    if baseline is None:
+        return checked
+    return replace(checked, against=compare(baseline, parsed_json(json_bytes(record(checked)))))
+
+
+def _checked(
+    plan: Plan, mesh: Mesh, rig: Poses, limits: Limits, views: int | None, step: Step
+) -> Checked:
+    """Check of the task of a plan, without its goals."""
+    over_time = PlanMotion.of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -272,9 +331,9 @@ def check(
     alone = rows_at(mesh.groups)
     every = status_of({name: limits.get(name, 0.0) for name in alone}, alone)
     (whole,) = status_of({None: limits.get(None, 0.0)})
-    checked = Checked(
+    return Checked(
         plan=plan,
-        poses_file=poses_file,
+        poses_file=plan.path,
         mesh=mesh,
         task=task,
         views=counted["views"],
@@ -284,11 +343,7 @@ def check(
         cameras=cameras,
         leftover=leftover,
         asked_views=views,
-        names=names_of_poses(rig, images),
     )
-    if baseline is None:
-        return checked
-    return replace(checked, against=compare(baseline, parsed_json(json_bytes(record(checked)))))
 
 
 def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str | None, float]:

@@ -25,6 +25,7 @@ from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printa
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.light_units import GLOSSES
+from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, is_joint, with_lamps
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
@@ -180,6 +181,7 @@ class Plan(PlanModel):
     _path: Path = PrivateAttr(default=Path("plan.toml"))
     _mounts: Mounts | None = PrivateAttr(default=None)
     _rooms: dict[str, Room] = PrivateAttr(default={})
+    _given: Poses | None = PrivateAttr(default=None)
 
     @property
     def path(self) -> Path:
@@ -230,6 +232,21 @@ class Plan(PlanModel):
             if rig.lamps is not None:
                 rig.lamps.carried_by(rig.names)
         return replace(mounts, rig=rig)
+
+    @property
+    def given(self) -> Poses:
+        """Mounts that stay where cameras are chosen beside them; none before `with_given`."""
+        return Poses.of(np.zeros((0, 4, 4))) if self._given is None else self._given
+
+    def with_given(self, cameras: Poses) -> Self:
+        """The same plan with cameras that stay; PlanError for one of a rig of several."""
+        mounts = np.searchsorted(self.mounts.starts, cameras.camera, "right").astype(np.int32) - 1
+        if len(several := np.flatnonzero(np.diff(self.mounts.starts)[mounts] > 1)):
+            name = self.mounts.names[mounts[several[0]]]
+            raise PlanError(self.name, f"existing: cameras of rig {name} are chosen together")
+        other = self.model_copy()
+        other._given = replace(cameras, camera=mounts)
+        return other
 
     @property
     def rig(self) -> Rig:

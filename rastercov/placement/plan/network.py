@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,9 +77,9 @@ class Requirement:
     Attributes
     ----------
     group : str or None
-        Group or part; None for the whole task.
+        Group or part; None for the whole task, or the whole of a goal of its own.
     limit : float
-        Required share, [0, 1].
+        Share required at least or, where `is_most`, permitted at most, [0, 1].
     low, share, high : float
         Share certainly covered, covered as measured, and possibly covered.
     status : {"holds", "fails", "undecided"}
@@ -90,6 +90,8 @@ class Requirement:
         True where shares are of the faces that some candidate covers, not of all.
     n_groups : int
         Groups that it is of, all together.
+    goal : str
+        Name of a goal of its own, see `rastercov.placement.plan.goals`.
     """
 
     group: str | None
@@ -102,31 +104,48 @@ class Requirement:
     uncovered: int
     of_reachable: bool = False
     n_groups: int = 1
+    goal: str = ""
+    is_most: bool = False
 
     @property
     def name(self) -> str:
-        """The group or part, or "all"."""
+        """The goal, group or part, or "all"."""
+        if self.goal:
+            return f"goal {self.goal}"
         kind = "group" if self.n_groups == 1 else "part"
         return "all" if self.group is None else f"{kind} {self.group}"
 
     @property
     def short_by(self) -> float:
         """Difference of limit and share; 0 where the requirement holds."""
-        return max(0.0, self.limit - self.share) if self.status != HOLDS else 0.0
+        short = self.share - self.limit if self.is_most else self.limit - self.share
+        return max(0.0, short) if self.status != HOLDS else 0.0
 
     @property
     def lack(self) -> float:
-        """Limit less the share that is certainly covered; 0 where the requirement holds."""
-        return 0.0 if self.status == HOLDS else self.limit - self.low
+        """Difference of the limit and the bound that decides; 0 where the requirement holds."""
+        if self.status == HOLDS:
+            return 0.0
+        return self.high - self.limit if self.is_most else self.limit - self.low
+
+    def at_most(self, goal: str, limit: float) -> Self:
+        """The same share as one that is permitted up to a limit."""
+        status = FAILS if self.low > limit + SHARE_TOLERANCE else UNDECIDED
+        status = HOLDS if self.high <= limit + SHARE_TOLERANCE else status
+        return replace(self, goal=goal, limit=limit, status=status, is_most=True)
 
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         covered, uncovered, ends = self._parts()
-        text = f"{self.name}: {percent(self.share)} {covered}, {percent(self.limit)} wanted"
+        asked = "permitted at most" if self.is_most else "wanted"
+        text = f"{self.name}: {percent(self.share)} {covered}, {percent(self.limit)} {asked}"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
-            return f"{text}: {points} points short, {uncovered} uncovered"
-        return f"{text}: not decided, {ends}" if self.status == UNDECIDED else text
+            end = "too much" if self.is_most else f"short, {uncovered} uncovered"
+            return f"{text}: {points} points {end}"
+        if self.status == UNDECIDED:
+            return f"{text}: not decided, {ends}"
+        return f"{text}: proved" if self.is_most else text
 
     def _parts(self) -> tuple[str, str, str]:
         """Words on what is covered, on what is not, and on the bounds of both."""

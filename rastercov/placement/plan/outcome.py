@@ -44,9 +44,9 @@ def cases(checked: Checked) -> list[Case]:
     found, short, changed = [], set(), {}
     for each in checked.requirements:
         status = "" if each.status == HOLDS else each.status
-        short |= {each.group} if status else set()
+        short |= {each.group} if status and not each.goal else set()
         lines = [each.words(), *checked.reasons(each)]
-        found.append(Case(GOAL + (each.group or "all"), status, lines))
+        found.append(Case(GOAL + (each.group or each.name), status, lines))
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         for share in checked.against.shares:

@@ -20,7 +20,7 @@ import numpy as np
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
 from rastercov.base.locks import locked
-from rastercov.base.memory import BoolArray, check_memory
+from rastercov.base.memory import BoolArray, FloatArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
@@ -30,6 +30,7 @@ from rastercov.cluster.inputs import INPUTS
 from rastercov.cluster.store import remove, remove_halves
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.sensors import rule_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import Reason
@@ -43,6 +44,7 @@ from rastercov.placement.matrix_folder import describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.arm import PlanArm
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
+from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
@@ -58,7 +60,6 @@ from rastercov.placement.plan.sections import PerCavity, SelectionSection, no_li
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
-    Goal,
     Problem,
     grouped,
     problem_of,
@@ -140,6 +141,8 @@ class Prepared:
         True where the pairs of the matrix are bits on the disk, not lists in the memory.
     tally : Tally
         Time of the workers that measured candidates, where there were any.
+    permitted : mapping of str to (C,) float64
+        Share that each candidate may cover of what a goal permits up to a limit, by its name.
     """
 
     plan: Plan
@@ -162,6 +165,7 @@ class Prepared:
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
+    permitted: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def measured(self) -> Poses:
@@ -169,7 +173,7 @@ class Prepared:
 
         None of existing ones, whose candidates are of lamps.
         """
-        if self.plan.existing is not None:
+        if not self.plan.chooses_cameras:
             return Poses.of(np.zeros((0, 4, 4)))
         return self.mounts.cameras(without(self.pool.candidates, self.quarantined))[0]
 
@@ -197,169 +201,254 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
         return cells(mesh, usual_size(mesh) if asked is None else asked)
 
 
-def prepare(
-    plan: Plan,
-    selection: SelectionSection,
-    observer: Observer,
-    task: Task,
-    folder: Path | None,
-    clock: Clock,
-    cells: Cells | None = None,
-    workers: Workers | None = None,
-    over_time: PlanMotion | None = None,
-) -> Prepared:
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What candidates are made for, measured and chosen.
+
+    Attributes
+    ----------
+    whole : Mesh
+        The scene with the groups of goals, which candidates are for, too.
+    folder : Path or None
+        Of the matrices, each in a folder named by a hash of all that it depends on; in memory where
+        there is none.
+    """
+
+    plan: Plan
+    selection: SelectionSection
+    whole: Mesh
+    folder: Path | None
+    clock: Clock
+    cells: Cells | None = None
+    workers: Workers | None = None
+    over_time: PlanMotion | None = None
+
+
+def prepare(job: Job, objectives: Objectives) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them.
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
     """
-    mesh, mounts = observer.mesh, plan.mounts
+    plan, observer, cells = job.plan, objectives.faces.observer, job.cells
+    mesh, task = observer.mesh, objectives.faces.task
     arm = PlanArm.of(plan, mesh)
-    elements: Mesh | Cells = mesh if cells is None else cells
-    goal: Goal = BestCoverage(cameras=0)
+    with job.clock("candidates"):
+        segmentation = segmentation_of(plan, job.whole)
+        found = candidate_pool(plan, job.whole)
+    measuring = _Measuring(job, observer, task, CandidateBounds(mesh.n_faces, mesh.task_mask))
     notes: list[str] = []
-    used: list[Path] = []
-    bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
-    tally = Tally()
-
-    parts: list[Matrix] = []
-
-    def matrix_of(name: str, poses: Poses) -> Matrix:
-        """Matrix of these poses after those of the calls before.
-
-        In a folder named by a hash of all that it depends on, in memory where there is no folder.
-        """
-        options: dict[str, Any] = {"cells": cells, "bounds": bounds, "mounts": mounts}
-        if folder is None:
-            with clock(name) as progress:
-                parts.append(build_matrix(observer, poses, task, progress=progress, **options))
-                return held(plan, parts)
-        header = json.dumps(describe(observer, poses, task, None, cells, mounts), sort_keys=True)
-        used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
-        with clock(name) as progress, named(used[-1]):
-            measured = measure_matrix(
-                observer, poses, task, own_place(used[-1]), workers=workers, progress=progress,
-                watch=tally.add, **options,
-            )  # fmt: skip
-            parts.append(measured)
-            return held(plan, parts, progress)
-
-    with clock("candidates"):
-        segmentation = segmentation_of(plan, mesh)
-        found = candidate_pool(plan, mesh)
-    counted = counting(plan.task) | {"mounts": mounts}
-    cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
-    opened = reachable = None
-    matrix: Matrix
-    if over_time is None:
-        matrix = matrix_of("visibility matrix", found.candidates.placed)
-        problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
+    opened: Openings | None = None
+    reachable: AreaNetwork | None = None
+    if job.over_time is None:
+        matrix = measuring.matrix_of("visibility matrix", found.candidates.placed)
+        problem = measuring.problem(matrix, found)
+        found, opened, into, line = _with_cavities(measuring, found, problem)
+        if into is not None:
+            matrix, problem = into
+            notes.append(line)
     else:
-        assert cells is not None
-        if cavities:
-            raise PlanError(plan.name, "candidates: per_cavity is of a still scene; leave it out")
-        with clock("visibility matrix") as progress:
-            timed = time_matrix(
-                plan, over_time, observer, cells, found.candidates.placed, task, progress,
-                is_united=getattr(selection, "of_reachable", False),
-            )  # fmt: skip
-        matrix, problem = timed.matrix, timed.problem(goal, costs=found.costs, **counted)
-        if timed.together is not None:
-            of_all = over_time.result(plan.rig, found.candidates.placed, task, timed.together)
-            reachable = of_all.areas
-    missed = ~problem.reachable
-    unseen = np.zeros(mesh.n_faces, np.bool_)
-    if cavities:
-        unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, cells)
-    if unseen.any():
-        entry = cavities[0]
-        with clock("cavities") as progress:
-            into = list(found.parts)
-            for index, cost in mounts_of_entry(plan, entry):
-                opened = openings(
-                    mesh,
-                    mounts.first_camera(index),
-                    framing_of(plan, entry),
-                    faces=unseen,
-                    clearance=plan.constraints.clearance,
-                    keep_out=keep_outs(plan),
-                    views=entry.views,
-                    progress=progress,
-                )
-                into.append((opened.candidates.of_camera(index), cost))
-            before = len(found.candidates)
-            found = filtered_pool(plan, mesh, into)
-            further = renumbered(found.candidates.placed[before:])
-        del matrix
-        matrix = matrix_of("visibility matrix of cavities", further)
-        problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
-        if cells is None:
-            missed = unseen
-        now = missed & problem.reachable
-        n_now = int((unseen & ~_faces_with(missed & ~now, cells)).sum())
-        notes.append(
-            f"candidates of the other entries leave {'' if cells is None else 'parts of '}"
-            f"{int(unseen.sum())} faces "
-            f"({percent(problem.share(missed))} of {OF[plan.task.weight_by]}) uncovered; "
-            f"{len(further)} into cavities cover {n_now} of these "
-            f"({percent(problem.share(now))})"
-        )
+        matrix, problem, reachable = _in_frames(measuring, found)
     if not len(found.candidates):
         raise ConfigError(
             f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
             f"allow more, or add some{_of_unit(plan, mesh, found.proposed)}"
         )
-    if folder is not None:
-        _forget(folder, used)
+    if job.folder is not None:
+        _forget(job.folder, measuring.used)
+    notes += _notes_on(matrix)
+    together = _for_goal(job, objectives, problem, found)
+    if problem.goal != together.problem.goal or not problem.reachable.any():
+        some = plan.mounts.cameras(_sample(without(found.candidates, matrix.quarantined)))[0]
+        lines = _of_rules(objectives, some)
+        if not lines and not problem.reachable.any():
+            what = "no face" if cells is None else "no cell"
+            lines = [_why_nothing(observer, some, task, what)]
+        notes += lines
+    # The lists of a matrix are freed here: the problem has their bits.
+    return Prepared(
+        plan=plan,
+        selection=job.selection,
+        mesh=mesh,
+        mounts=plan.mounts,
+        task=task,
+        pool=found,
+        segmentation=segmentation,
+        openings=opened,
+        bounds=measuring.bounds,
+        pairs=matrix.n_pairs,
+        is_of_bits=isinstance(matrix, BitMatrix),
+        measured_by=matrix.header["measured_by"],
+        problem=together.problem,
+        notes=(*notes, *together.notes),
+        cells=cells,
+        reachable=reachable,
+        over_time=job.over_time,
+        arm=arm,
+        quarantined=matrix.quarantined,
+        tally=measuring.tally,
+        permitted=together.shares,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Measuring:
+    """Matrices of candidates, one after the other.
+
+    Attributes
+    ----------
+    used : list of Path
+        Folders of the matrices so far, which are `parts`.
+    """
+
+    job: Job
+    observer: Observer
+    task: Task
+    bounds: CandidateBounds
+    tally: Tally = field(default_factory=Tally)
+    used: list[Path] = field(default_factory=list)
+    parts: list[Matrix] = field(default_factory=list)
+
+    @property
+    def counted(self) -> dict[str, Any]:
+        """Arguments of `problem_of`."""
+        return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
+
+    def matrix_of(self, name: str, poses: Poses) -> Matrix:
+        """Matrix of these poses after those of the calls before."""
+        job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
+        options: dict[str, Any] = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
+        if job.folder is None:
+            with job.clock(name) as progress:
+                self.parts.append(build_matrix(observer, poses, task, progress=progress, **options))
+                return held(job.plan, self.parts)
+        described = describe(observer, poses, task, None, job.cells, mounts)
+        header = json.dumps(described, sort_keys=True)
+        self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
+        with job.clock(name) as progress, named(self.used[-1]):
+            options |= {"workers": job.workers, "progress": progress, "watch": self.tally.add}
+            place = own_place(self.used[-1])
+            self.parts.append(measure_matrix(observer, poses, task, place, **options))
+            return held(job.plan, self.parts, progress)
+
+    def problem(self, matrix: Matrix, found: CandidatePool) -> Problem:
+        """Problem of a matrix of all candidates, without a goal."""
+        cells, nothing = self.job.cells, BestCoverage(cameras=0)
+        elements: Mesh | Cells = self.observer.mesh if cells is None else cells
+        return problem_of(matrix, elements, nothing, costs=found.costs, **self.counted)
+
+
+def _in_frames(
+    measuring: _Measuring, found: CandidatePool
+) -> tuple[Matrix, Problem, AreaNetwork | None]:
+    """Matrix and problem of candidates over time, and what all together cover if that is asked."""
+    job, placed = measuring.job, found.candidates.placed
+    over_time, plan = job.over_time, job.plan
+    assert over_time is not None
+    assert job.cells is not None
+    if any(isinstance(entry, PerCavity) for entry in plan.candidates):
+        raise PlanError(plan.name, "candidates: per_cavity is of a still scene; leave it out")
+    with job.clock("visibility matrix") as progress:
+        timed = time_matrix(
+            plan, over_time, measuring.observer, job.cells, placed, measuring.task, progress,
+            is_united=getattr(job.selection, "of_reachable", False),
+        )  # fmt: skip
+    nothing = BestCoverage(cameras=0)
+    problem = timed.problem(nothing, costs=found.costs, **measuring.counted)
+    if timed.together is None:
+        return timed.matrix, problem, None
+    of_all = over_time.result(plan.rig, placed, measuring.task, timed.together)
+    return timed.matrix, problem, of_all.areas
+
+
+def _with_cavities(
+    measuring: _Measuring, found: CandidatePool, problem: Problem
+) -> tuple[CandidatePool, Openings | None, tuple[Matrix, Problem] | None, str]:
+    """Candidates with those into cavities, their matrix and problem, and a line on them."""
+    job, mesh, plan = measuring.job, measuring.observer.mesh, measuring.job.plan
+    cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
+    missed = ~problem.reachable
+    unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, job.cells)
+    if not cavities or not unseen.any():
+        return found, None, None, ""
+    entry = cavities[0]
+    with job.clock("cavities") as progress:
+        into = list(found.parts)
+        for index, cost in mounts_of_entry(plan, entry):
+            opened = openings(
+                mesh,
+                plan.mounts.first_camera(index),
+                framing_of(plan, entry),
+                faces=unseen,
+                clearance=plan.constraints.clearance,
+                keep_out=keep_outs(plan),
+                views=entry.views,
+                progress=progress,
+            )
+            into.append((opened.candidates.of_camera(index), cost))
+        before = len(found.candidates)
+        found = filtered_pool(plan, job.whole, into)
+        further = renumbered(found.candidates.placed[before:])
+    matrix = measuring.matrix_of("visibility matrix of cavities", further)
+    problem = measuring.problem(matrix, found)
+    if job.cells is None:
+        missed = unseen
+    now = missed & problem.reachable
+    n_now = int((unseen & ~_faces_with(missed & ~now, job.cells)).sum())
+    line = (
+        f"candidates of the other entries leave {'' if job.cells is None else 'parts of '}"
+        f"{int(unseen.sum())} faces "
+        f"({percent(problem.share(missed))} of {OF[plan.task.weight_by]}) uncovered; "
+        f"{len(further)} into cavities cover {n_now} of these "
+        f"({percent(problem.share(now))})"
+    )
+    return found, opened, (matrix, problem), line
+
+
+def _notes_on(matrix: Matrix) -> list[str]:
+    """Lines on a matrix of bits, and on candidates that are left out."""
+    notes = []
     if isinstance(matrix, BitMatrix):
         size = matrix.bits.n_rows * matrix.bits.n_words * 8
         notes.append(
             f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits "
             "on the disk: exchanges of cameras are tried among the best candidates only"
         )
-    notes += [
+    return notes + [
         f"candidate {pose} is left out: the process that measured it {end}"
         for pose, end in matrix.quarantined.items()
     ]
-    if not problem.reachable.any():
-        what = "no face" if cells is None else "no cell"
-        some = mounts.cameras(without(found.candidates, matrix.quarantined))[0]
-        notes.append(_why_nothing(observer, some, task, what))
+
+
+def _for_goal(
+    job: Job, objectives: Objectives, problem: Problem, found: CandidatePool
+) -> WithGoals:
+    """The problem with the goal of the plan, and with goals of its own, or the nearest in reach."""
+    plan, cells = job.plan, job.cells
+    wanted = goal_of(job.selection)
+    if isinstance(wanted, BestCoverage) and wanted.cameras is not None and len(plan.given):
+        costs = np.ones(problem.n_candidates)
+        costs[: len(plan.given)] = 0.0
+        problem = replace(problem, costs=costs)
+        wanted = BestCoverage(budget=float(wanted.cameras))
+    placed, given = found.candidates.placed, plan.given.ids.tolist()
+    all_of = with_goals(problem, wanted, objectives.goals, placed, given, job.clock)
+    notes = list(all_of.notes)
     try:
-        problem = grouped(problem, goal_of(selection))
+        problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
         on = "" if cells is None else f"on cells of {cells.size:g} m: "
+        said = str(error).replace(f"group '{OF_GOALS}/", "goal '")
         notes.append(
-            f"{on}{error}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
+            f"{on}{said}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
         )
-        problem = replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
-    if cells is not None and cells.size >= mesh.diagonal:
+        nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
+        problem = replace(all_of.problem, goal=nearest)
+    if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:
         notes.append(
             f"cells of {cells.size:g} m are whole faces; a smaller resolution_of_result makes the "
             "choice more accurate"
         )
-    # The lists of a matrix are freed here: the problem has their bits.
-    return Prepared(
-        plan=plan,
-        selection=selection,
-        mesh=mesh,
-        mounts=mounts,
-        task=task,
-        pool=found,
-        segmentation=segmentation,
-        openings=opened,
-        bounds=bounds,
-        pairs=matrix.n_pairs,
-        is_of_bits=isinstance(matrix, BitMatrix),
-        measured_by=matrix.header["measured_by"],
-        problem=problem,
-        notes=tuple(notes),
-        cells=cells,
-        reachable=reachable,
-        over_time=over_time,
-        arm=arm,
-        quarantined=matrix.quarantined,
-        tally=tally,
-    )
+    return replace(all_of, problem=problem, notes=tuple(notes))
 
 
 def held(
@@ -418,9 +507,21 @@ def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
     return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 
-def _why_nothing(observer: Observer, poses: Poses, task: Task, what: str) -> str:
+def _sample(poses: Poses) -> Poses:
+    """Some of the poses, evenly spread."""
+    return poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
+
+
+def _of_rules(objectives: Objectives, some: Poses) -> list[str]:
+    """Lines on limits of rigs with a rule that no candidate of a sample meets."""
+    if objectives.cells is None or not len(some):
+        return []
+    finder = objectives.cells.finder
+    return rule_lines(finder.find(some), finder.camera, some)
+
+
+def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
-    some = poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
     counts = np.zeros(len(Reason), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(Reason))

@@ -7,8 +7,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,38 +21,42 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import led_by, rows_of_result
+from rastercov.camera.rig import is_joint, led_by, names_of_poses, rows_of_result
 from rastercov.cluster import Workers
-from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.coverage import in_batches
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import rows_of
-from rastercov.placement.bits import CoveredBits
-from rastercov.placement.improve.objective import CellObjective, Objective
+from rastercov.mesh.arrays import frozen
+from rastercov.mesh.groups import listed, rows_of
+from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.plan.arm import ArmPoses, PlanArm
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
+from rastercov.placement.plan.goals import (
+    Objectives,
+    OwnGoal,
+    goals_apart,
+    open_objectives,
+    place_of,
+    without_candidates,
+)
 from rastercov.placement.plan.lamps import LampChoice, Lighting
 from rastercov.placement.plan.network import (
     HOLDS,
     CellRequirement,
     Measured,
     Requirement,
-    counting,
     judge,
     judge_areas,
     left_over,
     limits_of,
     measured,
-    most_views,
-    observer_of,
     seeable_areas,
     views_by_group,
     whole_faces,
@@ -62,6 +65,7 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.prepare import (
     Clock,
+    Job,
     Prepared,
     Progress,
     Step,
@@ -70,9 +74,14 @@ from rastercov.placement.plan.prepare import (
     quiet,
 )
 from rastercov.placement.plan.scene import named_scene
-from rastercov.placement.plan.sections import FewestSelection, SelectionSection, value_of
+from rastercov.placement.plan.sections import (
+    FewestSelection,
+    OnArm,
+    SelectionSection,
+    value_of,
+)
 from rastercov.placement.select.integer import select_by
-from rastercov.placement.select.problem import FewestCameras, Problem, Selection
+from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
 
 TURNS = 2
@@ -145,19 +154,6 @@ class Placement(InOneLine, InNotebook):
         return -sum(each.lack for each in self.requirements), self.cameras.share
 
 
-@dataclass(frozen=True, eq=False)
-class Objectives:
-    """Objectives of a network: by face, and on cells where the result is by area."""
-
-    faces: Objective
-    cells: CellObjective | None = None
-
-    @property
-    def moved(self) -> Objective:
-        """The one by which cameras are moved."""
-        return self.faces if self.cells is None else self.cells
-
-
 Work = Callable[[Placement, Objectives, Progress], Placement]
 Improvement = tuple[str, Callable[[Placement], object], Work]
 """Name of a step after the selection, whether a placement asks for it, and its function."""
@@ -210,24 +206,64 @@ def place(
         raise PlanError(plan.name, missing)
     eyes: Poses | None = None
     if plan.existing is not None:
-        plan, given = seen_by_cameras(plan, read_views(plan.folder / plan.existing))
-        eyes = renumbered(given)
-        eyes.check_cameras(len(plan.rig))
+        views = read_views(plan.folder / plan.existing.file)
+        plan, given = seen_by_cameras(plan, views)
+        given.check_cameras(len(plan.rig))
+        if plan.chooses_cameras:
+            plan = plan.with_given(_staying(plan, renumbered(given), views.images))
+        else:
+            eyes = renumbered(given)
+    _check_goals(plan)
     clock = Clock(step)
     with clock("scene"):
-        mesh, plan, _ = named_scene(plan)
-    job = Job(mesh, folder, clock, save, workers)
+        whole, plan, _ = named_scene(plan)
+        mesh, goals = goals_apart(plan, whole)
+    job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not lamps:
         return job.cameras(plan, STEPS)
     found = _in_turns(job, plan) if eyes is None else job.lit(plan, eyes)
     if found.interrupted:
         return found
-    with job.objectives(found.prepared.plan, found.prepared.cells) as objectives:
+    with open_objectives(found.prepared.plan, mesh, found.prepared.cells) as objectives:
         return job.improved(found, objectives, STEPS[-N_LAST:])
 
 
+def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
+    """Existing cameras without those that move; PlanError for one that is not there."""
+    assert plan.existing is not None
+    names = names_of_poses(given, tuple(images))
+    moved = []
+    for row, each in enumerate(plan.existing.move):
+        if each not in (names if isinstance(each, str) else range(len(given))):
+            known = f"{len(given)} cameras" + (f", {listed(names, str(each))}" if images else "")
+            raise PlanError(plan.name, f"existing.move[{row}]: there is no {each!r} among {known}")
+        moved.append(names.index(each) if isinstance(each, str) else each)
+    return given[np.setdiff1d(np.arange(len(given)), moved)]
+
+
+def _check_goals(plan: Plan) -> None:
+    """PlanError for goals of their own that cameras cannot be chosen for."""
+    if not plan.goals:
+        return
+    lines = []
+    if (
+        plan.lamp_entries
+        or plan.motion is not None
+        or any(isinstance(each, OnArm) for each in plan.candidates)
+    ):
+        lines.append("goals: cameras alone are chosen for them, in a still scene without an arm")
+    asked = plan.selection
+    is_partial = getattr(asked, "of_reachable", False)
+    for name, goal in plan.goals.items():
+        if goal.coverage is not None and (is_partial or not isinstance(asked, FewestSelection)):
+            wanted = 'goal = "fewest_cameras" without of_reachable'
+            lines.append(f"goals.{name}.coverage: it needs a selection with {wanted}")
+    if lines:
+        raise PlanError(plan.name, lines)
+
+
 @dataclass(frozen=True)
-class Job:
+class Run:
     """The scene of a placement and the arguments of `place`."""
 
     mesh: Mesh
@@ -235,21 +271,8 @@ class Job:
     clock: Clock
     save: Callable[[Placement], None]
     workers: Workers | None
-
-    @contextmanager
-    def objectives(self, plan: Plan, cells: Cells | None) -> Iterator[Objectives]:
-        """Objectives of networks of a plan, on cells where there are some."""
-        with ExitStack() as opened:
-            observer = opened.enter_context(observer_of(plan, self.mesh))
-            own: dict[str, Any] = counting(plan.task)
-            own["mounts"] = None if plan.existing else plan.mounts
-            faces, on_cells = Objective.of(observer, plan.build_task(), **own), None
-            if cells is not None:
-                most = plan.build_task(most_views(plan))
-                finder = RegionPass(self.mesh, observer.camera, most, method=plan.task.method)
-                opened.enter_context(closing(finder))
-                on_cells = CellObjective.of_cells(observer, finder, cells, **own)
-            yield Objectives(faces, on_cells)
+    whole: Mesh
+    goals: Sequence[OwnGoal]
 
     def cameras(self, plan: Plan, steps: Sequence[Improvement]) -> Placement:
         """Cameras chosen among the candidates of a plan, after some steps."""
@@ -257,16 +280,16 @@ class Job:
             selection, cells = plan.selection, cells_of(plan, self.mesh)
             assert selection is not None
             over_time = PlanMotion.of(plan, self.mesh)
-        with self.objectives(plan, cells) as objectives:
-            prepared = prepare(
-                plan, selection, objectives.faces.observer, plan.build_task(),
-                None if self.folder is None else own_place(self.folder / "matrix"),
-                self.clock, cells, self.workers, over_time,
-            )  # fmt: skip
+        folder = None if self.folder is None else own_place(self.folder / "matrix")
+        job = Job(
+            plan, selection, self.whole, folder, self.clock, cells, self.workers, over_time
+        )  # fmt: skip
+        with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
+            prepared = prepare(job, objectives)
             if objectives.cells is not None and over_time is None:
                 prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
             with self.clock("selection"):
-                chosen = select_by(selection, prepared.problem)
+                chosen = _selected(prepared)
             placement = _placed(prepared, chosen, objectives, self.clock.seconds)
             return self.improved(placement, objectives, steps)
 
@@ -304,7 +327,7 @@ class Job:
             "plan": own, "mounts": own.mounts, "task": own.build_task(),
             "reachable": lighting.reachable,
         }  # fmt: skip
-        with self.objectives(own, cells) as objectives:
+        with open_objectives(own, self.mesh, cells) as objectives:
             if isinstance(eyes, Poses):
                 prepared = Prepared(
                     selection=selection, mesh=self.mesh, pool=choice.pool, segmentation=None,
@@ -320,7 +343,7 @@ class Job:
             return _at(found, objectives, found.cameras.mounted, found.origin)
 
 
-def _in_turns(job: Job, plan: Plan) -> Placement:
+def _in_turns(job: Run, plan: Plan) -> Placement:
     """Cameras as if all were lit, and lamps for these; then both again, the former in their light.
 
     The better of the two; shares of what can be reached are of the same in both.
@@ -345,6 +368,18 @@ def _rank(placement: Placement) -> tuple[float, float, float]:
         return lack, 0.0, share
     cost = placement.prepared.pool.costs[placement.chosen].sum() + chosen.selection.cost
     return round(lack, 9), -float(cost), share
+
+
+def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
+    """Selection of a problem, with the cameras that stay, which cost nothing."""
+    found = select_by(prepared.selection, prepared.problem, seconds)
+    missing = np.setdiff1d(np.arange(len(prepared.plan.given)), found.chosen)
+    if not len(missing):
+        return found
+    chosen = np.concatenate((found.chosen, missing))
+    return finish(
+        found.method, prepared.problem, chosen, found.bound, found.seconds, found.status
+    )  # fmt: skip
 
 
 def _placed(
@@ -376,7 +411,8 @@ def _measured(
     is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
     reachable = prepared.problem.reachable if is_part else None
     weights, limits = objectives.faces.integer_weights, limits_of(prepared.selection)
-    return cameras, judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
+    required = judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
+    return cameras, (*required, *(each.requirement(mounted) for each in objectives.goals))
 
 
 def _by_area(
@@ -418,7 +454,8 @@ def _by_area(
         required = judge_areas(
             cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
         )
-    return replace(placement, cameras=cameras, requirements=required, arm=arm)
+    of_goals = tuple(each for each in placement.requirements if each.goal)
+    return replace(placement, cameras=cameras, requirements=(*required, *of_goals), arm=arm)
 
 
 def _with_arm(placement: Placement, own: PlanArm, finder: RegionPass) -> tuple[Measured, ArmPoses]:
@@ -453,24 +490,14 @@ def _seen_past_arm(placement: Placement, objectives: Objectives, progress: Progr
         progress(tried, RAISES)
         problem = found.prepared.problem
         try:
-            bits = _without(problem, found.chosen[found.arm.is_hidden])
-            problem = replace(problem, bits=bits)
+            problem = without_candidates(problem, found.chosen[found.arm.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
         prepared = replace(found.prepared, problem=problem)
-        chosen = select_by(found.prepared.selection, problem)
-        found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
+        found = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        found = _by_area(found, objectives)
         best = max(best, found, key=lambda each: each.worth)
     return best
-
-
-def _without(problem: Problem, candidates: NDArray[np.int64]) -> CoveredBits:
-    """Bits of a problem of which some candidates cover nothing."""
-    words = np.concatenate([np.asarray(part) for part in problem.bits.parts])
-    starts = np.arange(problem.n_candidates + 1) if problem.starts is None else problem.starts
-    for row in candidates:
-        words[starts[row] : starts[row + 1]] = 0
-    return CoveredBits.of(words, problem.bits.n_faces)
 
 
 def _is_of_reachable(selection: SelectionSection) -> bool:
@@ -514,12 +541,44 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
         if tighter.problem.goal == found.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
-        chosen = select_by(tighter.selection, tighter.problem, left)
+        chosen = _selected(tighter, left)
         found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
         best = max(best, found, key=lambda each: each.worth)
         if not _is_short(found):
             return found
     return placement if _is_lowered(placement.prepared) else best
+
+
+def _is_over(placement: Placement) -> bool:
+    """True where cameras together cover more of a goal than it permits."""
+    return any(each.is_most and each.status != HOLDS for each in placement.requirements)
+
+
+def _within_limits(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    """The placement without the candidates that cover most of what goals permit up to a limit.
+
+    Each candidate alone is within the limit; cameras are selected anew without the one that covers
+    most until all together are, a few times. The bound of the first selection holds for all.
+    """
+    found = best = placement
+    n_given = len(placement.prepared.plan.given)
+    for tried in range(RAISES):
+        progress(tried, RAISES)
+        over = [each.goal for each in found.requirements if each.is_most and each.status != HOLDS]
+        new = found.chosen[found.chosen >= n_given]
+        if not over or not len(new):
+            break
+        shares = found.prepared.permitted[over[0]][new]
+        try:
+            problem = without_candidates(found.prepared.problem, new[[shares.argmax()]])
+        except ConfigError:  # the rest does not reach the goal
+            break
+        prepared = replace(found.prepared, problem=problem)
+        found = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        if objectives.cells is not None:
+            found = _by_area(found, objectives)
+        best = max(best, found, key=lambda each: each.worth)
+    return best
 
 
 def _is_timed(placement: Placement) -> bool:
@@ -572,7 +631,11 @@ def _raised(placement: Placement) -> Prepared:
     whole, *_ = problem.required
     now = problem.by_group(problem.covered_by(placement.selection.chosen)[1])
     most = problem.by_group(problem.reachable)
-    short = {each.group: 1.05 * each.lack for each in placement.requirements}
+    short = {
+        place_of(each, problem): 1.05 * each.lack
+        for each in placement.requirements
+        if not each.is_most
+    }
 
     def raised(share: float, rows: Any, lack: float) -> float:
         of = max(1, whole[rows].sum())
@@ -635,7 +698,8 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
             moved = replace(moved, arm=placement.arm)
     else:
         space, seed = placement.prepared.pool.space, selection.seed
-        found = refine(watched, space, start, budget=budget, seed=seed)
+        stays = placement.chosen < len(placement.prepared.plan.given)
+        found = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
         moved = _moved(placement, objectives, found.poses, "refined")
     is_interrupted = found.status == INTERRUPTED
     if not is_interrupted:
@@ -645,6 +709,8 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
 
 def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
     """The placement without the cameras or rigs that add nothing, one after the other.
+
+    Those that stay are kept.
 
     By area, those that add no cell and no exact area. All goals take a number of cameras as the
     greatest. One camera is kept.
@@ -658,7 +724,8 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
         return int(objective.worth(objective.covered(covers[own], eyes[own])))
 
     all_of = worth(rows)
-    for row in reversed(range(len(poses))):  # the first cameras are those that cover most
+    may_go = placement.chosen >= len(placement.prepared.plan.given)
+    for row in reversed(np.flatnonzero(may_go).tolist()):  # the first cover most
         rest = [each for each in rows if each != row]
         if not rest or worth(rest) < all_of:
             continue
@@ -699,7 +766,15 @@ def _explain_uncovered(
 ) -> Placement:
     prepared, observer = placement.prepared, objectives.faces.observer
     wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
-    return replace(placement, leftover=left_over(observer, placement.cameras, *wanted))
+    found = left_over(observer, placement.cameras, *wanted)
+    if prepared.cells is not None and is_joint(prepared.mounts.rig):
+        # Not faces that single cameras of a rig with a rule cover.
+        cells = prepared.cells
+        is_covered = prepared.problem.bits.counts_up_to(1)[: len(cells)] > 0
+        covering = np.zeros(prepared.mesh.n_faces, np.int64)
+        covering[cells.source_face[is_covered]] = 1
+        found = replace(found, n_covering=frozen(covering))
+    return replace(placement, leftover=found)
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
@@ -723,6 +798,7 @@ STEPS: tuple[Improvement, ...] = (
     ("area", lambda found: found.prepared.cells is not None, _by_area),
     ("arm", lambda found: found.arm is not None and found.arm.is_hidden.any(), _seen_past_arm),
     ("stricter selection", lambda found: found.cameras.areas and _is_short(found), _selected_anew),
+    ("limits of goals", _is_over, _within_limits),
     ("fewer cameras", _is_timed, _shortest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),
     ("refinement", lambda found: found.prepared.selection.refine, _refine),

@@ -6,7 +6,7 @@ their candidates.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
@@ -20,6 +20,7 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh, shapes
+from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting, pool
@@ -107,6 +108,9 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         _with_names(entry, f"candidates[{row}]", names, lines)
         for row, entry in enumerate(plan.candidates)
     ]
+    changes["goals"] = {
+        name: _with_names(goal, f"goals.{name}", names, lines) for name, goal in plan.goals.items()
+    }
     plan = plan.model_copy(update=changes)
     if not mesh.task_mask.any():
         lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
@@ -342,8 +346,10 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     """
     limits = plan.constraints
     found = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
-    found = sum((part for part, _ in parts), found)
-    costs = np.concatenate([np.zeros(0), *(np.full(len(part), cost) for part, cost in parts)])
+    given = Candidates.of(plan.given.world_from_camera, "existing", plan.given.ids)
+    given = replace(given, camera=frozen(plan.given.camera))
+    found = sum((part for part, _ in parts), given if len(given) else found)
+    costs = [np.full(len(part), cost) for part, cost in parts]
     if limits.spaces:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
@@ -356,10 +362,11 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
         keep_out=keep_outs(plan),
     )
     place = space.judge(found.poses[:, :3, 3])
+    place[: len(given)] = Place.ALLOWED
     allowed, counts = place == Place.ALLOWED, np.bincount(place, minlength=len(Place))
     return CandidatePool(
         candidates=found.take(allowed),
-        costs=costs[allowed],
+        costs=np.concatenate([np.zeros(len(given)), *costs])[allowed],
         made=found.counts(),
         proposed=found,
         dropped={each.name.lower(): int(counts[each]) for each in Place if each and counts[each]},

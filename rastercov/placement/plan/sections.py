@@ -413,6 +413,42 @@ class RigCamera(Entry):
         return matrices_of(turn, self.translation)
 
 
+def _with_file(value: object) -> object:
+    """The table of a file that stands for it."""
+    return {"file": value} if isinstance(value, str) else value
+
+
+OF_NO_GOAL = ("views", "min_angle_deg", *OF_LIGHT, *OF_A_FACE)
+"""Thresholds that are the same in all goals of a plan."""
+
+
+class ExistingSection(Entry):
+    """Cameras that are there."""
+
+    file: File
+    """Their poses, a file as of candidates."""
+    move: list[Annotated[int, Field(ge=0)] | Name] = []
+    """Rows, or names of images, of those that leave their places; the others stay."""
+
+
+class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # type: ignore[misc] # a base made of fields
+    """A goal of its own for some groups, with thresholds in place of those of the task."""
+
+    groups: Some[Name] | None = None
+    """Groups that it is of, which are not of the task then; all of the task unless given."""
+    coverage: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Share to cover at least."""
+    at_most: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """Share that may be covered at most, such as 0 of what must not be seen."""
+    views: Count | None = None
+    """Cameras that must cover a face; those of the task unless given."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("coverage", "at_most"))
+        return self
+
+
 OF_RULE = {"rule", "k", "needs", *All.__dataclass_fields__}
 """Entries of a rig that are its rule."""
 
@@ -1238,12 +1274,15 @@ class PlanModel(Entry):
     """Thresholds that a face must meet to be covered."""
     candidates: list[CandidateEntry] = []
     """Poses to choose from, of cameras or of lamps."""
-    existing: File | None = None
-    """Poses of cameras that are there, for which lamps are chosen; a file as of candidates."""
+    existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
+    """Cameras that stay, and cost nothing, while cameras or lamps are chosen: a table, or its
+    file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
     """Goal of the selection."""
+    goals: dict[Name, GoalSection] = {}
+    """Goals with thresholds, groups and views of their own, by name."""
     outputs: Outputs = Outputs()
     """Files that are written, and their folder."""
 
@@ -1260,6 +1299,7 @@ class PlanModel(Entry):
             if getattr(self, name):
                 raise ValueError(f"{name} is of light; add lamps as [lamps.NAME]")
         self._check_motion()
+        self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
             for name in (name for name, each in types if each.cost is None):
@@ -1279,6 +1319,26 @@ class PlanModel(Entry):
                     f"{', '.join(known) or 'none'}"
                 )
         return self
+
+    @property
+    def chooses_cameras(self) -> bool:
+        """True where cameras are chosen, False where lamps alone are, for existing cameras."""
+        return self.existing is None or len(self.lamp_entries) < len(self.candidates)
+
+    def _check_existing(self) -> None:
+        """ValueError for what does not go with cameras that stay while others are chosen."""
+        if self.existing is None:
+            return
+        if not self.chooses_cameras:
+            if self.existing.move:
+                raise ValueError("existing.move: lamps alone are chosen, for cameras that stay")
+            return
+        if self.motion is not None or any(isinstance(each, OnArm) for each in self.candidates):
+            raise ValueError("existing: cameras beside these are chosen in a still scene")
+        self._refuse(("optimise",), "existing cameras stay")
+        best = self.selection
+        if isinstance(best, BestSelection) and best.cameras is not None and best.budget is not None:
+            raise ValueError("selection: beside existing cameras, give cameras or budget, not both")
 
     def built_lamps(self, folder: Path) -> Lamps | None:
         """The lamps, with files of a folder, those of candidates at the origin; None for none."""
@@ -1300,9 +1360,8 @@ class PlanModel(Entry):
         own, asked = self.lamp_entries, self.selection
         n_lamps = getattr(asked, "lamps", None)
         if not own:
-            if self.existing is not None or n_lamps is not None:
-                path = "selection.lamps" if self.existing is None else "existing"
-                raise ValueError(f"{path} is of lamps to choose; give candidates with a lamp")
+            if n_lamps is not None:
+                raise ValueError("selection.lamps is of lamps; give candidates with a lamp")
             return
         for entry in own:
             if entry.lamp not in self.lamps:

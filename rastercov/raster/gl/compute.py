@@ -171,9 +171,14 @@ class Compute(Strategy):
     ) -> WordArray | None:
         """Fill the keys; with `drawn`, return the samples that each face covers alone."""
         buffers = {
-            COUNTS: self._counters, RUNS: self._runs, KEYS: self._keys, QUEUE: self._queue,
-            POSES: self._records, VERTICES: scene.vertices, FACES: scene.faces,
-        }  # fmt: skip
+            COUNTS: self._counters,
+            RUNS: self._runs,
+            KEYS: self._keys,
+            QUEUE: self._queue,
+            POSES: self._records,
+            VERTICES: scene.vertices,
+            FACES: scene.faces,
+        }
         for binding, buffer in buffers.items():
             buffer.bind_to_storage_buffer(binding)
         self._clear(n_poses * tile[2] * tile[3])
@@ -183,9 +188,14 @@ class Compute(Strategy):
             is_counted = drawn and which_pass == 0
             for program in (self._small, self._pieces):
                 set_uniforms(
-                    program, size=tile[2:], corner=tile[:2], stride=n_faces + 1,
-                    capacity=self._capacity, with_drawn=is_counted, which_pass=which_pass,
-                )  # fmt: skip
+                    program,
+                    size=tile[2:],
+                    corner=tile[:2],
+                    stride=n_faces + 1,
+                    capacity=self._capacity,
+                    with_drawn=is_counted,
+                    which_pass=which_pass,
+                )
             if is_counted:
                 self._resources.zero(self._counters, COUNTER_BYTES * n_poses * (n_faces + 1))
             for face in range(0, n_faces, self._faces_at_once):

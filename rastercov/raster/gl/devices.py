@@ -39,8 +39,10 @@ LIMITS = {  # name: that of moderngl
     "subpixel_bits": "GL_SUBPIXEL_BITS",
 }
 LAYER_EXTENSIONS = (
-    "GL_ARB_shader_viewport_layer_array", "GL_AMD_vertex_shader_layer", "GL_NV_viewport_array2",
-)  # fmt: skip
+    "GL_ARB_shader_viewport_layer_array",
+    "GL_AMD_vertex_shader_layer",
+    "GL_NV_viewport_array2",
+)
 """gl_Layer in vertex shaders, an extension of every core version: any of them."""
 SOFTWARE_RENDERERS = re.compile(
     r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE

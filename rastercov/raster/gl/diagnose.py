@@ -98,8 +98,10 @@ def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
     """Entry of "reports": open a device, then count known scenes on it."""
     row: Report = {
         "device": asdict(device) | {"label": device.label},
-        "problem": "", "context": None, "self_test": None,
-    }  # fmt: skip
+        "problem": "",
+        "context": None,
+        "self_test": None,
+    }
     answer = ask(open_device, device.label, timeout_s)
     if "problem" in answer:
         return row | {"problem": f"{device}: {answer['problem']}"}

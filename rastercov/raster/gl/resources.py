@@ -83,7 +83,7 @@ class Resources:
         self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
         self.gl.cull_face = "back"
 
-    def _call(self, name: str, *arguments: Any) -> Any:
+    def _call(self, name: str, *arguments: object) -> Any:
         return self.context.function(name, *FUNCTIONS[name])(*arguments)
 
     def own(self, thing: Any) -> Any:
@@ -142,9 +142,18 @@ class Resources:
         self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
         self._call("glBindTexture", _TEXTURE_2D_ARRAY, name.value)
         self._call(
-            "glTexImage3D", _TEXTURE_2D_ARRAY, 0, _DEPTH_COMPONENT32F, width, height, layers, 0,
-            _DEPTH_COMPONENT, _FLOAT, None,
-        )  # fmt: skip
+            "glTexImage3D",
+            _TEXTURE_2D_ARRAY,
+            0,
+            _DEPTH_COMPONENT32F,
+            width,
+            height,
+            layers,
+            0,
+            _DEPTH_COMPONENT,
+            _FLOAT,
+            None,
+        )
         self._call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
         self._call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
         status = self._call("glCheckFramebufferStatus", _FRAMEBUFFER)

@@ -69,7 +69,7 @@ class Scene:
         positions = np.concatenate((high, low), axis=1)
         vertices = resources.buffer("vertices", positions[corners]), *POSITIONS
 
-        def drawable(program: str, index_buffer: Any, *layout: Any) -> Any:
+        def drawable(program: str, index_buffer: object, *layout: object) -> Any:
             return resources.own(
                 resources.gl.vertex_array(
                     programs[program],
@@ -123,9 +123,12 @@ class Scene:
         """Draw the faces of some programs into a tile, one instance a pose."""
         for program in (each for each in programs if each in self._drawables):
             set_uniforms(
-                self._programs[program], stride=self.mesh.n_faces + 1, corner=tile[:2],
-                middle=tuple(grid.lens[2:]), image=_projection(tile, grid),
-            )  # fmt: skip
+                self._programs[program],
+                stride=self.mesh.n_faces + 1,
+                corner=tile[:2],
+                middle=tuple(grid.lens[2:]),
+                image=_projection(tile, grid),
+            )
             self._drawables[program].render(moderngl.TRIANGLES, instances=poses)
 
     def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:

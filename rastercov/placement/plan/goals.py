@@ -1,0 +1,391 @@
+"""Goals of a plan with groups, thresholds and views of their own, as plans of the same scene.
+
+The groups of a goal are not of the task. A goal is answered as a plan is whose task has the
+thresholds of the goal, in a scene in which its groups alone are scored: all others hide, and
+targets, which hide nothing, are left out.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural, verb
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.pose import Poses
+from rastercov.coverage.area.cells import Cells, cells, usual_size
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
+from rastercov.placement.improve.objective import CellObjective, Objective, TogetherObjective
+from rastercov.placement.matrix import build_matrix
+from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.network import (
+    Requirement,
+    counting,
+    judge,
+    judge_areas,
+    measured,
+    most_views,
+    observer_of,
+    seeable_areas,
+    with_areas,
+)
+from rastercov.placement.plan.sections import GoalSection
+from rastercov.placement.select.problem import (
+    SHARE_TOLERANCE,
+    BestCoverage,
+    FewestCameras,
+    Goal,
+    Problem,
+    problem_of,
+)
+
+Progress = Callable[[int, int], None]
+WORSE = 16
+"""Weight of what a goal permits up to a limit, in that of the task."""
+LEAST_SHARE = 1e-6
+"""Share of a cell from which it counts as seen, where it should not be."""
+OF_TASK, OF_GOALS = "task", "goals"
+"""Parts of the elements of a problem with goals: those of the task, and those of each goal."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnGoal:
+    """A goal as a plan of its own.
+
+    Attributes
+    ----------
+    plan : Plan
+        With the thresholds and views of the goal, and no goals.
+    mesh : Mesh
+        The scene, of which the groups of the goal alone are scored.
+    limit : float
+        Share to cover at least or, where `is_most`, at most, [0, 1].
+    """
+
+    name: str
+    plan: Plan
+    mesh: Mesh
+    limit: float
+    is_most: bool
+
+    def required(self, found: Requirement) -> Requirement:
+        """The requirement of the goal, from that of its whole plan."""
+        if self.is_most:
+            return found.at_most(self.name, self.limit)
+        return replace(found, goal=self.name)
+
+
+def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
+    """The scene of the task, without the groups of goals, and the goals.
+
+    Parameters
+    ----------
+    plan, mesh
+        Of `named_scene`.
+
+    Raises
+    ------
+    PlanError
+        Where goals leave no group to the task.
+    """
+    if not plan.goals:
+        return mesh, ()
+    scored = [group.name for group in mesh.groups if not group.is_occluder]
+    taken = {name for goal in plan.goals.values() for name in goal.groups or ()}
+    rest = [name for name in scored if name not in taken]
+    if not rest:
+        raise PlanError(plan.name, "goals: all groups have one; leave one group to the task")
+    goals = tuple(
+        OwnGoal(
+            name=name,
+            plan=_plan_of(plan, goal),
+            mesh=only_scored(mesh, goal.groups or rest),
+            limit=goal.coverage or goal.at_most or 0.0,
+            is_most=goal.coverage is None,
+        )
+        for name, goal in plan.goals.items()
+    )
+    return only_scored(mesh, rest), goals
+
+
+def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
+    """The plan with the task of a goal.
+
+    A goal to cover replaces thresholds of the task; one of what may be covered has its own alone,
+    so that all that is seen counts unless it says otherwise.
+    """
+    own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
+    changes: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+    if goal.at_most is not None:
+        changes = {name: getattr(Task, name) for name in own} | {"gloss": None} | changes
+    elif isinstance(plan.task.views, dict):
+        changes = {"views": 1} | changes
+    return plan.model_copy(update={"task": plan.task.model_copy(update=changes), "goals": {}})
+
+
+def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
+    """The mesh with some groups scored; others hide, and targets among these are left out."""
+    groups = mesh.groups
+    is_gone = np.array([group.is_target and group.name not in names for group in groups])
+    kept = ~is_gone[mesh.face_group]
+    if not kept.all():
+        mesh = Mesh(
+            vertices=mesh.vertices,
+            faces=mesh.faces[kept],
+            groups=groups,
+            face_group=mesh.face_group[kept],
+            source_face=mesh.source_face[kept],
+            sources=mesh.sources,
+            notes=mesh.notes,
+            spaces=mesh.spaces,
+        )
+    hiding = [group.name for group in groups if group.name not in names]
+    targets = [group.name for group in groups if group.is_target and group.name in names]
+    return mesh.with_groups(hiding, None, targets)
+
+
+@dataclass(frozen=True, eq=False)
+class Objectives:
+    """Objectives of a network, open: by face, and on cells where the result is by area.
+
+    Attributes
+    ----------
+    goals : sequence of OpenGoal
+    """
+
+    faces: Objective
+    cells: CellObjective | None = None
+    goals: Sequence["OpenGoal"] = ()
+
+    @property
+    def chosen(self) -> Objective:
+        """The one by which cameras are chosen."""
+        return self.faces if self.cells is None else self.cells
+
+    @cached_property
+    def moved(self) -> Objective:
+        """The one by which cameras are moved: with goals, each counts as much as the task."""
+        if not self.goals:
+            return self.chosen
+        parts = [(self.chosen, 1)]
+        for each in self.goals:
+            own = each.of.chosen
+            if each.goal.is_most:  # any part of a cell
+                own = replace(own, task=replace(own.task, min_coverage=LEAST_SHARE))
+            parts.append((own, -WORSE if each.goal.is_most else 1))
+        return TogetherObjective.together(parts)
+
+
+@contextmanager
+def open_objectives(
+    plan: Plan, mesh: Mesh, on: Cells | None, goals: Sequence[OwnGoal] = ()
+) -> Iterator[Objectives]:
+    """Objectives of networks of a plan, on cells where there are some, and of its goals."""
+    with ExitStack() as opened:
+        observer = opened.enter_context(observer_of(plan, mesh))
+        own: dict[str, Any] = counting(plan.task)
+        own["mounts"] = plan.mounts if plan.chooses_cameras else None
+        faces = Objective.of(observer, plan.build_task(), **own)
+        on_cells: CellObjective | None = None
+        if on is not None:
+            most = plan.build_task(most_views(plan))
+            finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
+            opened.enter_context(closing(finder))
+            on_cells = CellObjective.of_cells(observer, finder, on, **own)
+        found = []
+        for goal in goals:
+            is_by_area = goal.plan.unit_of_result()[0] == "area"
+            of_goal = cells(goal.mesh, usual_size(goal.mesh)) if is_by_area else None
+            job = open_objectives(goal.plan, goal.mesh, of_goal)
+            found.append(OpenGoal(goal, opened.enter_context(job)))
+        yield Objectives(faces, on_cells, found)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenGoal:
+    """A goal with its objectives."""
+
+    goal: OwnGoal
+    of: Objectives
+
+    def requirement(self, mounted: Poses) -> Requirement:
+        """What cameras or rigs in their places reach of the goal."""
+        goal, plan = self.goal, self.goal.plan
+        cameras = measured(self.of.faces, mounted)
+        limits: dict[str | None, float] = {None: goal.limit}
+        if self.of.cells is None:
+            weights = self.of.faces.integer_weights
+            masks = cameras.covered, cameras.certain, cameras.possible
+            (found,) = judge(goal.mesh, weights, limits, *masks)
+        else:
+            cameras = with_areas(plan, cameras, self.of.cells.finder)
+            assert cameras.areas is not None
+            seeable = seeable_areas(plan, cameras.network)
+            (found,) = judge_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
+        return goal.required(found)
+
+    def problem(self, placed: Poses, progress: Progress) -> Problem:
+        """The problem of choosing candidates, (C,) mounts in their places, for the goal alone."""
+        faces, on, plan = self.of.faces, self.of.cells, self.goal.plan
+        on_cells = None if on is None else on.cells
+        task = faces.task if on is None else on.task
+        mounts = faces.mounts
+        matrix = build_matrix(
+            faces.observer, placed, task, cells=on_cells, mounts=mounts, progress=progress
+        )
+        elements = self.goal.mesh if on_cells is None else on_cells
+        nothing = BestCoverage(cameras=0)
+        return problem_of(matrix, elements, nothing, mounts=mounts, **counting(plan.task))
+
+    def most_shares(self, placed: Poses, progress: Progress) -> FloatArray:
+        """(C,) share of the goal's area, or faces, that each candidate may cover, its bound in it.
+
+        Of a rig, that of its cameras together at most.
+        """
+        faces, on, mesh = self.of.faces, self.of.cells, self.goal.mesh
+        if on is None:
+            covers = faces.covers(placed).reshape(len(placed), faces.width, mesh.n_faces)
+            return faces.share(faces.worth(np.asarray(covers.any(axis=1))))
+        cameras, owner = faces.cameras(placed)
+        rows = owner if faces.mounts is None else faces.mounts.rows(cameras, owner)
+        most, done = np.zeros(len(rows)), 0
+        for regions in on.finder.batches(cameras):
+            np.add.at(most, done + regions.pair_pose, regions.area + regions.bound)
+            done += len(regions.pose_ids)
+            progress(done, len(rows))
+        of_mounts = np.bincount(rows, most, len(placed))
+        return np.asarray(of_mounts / mesh.areas[mesh.task_mask].sum(), np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class WithGoals:
+    """A problem of the task and of goals together.
+
+    Attributes
+    ----------
+    problem : Problem
+        Elements of the task, and after them those of each goal to cover. Candidates that cover more
+        than a goal permits cover nothing.
+    wanted : Goal
+        Of the parts `OF_TASK` and `OF_GOALS` of the elements, where there are goals to cover.
+    shares : dict of str to (C,) float64
+        Share that each candidate may cover of what a goal permits up to a limit, by its name.
+    notes : tuple of str
+    """
+
+    problem: Problem
+    wanted: Goal
+    shares: dict[str, FloatArray]
+    notes: tuple[str, ...]
+
+
+def with_goals(
+    problem: Problem,
+    wanted: Goal,
+    goals: Sequence[OpenGoal],
+    placed: Poses,
+    given: Sequence[int],
+    step: Callable[[str], AbstractContextManager[Progress]],
+) -> WithGoals:
+    """A problem of candidates in their places with goals; the first, `given` by rows, stay.
+
+    Raises
+    ------
+    ConfigError
+        Where the views of the cameras of a rig count in one of both alone.
+    """
+    notes: list[str] = []
+    shares: dict[str, FloatArray] = {}
+    parts: list[tuple[str, float, Problem]] = []
+    barred = np.zeros(len(placed), np.bool_)
+    for each in goals:
+        goal = each.goal
+        with step(f"goal {goal.name}") as progress:
+            if not goal.is_most:
+                parts.append((goal.name, goal.limit, each.problem(placed, progress)))
+                continue
+            shares[goal.name] = each.most_shares(placed, progress)
+        is_over = shares[goal.name] > goal.limit + SHARE_TOLERANCE
+        own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
+        if own:
+            covers = f"existing {', '.join(own)} {verb(len(own), 'cover')} more of goal {goal.name}"
+            notes.append(f"{covers} than it permits, whatever is chosen")
+        is_over[: len(given)] = False
+        if n := int(is_over.sum()):
+            left_out = f"{plural(n, 'candidate', 'are')} left out"
+            notes.append(f"{left_out}: each covers more of goal {goal.name} than it permits")
+        barred |= is_over
+    problem = without_candidates(problem, np.flatnonzero(barred))
+    if parts:
+        assert isinstance(wanted, FewestCameras)
+        rows = np.flatnonzero(barred)
+        problem = _stacked(problem, [(name, without_candidates(p, rows)) for name, _, p in parts])
+        shares_of = {f"{OF_TASK}/{name}": share for name, share in wanted.groups.items()}
+        shares_of |= {OF_TASK: wanted.coverage} if wanted.coverage else {}
+        shares_of |= {f"{OF_GOALS}/{name}": limit for name, limit, _ in parts}
+        wanted = replace(wanted, coverage=0.0, groups=shares_of)
+    return WithGoals(problem, wanted, shares, tuple(notes))
+
+
+def has_goals(problem: Problem) -> bool:
+    """True where some elements are of goals to cover."""
+    return any(name.startswith(f"{OF_GOALS}/") for name in problem.groups)
+
+
+def place_of(requirement: Requirement, problem: Problem) -> str | None:
+    """Group or part of the elements of a problem that a requirement is of; None for all."""
+    if requirement.goal:
+        return f"{OF_GOALS}/{requirement.goal}"
+    if not has_goals(problem):
+        return requirement.group
+    return OF_TASK if requirement.group is None else f"{OF_TASK}/{requirement.group}"
+
+
+def without_candidates(problem: Problem, candidates: IntArray) -> Problem:
+    """A problem in which some candidates cover nothing."""
+    if not len(candidates):
+        return problem
+    words = np.concatenate([np.asarray(part) for part in problem.bits.parts])
+    for row in candidates:
+        words[problem.rows[row] : problem.rows[row + 1]] = 0
+    return replace(problem, bits=CoveredBits.of(words, problem.bits.n_faces))
+
+
+def _stacked(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Problem:
+    """One problem of the elements of several; those of each fill whole words of bits."""
+    every = [problem, *(each for _, each in goals)]
+    if len({each.bits.n_rows for each in every}) > 1:
+        raise ConfigError(
+            "cameras of rigs count one by one where several views are needed; give the same views "
+            "to the task and to all goals"
+        )
+    names = [f"{OF_TASK}/{name}" for name in problem.groups]
+    rows: list[NDArray[np.int32]] = [problem.face_group]
+    for name, each in goals:
+        rows.append(np.full(each.n_faces, len(names), np.int32))
+        names.append(f"{OF_GOALS}/{name}")
+    counts = [BITS * n_words(each.n_faces) for each in every]
+    centroids = np.zeros((sum(counts), 3))
+    for at, each in zip(np.cumsum([0, *counts]).tolist(), every, strict=False):
+        if each.centroids is not None:
+            centroids[at : at + each.n_faces] = each.centroids
+    words = [np.concatenate([np.asarray(part) for part in each.bits.parts]) for each in every]
+    views = np.concatenate([spread_out(each.views) for each in every])
+    return replace(
+        problem,
+        bits=CoveredBits.of(np.concatenate(words, axis=1), sum(counts)),
+        weights=np.concatenate([spread_out(each.weights, np.float64) for each in every]),
+        views=np.maximum(views, 1),
+        groups=tuple(names),
+        face_group=np.concatenate([spread_out(each, np.int32) for each in rows]),
+        centroids=centroids,
+        goal=BestCoverage(cameras=0),
+    )

@@ -1,0 +1,241 @@
+"""Goals of a plan with groups, thresholds and views of their own, and cameras that stay."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rastercov as rc
+from rastercov.base.errors import ConfigError
+from rastercov.placement.plan.file import PlanError, plan_of
+from rastercov.placement.plan.goals import OF_GOALS, OF_TASK, _stacked
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    grouped,
+    problem_of_matrix,
+)
+
+QUADS = {
+    "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),
+    "north": ((0, 4, 0), (4, 4, 0), (4, 4, 3), (0, 4, 3)),
+    "window": ((1, 3.99, 1), (2, 3.99, 1), (2, 3.99, 2), (1, 3.99, 2)),
+    "west": ((0, 0, 0), (0, 4, 0), (0, 4, 3), (0, 0, 3)),
+}
+"""Walls of a room, seen from inside, with a window before one of them."""
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    lines, n = [], 0
+    for name, corners in QUADS.items():
+        lines += [f"v {x} {y} {z}" for x, y, z in corners]
+        lines += [f"g {name}", f"f {n + 1} {n + 2} {n + 3}", f"f {n + 1} {n + 3} {n + 4}"]
+        n += 4
+    path = tmp_path_factory.mktemp("room") / "room.obj"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def plan(room, **entries):
+    return {
+        "meshes": [{"path": str(room)}],
+        "camera": {"width": 1920, "height": 1080, "hfov_deg": 90.0},
+        "task": {"min_facing_density": "observe"},
+        "candidates": [{"generator": "on_walls", "spacing": 1.5, "aim": [{"middle": True}]}],
+    } | entries
+
+
+DOORS = {"groups": ["west"], "coverage": 0.7, "min_facing_density": "identify"}
+PRIVATE = {"groups": ["window"], "at_most": 0.0, "min_facing_density": "recognise"}
+
+
+def of(checked, name):
+    (found,) = [each for each in checked.requirements if each.goal == name]
+    return found
+
+
+def test_a_goal_is_what_a_plan_of_its_groups_alone_answers(room):
+    """Thresholds that a goal leaves out are those of the task; others hide and are not scored."""
+    poses = rc.look_at([(3.5, 0.5, 2.5), (3.8, 3.0, 1.5)], [(1, 2.5, 1), (0, 2.0, 1)])
+    task = {"min_facing_density": "observe", "max_incidence_deg": 50.0}
+    asked = plan(room, task=task, goals={"doors": DOORS})
+    checked = rc.check(asked, poses, min_coverage=0.5)
+    alone = [{"path": str(room), "role": "occluder", "groups": ["floor", "north", "window"]}]
+    own = plan(room, meshes=alone, task=task | {"min_facing_density": "identify"})
+    (wanted,) = rc.check(own, poses, min_coverage=0.7).requirements
+    found = of(checked, "doors")
+    assert 0 < found.m2 == wanted.m2
+    assert (found.low, found.high, found.status) == (wanted.low, wanted.high, wanted.status)
+    rest = [{"path": str(room), "role": "occluder", "groups": ["west"]}]
+    (others,) = rc.check(plan(room, meshes=rest, task=task), poses, min_coverage=0.5).requirements
+    assert checked.requirements[0] == others
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 10**6))
+def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed):
+    """Thresholds of the task are not those of what must not be seen."""
+    rng = np.random.default_rng(seed)
+    poses = rc.look_at(rng.uniform((0.2, 0.2, 0.5), (3.8, 3.5, 2.5), (2, 3)), (1.5, 2.0, 1.0))
+    task = {"max_incidence_deg": 20.0}
+    limit = float(rng.choice([0.0, 0.2]))
+    goal = PRIVATE | {"at_most": limit}
+    checked = rc.check(plan(room, task=task, goals={"window": goal}), poses)
+    camera, found = checked.plan.rig.cameras[0], of(checked, "window")
+    points = np.column_stack(
+        (rng.uniform(1, 2, 4000), np.full(4000, 3.99), rng.uniform(1, 2, 4000))
+    )
+    ways = points - poses[:, None, :3, 3]
+    depth = np.einsum("pni,pi->pn", ways, poses[:, :3, 2])
+    u = np.einsum("pni,pi->pn", ways, poses[:, :3, 0]) / depth * camera.fx
+    v = np.einsum("pni,pi->pn", ways, poses[:, :3, 1]) / depth * camera.fy
+    is_in = (depth > 0) & (abs(u) < 960) & (abs(v) < 540) & (camera.fx / depth >= 125)
+    share = is_in.any(axis=0).mean()  # nothing hides the window; 6 standard deviations
+    assert abs(share - found.share) < 0.05
+    assert found.status == ("holds" if found.share <= limit + 1e-9 else "fails")
+    if found.status == "fails":
+        assert found.lack > 0
+        assert checked.reasons(found)[0].startswith("seen by camera ")
+
+
+@pytest.mark.parametrize("method", ["greedy", "integer"])
+def test_cameras_are_chosen_for_the_task_and_all_goals(room, method):
+    selection = {"goal": "fewest_cameras", "coverage": 0.6, "method": method, "refine": True}
+    asked = plan(room, goals={"doors": DOORS, "window": PRIVATE}, selection=selection)
+    placed = rc.place(asked)
+    assert placed.is_met
+    assert [each.goal for each in placed.requirements] == ["", "doors", "window"]
+    assert placed.requirements[2].high == 0
+    checked = rc.check(asked, placed.cameras.placed)
+    for one, other in zip(placed.requirements, checked.requirements, strict=True):
+        assert one.share == pytest.approx(other.share, abs=1e-12)
+    assert any(
+        "covers more of goal window than it permits" in each for each in placed.prepared.notes
+    )
+    without = rc.place(plan(room, selection=selection))
+    assert not rc.check(asked, without.cameras.placed).is_met
+
+
+def test_no_candidate_that_sees_what_must_not_be_seen_is_chosen_and_none_else_is_left_out(room):
+    asked = plan(room, goals={"window": PRIVATE}, selection={"goal": "best_coverage", "cameras": 3})
+    placed = rc.place(asked)
+    candidates = placed.prepared.pool.candidates.placed
+    shares = placed.prepared.permitted["window"]
+    for row, share in enumerate(shares):
+        found = of(rc.check(asked, candidates[row : row + 1]), "window")
+        assert found.high == pytest.approx(share, abs=1e-9)
+    assert (shares[placed.chosen] == 0).all()
+    left = np.diff(placed.prepared.problem.bits.pairs()[0]) > 0
+    assert (left == (shares == 0)).all()
+
+
+def test_cameras_that_together_cover_too_much_are_replaced(room):
+    goal = {"window": {"groups": ["window"], "at_most": 0.35}}
+    rc.write_poses(room.parent / "rig.json", rc.look_at(
+        [(1.2, 3.2, 1.5), (1.8, 3.2, 1.5), (3.5, 0.5, 2.5), (1.5, 3.2, 0.2)],
+        [(0.7, 4, 1.5), (2.35, 4, 1.5), (2, 0.5, 0), (1.5, 2.0, 0.0)],
+    ))  # fmt: skip
+    file = {"generator": "poses", "file": str(room.parent / "rig.json")}
+    asked = plan(
+        room, goals=goal, candidates=[file], task={},
+        selection={"goal": "best_coverage", "cameras": 3},
+    )  # fmt: skip
+    placed = rc.place(asked)
+    shares = placed.prepared.permitted["window"]
+    both = of(rc.check(asked, placed.prepared.pool.candidates.placed), "window")
+    assert both.share > 0.35
+    assert placed.is_met
+    assert (shares <= 0.35).sum() >= 3
+
+
+def test_cameras_that_are_there_stay_and_cost_nothing(room):
+    path = room.parent / "there.json"
+    there = rc.look_at([(3.9, 0.1, 2.9), (0.1, 0.1, 2.9)], [(1, 2, 1)] * 2)
+    rc.write_poses(path, there)
+    for selection in (
+        {"goal": "fewest_cameras", "coverage": 0.95, "method": "integer", "refine": True},
+        {"goal": "best_coverage", "cameras": 1, "refine": True},
+    ):
+        asked = plan(room, existing=str(path), selection=selection)
+        placed = rc.place(asked)
+        new = [each for each in placed.origin if not each.startswith("existing")]
+        assert len(placed.origin) - len(new) == 2
+        assert placed.selection.cost == len(placed.selection.chosen) - 2
+        for row, name in enumerate(placed.origin):
+            if name.startswith("existing"):
+                own = there[int(name.split()[-1])]
+                assert (placed.cameras.placed.world_from_camera[row] == own).all()
+        # No single other candidate is better beside them.
+        if selection["goal"] == "best_coverage":
+            cells = placed.prepared.problem
+            shares = [
+                cells.share(cells.covered_by([0, 1, row])[1])
+                for row in range(2, cells.n_candidates)
+            ]
+            assert placed.selection.share == pytest.approx(max(shares), abs=1e-12)
+
+
+def test_one_that_moves_leaves_its_place(room):
+    path = room.parent / "some.json"
+    there = rc.look_at([(3.9, 0.1, 2.9), (0.1, 0.1, 2.9), (3.9, 3.9, 2.9)], [(1, 2, 1)] * 3)
+    rc.write_poses(path, there)
+    existing = {"file": str(path), "move": [1]}
+    asked = plan(room, existing=existing, selection={"goal": "best_coverage", "cameras": 1})
+    placed = rc.place(asked)
+    assert len(placed.origin) == 3
+    assert {"existing 0", "existing 2"} < set(placed.origin)
+    with pytest.raises(PlanError, match=r"existing\.move\[0\]: there is no 7 among 3 cameras"):
+        rc.place(asked | {"existing": {"file": str(path), "move": [7]}})
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10**6))
+def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 8))
+    sizes = rng.integers(1, 80, 3)
+    covers = [rng.random((n, size)) < 0.4 for size in sizes]
+    weights = [rng.integers(1, 9, size).astype(float) for size in sizes]
+    nothing = BestCoverage(cameras=0)
+    own = [problem_of_matrix(c, nothing, weights=w) for c, w in zip(covers, weights, strict=True)]
+    shares = [float(rng.choice([0.3, 0.6, 0.8])) for _ in own]
+
+    def reached(rows):
+        found = [
+            c[list(rows)].any(axis=0) @ w / w.sum() for c, w in zip(covers, weights, strict=True)
+        ]
+        return all(a >= b - 1e-9 for a, b in zip(found, shares, strict=True))
+
+    asked = {OF_TASK: shares[0], f"{OF_GOALS}/a": shares[1], f"{OF_GOALS}/b": shares[2]}
+    problem = _stacked(own[0], [("a", own[1]), ("b", own[2])])
+    if not reached(range(n)):
+        with pytest.raises(ConfigError, match="cannot be reached"):
+            grouped(problem, FewestCameras(0.0, asked))
+        return
+    found = select_integer(grouped(problem, FewestCameras(0.0, asked)), time_limit=10)
+    least = next(k for k in range(n + 1) if any(map(reached, combinations(range(n), k))))
+    assert reached(found.chosen)
+    assert len(found.chosen) == least == round(found.bound)
+
+
+@pytest.mark.parametrize(
+    ("entries", "line"),
+    [
+        ({"goals": {"a": {"groups": ["west"]}}}, "goals.a: wanted one of coverage, at_most"),
+        ({"goals": {"a": DOORS | {"at_most": 0.0}}}, "got coverage and at_most; give exactly one"),
+        ({"goals": {"a": DOORS | {"at_most": 1.0}}}, "goals.a.at_most: wanted a number below 1"),
+        ({"goals": {"a": PRIVATE | {"groups": ["wets"]}}}, "a.groups: there is no group 'wets'"),
+        ({"goals": {"a": PRIVATE | {"groups": list(QUADS)}}}, "goals: all groups have one; leave"),
+        ({"goals": {"a": DOORS}}, "goals.a.coverage: it needs a selection with goal ="),
+    ],
+)  # fmt: skip
+def test_wrong_goals_are_refused_in_one_line(room, entries, line):
+    selection = {"goal": "best_coverage", "cameras": 1}
+    with pytest.raises(PlanError) as caught:
+        rc.place(plan_of(plan(room, selection=selection, **entries)))
+    assert line in str(caught.value)
+    assert "\n" not in str(caught.value)
