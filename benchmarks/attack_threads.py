@@ -124,12 +124,14 @@ def shared(runs: int, kind: str, *threads: str) -> Iterator[Run]:
 def first_use(runs: int) -> Iterator[Run]:
     """Six threads share a new mesh and camera, each for work of its own."""
     work: tuple[Callable[[rc.Mesh, rc.Camera, Any], Answer], ...] = (
-        lambda mesh, camera, poses: _figures(rc.evaluate(mesh, camera, poses, fields=FRACTION)),
         lambda mesh, camera, poses: _figures(
-            rc.evaluate(mesh, camera, poses, method="exact", fields=FRACTION)
+            rc.evaluate(mesh, camera, poses, fields=FRACTION, by="face")
+        ),
+        lambda mesh, camera, poses: _figures(
+            rc.evaluate(mesh, camera, poses, method="exact", fields=FRACTION, by="face")
         ),
         lambda mesh, camera, poses: _counts(mesh, camera, poses),
-        lambda mesh, camera, poses: [rc.evaluate(mesh, camera, poses).coverage],
+        lambda mesh, camera, poses: [rc.evaluate(mesh, camera, poses, by="face").coverage],
         _matrix,
         lambda mesh, camera, poses: _known(mesh),
     )

@@ -98,7 +98,9 @@ def _measure() -> dict[str, tuple[float, tuple[float, str]]]:
             areas = seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.clipped
             figures[f"{method}, {name}"] = seconds, _digest(*areas)
         task = rc.Task(min_pixels=4, max_incidence_deg=75)
-        seconds, judged = _least(lambda m=mesh, c=camera, p=poses, t=task: rc.evaluate(m, c, p, t))
+        seconds, judged = _least(
+            lambda m=mesh, c=camera, p=poses, t=task: rc.evaluate(m, c, p, t, by="face")
+        )
         arrays = [getattr(judged, name) for name in COVERAGE]
         figures[f"evaluate, {name}"] = seconds, _digest(*arrays)
     scenes["torus, 1,000,000 faces"] = (shapes.torus(1000, 500), 4.2, 4)

@@ -41,7 +41,7 @@ from rastercov import shapes
 mesh, camera = shapes.by_name("box"), rc.Camera.preset("khepra")
 poses = rc.sphere_of_poses((0, 0, 0), 9, 2)
 started = time.process_time()
-rc.evaluate(mesh, camera, poses, fields=["visibility"])
+rc.evaluate(mesh, camera, poses, fields=["visibility"], by="face")
 print(time.process_time() - started)
 """
 

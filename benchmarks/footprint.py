@@ -21,7 +21,7 @@ poses = rc.sphere_of_poses((0, 0, 0), 4.2, 1)
 """
 STARTS = {
     "counts": "rc.open_rasterizer(mesh, camera, 'cpu').count(poses)",
-    "certified visibility": "rc.evaluate(mesh, camera, poses, fields=['visibility'])",
+    "certified visibility": "rc.evaluate(mesh, camera, poses, fields=['visibility'], by='face')",
 }
 
 

@@ -40,7 +40,6 @@ from lens_rooms import on_plane, room
 from rastercov import (
     Camera,
     Mesh,
-    evaluate_batches,
     look_at,
     open_observer,
     open_rasterizer,
@@ -50,6 +49,7 @@ from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.viewpoints import enclosing_distance
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.mesh import shapes
 
 MOST_PX, MOST_RAD, MOST_PX2 = 2e-12, 1e-11, 1e-6

@@ -89,7 +89,7 @@ def main() -> None:
 
 def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, threads: int):
     """Rows of `evaluate` and of a network, to the time of `observe` alone."""
-    judged = rc.evaluate(mesh, CAMERA, poses, TASK, threads=threads)
+    judged = rc.evaluate(mesh, CAMERA, poses, TASK, threads=threads, by="face")
     with rc.open_observer(mesh, CAMERA, threads=threads) as observer:
         same = is_same_as_twin(judged, poses, observer.observe(poses))
     report.check(f"{name}: figures of the twin", same)
@@ -105,7 +105,7 @@ def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, 
     rounds = timed(
         [
             partial(observe, mesh, CAMERA, poses, threads),
-            partial(rc.evaluate, mesh, CAMERA, poses, TASK, threads=threads),
+            partial(rc.evaluate, mesh, CAMERA, poses, TASK, threads=threads, by="face"),
             add_up,
         ],
         n_rounds,
@@ -201,7 +201,7 @@ def write(mesh, camera, poses: rc.Poses, options: Options) -> None:
 def is_same_report(mesh, camera, poses: rc.Poses, method: str) -> bool:
     """True if figures are those of the twin, and summary and table those of the figures."""
     task, network = rc.Task(), Network(mesh, rc.Task())
-    judged = rc.evaluate(mesh, camera, poses, task, method=method)
+    judged = rc.evaluate(mesh, camera, poses, task, method=method, by="face")
     network.add(judged)
     with rc.open_observer(mesh, camera, method) as observer:
         if not is_same_as_twin(judged, poses, observer.observe(poses)):

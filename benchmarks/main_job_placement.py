@@ -101,7 +101,7 @@ def is_same_matrix(matrix: VisibilityMatrix, plan) -> bool:
     """True if some rows have the coverage and the decisions that `evaluate` gives."""
     rows = np.linspace(0, matrix.n_poses - 1, N_COMPARED).astype(np.int64)
     mesh = rc.shapes.torus()
-    judged = rc.evaluate(mesh, plan.rig.cameras[0], matrix.poses[rows], matrix.task)
+    judged = rc.evaluate(mesh, plan.rig.cameras[0], matrix.poses[rows], matrix.task, by="face")
     for row, coverage, reason in zip(rows, judged.coverage, judged.reason, strict=True):
         part = slice(matrix.indptr[row], matrix.indptr[row + 1])
         faces = np.flatnonzero(coverage > 0)
@@ -125,7 +125,7 @@ def check_rows(report: Report, args, folder: Path) -> None:
     check(plan, few, {None: 0.9})
     found, wall, cpu = timed(lambda: check(plan, rig, {None: 0.9}))
     task = plan.build_task()
-    reasons = rc.evaluate(mesh, CAMERA, poses, task, fields=("reason",)).reason
+    reasons = rc.evaluate(mesh, CAMERA, poses, task, fields=("reason",), by="face").reason
     expected = covered_faces(
         reasons == Reason.COVERED,
         poses[:, :3, 3],
@@ -155,12 +155,14 @@ def cavity_rows(report: Report, args, folder: Path) -> None:
     name = f"cavities, {mesh.n_faces:,} faces, {len(unseen):,} uncovered"
     few = slice(None, None, 10)
     made, face = found.candidates.poses[few], found.candidates.index[few]
-    seen = rc.evaluate(mesh, CAMERA, made, fields=["visibility"]).visibility[
+    seen = rc.evaluate(mesh, CAMERA, made, fields=["visibility"], by="face").visibility[
         np.arange(len(made)), face
     ]
     report.check(f"{name}: each candidate sees its face", bool((seen > 0).all()))
     shut = found.face[found.access == Access.ENCLOSED]
-    from_afar = rc.evaluate(mesh, CAMERA, around(mesh, 20), fields=["visibility"]).visibility
+    from_afar = rc.evaluate(
+        mesh, CAMERA, around(mesh, 20), fields=["visibility"], by="face"
+    ).visibility
     report.check(f"{name}: enclosed faces are never seen", bool((from_afar[:, shut] == 0).all()))
     report.add(name, cpu, "CPU-s", at_most=60, aim=20)
     report.add(f"{name}, wall", wall, "s")

@@ -51,7 +51,7 @@ def main() -> None:
 def agree(report: Report, mesh: rc.Mesh, n: int) -> None:
     """Regions of every frame, and of a mesh of its moved vertices."""
     motion, task = rc.Motion(mesh, frames(sweep(n))), rc.Task()
-    found = rc.regions_over_time(motion, CAMERA, CAMERAS, task, threads=1)
+    found = rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1)
     areas, bounds = (each.reshape(n, 4, -1) for each in (found.areas(), found.bounds()))
     total, worst = mesh.areas[mesh.task_mask].sum(), 0.0
     for row in range(n):
@@ -71,12 +71,12 @@ def layers(report: Report, mesh: rc.Mesh, n: int) -> None:
     """Parts seen past all bodies, and past the still scene and each body alone."""
     moves = frames(sweep(n))
     still = [group.name for group in mesh.groups if group.name not in moves]
-    whole = rc.regions_over_time(rc.Motion(mesh, moves), CAMERA, CAMERAS, threads=1)
+    whole = rc.regions(mesh, CAMERA, CAMERAS, motion=rc.Motion(mesh, moves), threads=1)
     parts = []
     for body in moves:
         absent = {other: [False] * n for other in moves if other != body}
         motion = rc.Motion(mesh, moves, absent)
-        parts.append(rc.regions_over_time(motion, CAMERA, CAMERAS, threads=1))
+        parts.append(rc.regions(mesh, CAMERA, CAMERAS, motion=motion, threads=1))
     rows = np.tile(np.arange(4 * n), len(parts))
     both = joined(parts).at_least(len(parts), rows, one_side=False)
     own = mesh.task_mask
@@ -100,7 +100,7 @@ def measure(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
     frame = 1e3 * statistics.median(times[1:])
     report.add(f"{size}: a frame beside its regions", frame, "ms", at_most=most)
     report.add(f"{size}: the first frame, with the rest pose", 1e3 * times[0], "ms")
-    whole = seconds(lambda: rc.regions_over_time(motion, CAMERA, CAMERAS, task, threads=1))
+    whole = seconds(lambda: rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1))
     report.add(f"{size}: {n} frames of 4 cameras", whole, "s")
     sights, placed = Sights(motion), rc.Poses.of(CAMERAS)
     keys = {key for row in range(n) for key in sights.of(row, placed, np.full(4, 1e-5))}
@@ -113,7 +113,9 @@ def lit(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
     for lamps, what in ((None, "without light"), (LAMPS, "with two lamps")):
 
         def find(lamps: rc.Lamps | None = lamps) -> rc.Regions:
-            return rc.regions_over_time(motion, CAMERA, CAMERAS[:2], task, lamps=lamps, threads=1)
+            return rc.regions(
+                mesh, CAMERA, CAMERAS[:2], task, lamps=lamps, motion=motion, threads=1
+            )
 
         find()  # fields of view of the lamps are made once in a process
         size = f"{name} ({mesh.n_faces:,} faces)"

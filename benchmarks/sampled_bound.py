@@ -82,7 +82,9 @@ def _add(report: Report, what: str, figures: np.ndarray, must_hold: bool) -> Non
 
 def truth(mesh: rc.Mesh, pose: np.ndarray) -> np.ndarray:
     """True visible fraction of each front face that is partly hidden, NaN for others, (F,)."""
-    fraction = rc.evaluate(mesh, CAMERA, pose, method="exact", fields=["visibility"]).visibility[0]
+    fraction = rc.evaluate(
+        mesh, CAMERA, pose, method="exact", fields=["visibility"], by="face"
+    ).visibility[0]
     return np.where((fraction > 1e-9) & (fraction < 1 - 1e-9), fraction, np.nan)
 
 

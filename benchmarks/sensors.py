@@ -214,7 +214,7 @@ def lines(report: Report, n: int) -> None:
     ):  # fmt: skip
         seen = measured(mesh, rig, moments(points, first), TASK, points, face)
         for step, n_stations in ((2, 16), (1, 32)):
-            found = rc.laser_line(mesh, rig, path[::step] @ first, TASK)
+            found = rc.LaserLine.of(mesh, rig, path[::step] @ first, TASK)
             off = abs(found.percent - 100 * seen.mean())
             name = f"laser line, {what}, {n_stations} stations: off rays"
             report.add(name, off, "points", at_most=0.05)

@@ -57,7 +57,7 @@ def network(
     """Cameras of a mesh by its segments, and the percentage of its faces that none covers."""
     segmentation = segment(mesh, alpha, beta, merge=merge)
     found = per_segment(mesh, camera, Framing(fit=METHODS[merge]), segmentation=segmentation)
-    best = rc.evaluate(mesh, camera, found.poses, task=TASK).coverage.max(axis=0)
+    best = rc.evaluate(mesh, camera, found.poses, task=TASK, by="face").coverage.max(axis=0)
     return found, 100 * float((best == 0).mean())
 
 

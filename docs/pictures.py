@@ -136,7 +136,7 @@ def by_face_and_by_area() -> None:
     """The same floor in other triangles: whole faces that are covered, and the covered area."""
     figure, axes = plt.subplots(1, 3, figsize=(13, 3.9), layout="constrained")
     for ax, mesh in zip(axes, (grid(4, 3), scattered(150), grid(32, 24)), strict=True):
-        found = rc.evaluate(mesh, CAMERA, POSE, TASK)
+        found = rc.evaluate(mesh, CAMERA, POSE, TASK, by="face")
         floor = mesh.task_mask
         triangles = mesh.vertices[mesh.faces[floor]][:, :, :2]
         whole = found.coverage[0][floor] >= TASK.min_coverage

@@ -36,7 +36,7 @@ class NextBestView(gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]):
     def __init__(
         self, mesh: rc.Mesh, camera: rc.Camera, task: rc.Task, distance: float, views: int = 8
     ) -> None:
-        self.observer, self.task = rc.open_observer(mesh, camera), task
+        self.mesh, self.camera, self.task = mesh, camera, task
         self.middle, self.distance, self.views = mesh.bounds.mean(axis=0), distance, views
         self.weights = np.where(mesh.task_mask, mesh.areas, 0.0) / mesh.areas[mesh.task_mask].sum()
         self.action_space = gymnasium.spaces.Box(-1, 1, (3,), np.float64)
@@ -61,18 +61,15 @@ class NextBestView(gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]):
         ahead = ahead / np.abs(ahead).max()
         self.place = ahead / np.linalg.norm(ahead)
         pose = rc.look_at(self.middle + self.distance * self.place, self.middle)
-        with_view = rc.evaluate_batches(self.observer, pose, self.task, fields=["coverage"])
-        before, self.best = self.best, np.maximum(self.best, next(with_view).coverage[0])
+        scene = self.mesh, self.camera, pose, self.task
+        found = rc.evaluate(*scene, by="face", fields=["coverage"])
+        before, self.best = self.best, np.maximum(self.best, found.coverage[0])
         self.taken += 1
         reward = float(self.weights @ (self.best - before))
         return self._observed(), reward, bool(self.best.all()), self.taken == self.views, {}
 
     def _observed(self) -> dict[str, NDArray[Any]]:
         return {"coverage": self.best.copy(), "place": self.place}
-
-    def close(self) -> None:
-        """Release what the observer holds."""
-        self.observer.close()
 
 
 if __name__ == "__main__":
@@ -89,4 +86,3 @@ if __name__ == "__main__":
     seconds = time.perf_counter() - began
     print(f"{len(returns) * 8 / seconds:.0f} steps a second, {mesh.n_faces} faces")
     print(f"8 random views cover {100 * np.mean(returns):.1f} % of the area")
-    environment.close()

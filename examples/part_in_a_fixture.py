@@ -17,7 +17,7 @@ camera = rc.Camera(width=640, height=480, fx=900, fy=900)
 poses = rc.look_at(eyes=[(0.3, 0, 0.3), (-0.3, 0.1, 0.3), (0, 0, -0.4)], targets=(0, 0, 0))
 
 for name, scene in (("alone", part), ("in the clamp", mesh)):
-    coverage = rc.evaluate(scene, camera, poses)
+    coverage = rc.evaluate(scene, camera, poses, by="face")
     network = rc.Network(scene, coverage.task)
     network.add(coverage)
     covered = network.summary()["covered"]

@@ -126,7 +126,8 @@ def main():
     print(f"{len(placed.prepared.pool.candidates)} places, {len(motion)} stops of the head")
     camera = placed.cameras.areas.over_time.camera
     above = rc.look_at(eyes=[(-0.16, -0.16, 0.28)], targets=(0, 0, 0.06))
-    usual = rc.evaluate_over_time(motion, camera, above, chosen.task, OVER)
+    asked = rc.MotionQuery(motion, OVER)
+    usual = rc.evaluate(motion.mesh, camera, above, chosen.task, motion=asked).over_time
     for name, found in (
         ("all places", every), ("a corner above, as usual", usual),
         (f"{len(placed.cameras.placed)} chosen", chosen),

@@ -1,4 +1,4 @@
-"""Visibility matrix of 200 candidate poses, computed in batches, and a greedy selection."""
+"""Visibility matrix of 200 candidate poses, and a greedy selection."""
 
 import numpy as np
 
@@ -7,12 +7,9 @@ from rastercov.mesh import shapes
 
 mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm").resized(0.5)
 poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=50, count=200)
-is_covered = np.zeros((len(poses), mesh.n_faces), dtype=bool)
-
-with rc.open_observer(mesh, camera) as observer:
-    print(observer.info.renderer)
-    for batch in rc.evaluate_batches(observer, poses, rc.Task(min_pixels=4)):
-        is_covered[batch.pose_ids] = batch.reason == rc.Reason.COVERED
+found = rc.evaluate(mesh, camera, poses, rc.Task(min_pixels=4), fields=["reason"])
+print(found.info.renderer)
+is_covered = found.reason == rc.Reason.COVERED
 
 # Greedy selection: the pose that covers the most faces not covered so far.
 missing, chosen = np.ones(mesh.n_faces, dtype=bool), []

@@ -44,12 +44,9 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.criteria import RayAngle as RayAngle
     from rastercov.coverage.area.criteria import Uncertainty as Uncertainty
     from rastercov.coverage.area.laser import LaserLine as LaserLine
-    from rastercov.coverage.area.laser import laser_line as laser_line
-    from rastercov.coverage.area.motion import over_time as over_time
-    from rastercov.coverage.area.motion import regions_over_time as regions_over_time
+    from rastercov.coverage.area.motion import MotionQuery as MotionQuery
+    from rastercov.coverage.area.motion import regions as regions
     from rastercov.coverage.area.over_time import OverTime as OverTime
-    from rastercov.coverage.area.over_time import evaluate_over_time as evaluate_over_time
-    from rastercov.coverage.area.regions import regions as regions
     from rastercov.coverage.area.table import Regions as Regions
     from rastercov.coverage.area.union import Covered as Covered
     from rastercov.coverage.area.union import RegionUnion as RegionUnion
@@ -57,7 +54,6 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.zones import DeadZones as DeadZones
     from rastercov.coverage.area.zones import dead_zones as dead_zones
     from rastercov.coverage.coverage import Coverage as Coverage
-    from rastercov.coverage.coverage import evaluate_batches as evaluate_batches
     from rastercov.coverage.engine import Engine as Engine
     from rastercov.coverage.evaluation import Evaluation as Evaluation
     from rastercov.coverage.job import evaluate as evaluate
@@ -109,14 +105,13 @@ _NAMES = {
     "cluster": "Workers",
     "coverage.area.cells": "Cells CellShares cells",
     "coverage.area.criteria": "BeamDensity Highlight Illuminance RayAngle Uncertainty",
-    "coverage.area.laser": "LaserLine laser_line",
-    "coverage.area.motion": "over_time regions_over_time",
-    "coverage.area.over_time": "OverTime evaluate_over_time",
-    "coverage.area.regions": "regions",
+    "coverage.area.laser": "LaserLine",
+    "coverage.area.motion": "MotionQuery regions",
+    "coverage.area.over_time": "OverTime",
     "coverage.area.table": "Regions",
     "coverage.area.union": "Covered RegionUnion unite",
     "coverage.area.zones": "DeadZones dead_zones",
-    "coverage.coverage": "Coverage evaluate_batches",
+    "coverage.coverage": "Coverage",
     "coverage.engine": "Engine",
     "coverage.evaluation": "Evaluation",
     "coverage.job": "evaluate",
@@ -138,6 +133,14 @@ _NAMES = {
 """Modules and their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)
+_RETIRED = {
+    "evaluate_batches": "evaluate(..., fields=()) has the sums of any number of poses",
+    "evaluate_over_time": "evaluate(mesh, ..., motion=MotionQuery(motion, over)).over_time is that",
+    "laser_line": "LaserLine.of is that",
+    "over_time": "MotionQuery(motion, over).long_enough(regions, views) is that",
+    "regions_over_time": "regions(mesh, ..., motion=motion) is that",
+}
+"""Names of the last version, and what to call instead."""
 
 
 def __getattr__(name: str) -> _Any:
@@ -152,6 +155,8 @@ def __getattr__(name: str) -> _Any:
         return version("rastercov")
     if name == "shapes":
         return _import_module("rastercov.mesh.shapes")
+    if name in _RETIRED:
+        raise AttributeError(f"rastercov.{name} is retired: rastercov.{_RETIRED[name]}")
     if not name.startswith("_") and _find_spec(f"rastercov.{name}"):
         return _import_module(f"rastercov.{name}")
     raise AttributeError(f"module 'rastercov' has no attribute {name!r}")

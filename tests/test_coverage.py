@@ -48,7 +48,7 @@ def test_visibility_is_what_evaluate_has(how, n, monkeypatch):
     monkeypatch.setattr(module, "PAIRS_A_BATCH", 2 * TEAPOT.n_faces)
     found, whole = (
         visibility(TEAPOT, SMALL, POSES[:n], **how),
-        evaluate(TEAPOT, SMALL, POSES, **how),
+        evaluate(TEAPOT, SMALL, POSES, **how, by="face"),
     )
     for name, value in zip(FRACTION, (found.value, found.bound, found.kind), strict=True):
         np.testing.assert_array_equal(value, getattr(whole, name)[:n])
@@ -95,20 +95,20 @@ FOCUSED = replace(CAMERA, focus_range=(3, 5))
 def test_reason(how, reason, mesh, camera, task):
     if reason == Reason.UNSAMPLED and how["method"] != "sampled:cpu":
         reason = Reason.TOO_COARSE  # however thin, it has an image
-    found = evaluate(mesh, camera, AHEAD, Task(**task), **how)
+    found = evaluate(mesh, camera, AHEAD, Task(**task), **how, by="face")
     assert Reason(found.reason[0, 0]) == reason
     assert (found.coverage[0, 0] >= 0.5) == (reason == Reason.COVERED)
 
 
 def test_a_threshold_that_is_just_met_is_met(how):
     mesh = square(0.5, 2)  # 1250 px a face, 50 px a metre, wholly visible
-    first = evaluate(mesh, CAMERA, AHEAD, **how)
+    first = evaluate(mesh, CAMERA, AHEAD, **how, by="face")
     drawn, density = first.drawn_pixels[0, 0], first.pixel_density[0, 0]
     just = {"min_visibility": 1, "min_coverage": 1, "min_pixels": drawn}
-    met = evaluate(mesh, CAMERA, AHEAD, Task(**just, min_pixel_density=density), **how)
+    met = evaluate(mesh, CAMERA, AHEAD, Task(**just, min_pixel_density=density), **how, by="face")
     assert met.reason[0, 0] == Reason.COVERED
     for more in ({"min_pixels": drawn + 1}, {"min_pixel_density": np.nextafter(density, 99)}):
-        missed = evaluate(mesh, CAMERA, AHEAD, Task(**just | more), **how)
+        missed = evaluate(mesh, CAMERA, AHEAD, Task(**just | more), **how, by="face")
         assert missed.reason[0, 0] == Reason.TOO_COARSE
 
 
@@ -116,14 +116,14 @@ def test_near_clipped_poses_are_marked(how):
     mesh = sheet((-1, -1), (1, 1), 0.05)
     camera = replace(CAMERA, near=0.1)
     poses = np.stack((AHEAD, look_at((0, 0, -1), (0, 0, 0), (0, -1, 0))[0]))
-    found = evaluate(mesh, camera, poses, **how)
+    found = evaluate(mesh, camera, poses, **how, by="face")
     assert found.clipped.tolist() == [True, False]
 
 
 @pytest.mark.parametrize("camera", [SMALL, replace(SMALL, fx=300, fy=300), CAMERAS["fisheye"]])
 def test_faces_in_view_are_those_that_some_criterion_after_the_front_fails(camera):
     seen = faces_in_view(TEAPOT, camera, Poses.of(POSES))
-    found = evaluate(TEAPOT, camera, POSES)
+    found = evaluate(TEAPOT, camera, POSES, by="face")
     expected = found.in_view | (found.in_view_fraction > 0)
     assert np.array_equal(seen, (found.reason > Reason.BACK_FACING) & expected)
     assert 0.02 < seen.mean() < 0.9
@@ -137,9 +137,9 @@ def test_faces_in_view_are_those_that_some_criterion_after_the_front_fails(camer
 @pytest.mark.slow
 @pytest.mark.parametrize("pairs", [1, 1 << 9, 1 << 11, 1 << 19])
 def test_batches_make_up_the_whole(how, monkeypatch, pairs):
-    whole = evaluate(TEAPOT, SMALL, POSES, **how)
+    whole = evaluate(TEAPOT, SMALL, POSES, **how, by="face")
     monkeypatch.setattr(module, "PAIRS_A_BATCH", pairs)
-    assert_same(evaluate(TEAPOT, SMALL, POSES, **how), whole)
+    assert_same(evaluate(TEAPOT, SMALL, POSES, **how, by="face"), whole)
     with open_observer(TEAPOT, SMALL, **how) as observer:
         batches = list(evaluate_batches(observer, POSES))
         step = module.batch_size(TEAPOT.n_faces, observer.threads)
@@ -153,7 +153,7 @@ def test_batches_make_up_the_whole(how, monkeypatch, pairs):
 
 @pytest.mark.parametrize("none", [[], np.zeros((0, 4, 4))])
 def test_no_poses_give_no_rows(how, none):
-    found = evaluate(TEAPOT, SMALL, none, **how)
+    found = evaluate(TEAPOT, SMALL, none, **how, by="face")
     for name, kind in FIGURES.items():
         assert getattr(found, name).shape == (0, TEAPOT.n_faces), name
         assert getattr(found, name).dtype == kind, name
@@ -163,12 +163,12 @@ def test_no_poses_give_no_rows(how, none):
 def test_skipped_poses_keep_the_rows_of_the_input(how):
     poses = np.insert(POSES[:3], (0, 2), np.nan, axis=0)
     poses = np.concatenate((poses, 2 * POSES[:1]))
-    found = evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how)
+    found = evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how, by="face")
     assert found.pose_ids.tolist() == [1, 2, 4]
-    clean = evaluate(TEAPOT, SMALL, POSES[:3], **how)
+    clean = evaluate(TEAPOT, SMALL, POSES[:3], **how, by="face")
     for name in FIGURES:
         assert np.array_equal(getattr(found, name), getattr(clean, name)), name
-    none = evaluate(TEAPOT, SMALL, poses[:1], skip_bad_poses=True, **how)
+    none = evaluate(TEAPOT, SMALL, poses[:1], skip_bad_poses=True, **how, by="face")
     assert none.coverage.shape == (0, TEAPOT.n_faces)
 
 
@@ -177,7 +177,7 @@ def test_a_bad_pose_is_named_before_anything_runs(monkeypatch):
     poses[4, 0, 0] = np.nan
     monkeypatch.setattr(job, "open_for", lambda *_, **__: pytest.fail("opened"))
     for attempt in (
-        lambda: evaluate(TEAPOT, SMALL, poses),
+        lambda: evaluate(TEAPOT, SMALL, poses, by="face"),
         lambda: evaluate_batches(None, poses),
     ):
         with pytest.raises(PoseError, match="pose 4 is not finite") as caught:
@@ -189,12 +189,16 @@ def test_only_a_run_within_the_budget_is_returned(how, monkeypatch):
     size = sum(np.dtype(kind).itemsize for kind in FIGURES.values()) * 6 * TEAPOT.n_faces
     monkeypatch.setattr(job, "EVALUATE_BUDGET", size)
     poses = np.concatenate((POSES, POSES * np.nan))
-    assert len(evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how).pose_ids) == 6
+    assert len(evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how, by="face").pose_ids) == 6
     monkeypatch.setattr(job, "EVALUATE_BUDGET", size - 1)
-    assert evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how).reason.shape == (6, 552)
+    found = evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how, by="face")
+    assert found.reason.shape == (6, 552)
+    # What is advised is there: sums without figures of pairs.
+    sums = evaluate(TEAPOT, SMALL, POSES, fields=(), **how, by="face").network.summary()
+    assert sums == found.network.summary()
     monkeypatch.setattr(job, "open_for", lambda *_, **__: pytest.fail("opened"))
-    with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*evaluate_batches"):
-        evaluate(TEAPOT, SMALL, POSES, **how)
+    with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*fields=\(\)"):
+        evaluate(TEAPOT, SMALL, POSES, **how, by="face")
 
 
 # --- Task -----------------------------------------------------------------------------------------
@@ -231,15 +235,15 @@ def test_a_task_sets_the_blur_limit(how):
     camera = Camera.from_lens(width=200, height=200, **lens)
     mesh = square(0.2, camera.depth_of_field(1)[1] * 1.001)
     for task, reason in ((Task(), Reason.OUT_OF_FOCUS), (Task(max_blur=2), Reason.COVERED)):
-        assert (evaluate(mesh, camera, AHEAD, task, **how).reason == reason).all()
+        assert (evaluate(mesh, camera, AHEAD, task, **how, by="face").reason == reason).all()
 
 
 # --- some of the figures --------------------------------------------------------------------------
 
 
 def test_only_what_is_asked_for_is_computed(how):
-    whole = evaluate(TEAPOT, SMALL, POSES, **how)
-    some = evaluate(TEAPOT, SMALL, POSES, fields=["reason", "coverage"], **how)
+    whole = evaluate(TEAPOT, SMALL, POSES, **how, by="face")
+    some = evaluate(TEAPOT, SMALL, POSES, fields=["reason", "coverage"], **how, by="face")
     assert set(vars(some)) & set(FIGURES) == {"coverage", "reason"}
     for name in ("coverage", "reason", "pose_ids", "clipped"):
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name))
@@ -253,4 +257,4 @@ def test_only_what_is_asked_for_is_computed(how):
 @pytest.mark.parametrize("fields", ["coverage", ["coverge"], [1], 3])
 def test_an_unknown_figure_is_refused(fields):
     with pytest.raises(ConfigError, match="fields must be a sequence of in_view, "):
-        evaluate(TEAPOT, SMALL, POSES, fields=fields)
+        evaluate(TEAPOT, SMALL, POSES, fields=fields, by="face")

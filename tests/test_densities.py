@@ -88,10 +88,10 @@ def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
 
 def test_facing_density_is_the_focal_length_by_the_greatest_depth():
     mesh = rc.Mesh([(0, 0, 2), (1, 0, 4), (0, 1, 3)], [(0, 2, 1)])
-    found = rc.evaluate(mesh, CAMERA, AHEAD[None])
+    found = rc.evaluate(mesh, CAMERA, AHEAD[None], by="face")
     assert found.facing_density.tolist() == [[25.0]]
     behind = rc.Mesh([(0, 0, -2), (1, 0, 4), (0, 1, 3)], [(0, 2, 1)])
-    assert rc.evaluate(behind, CAMERA, AHEAD[None]).facing_density.tolist() == [[0.0]]
+    assert rc.evaluate(behind, CAMERA, AHEAD[None], by="face").facing_density.tolist() == [[0.0]]
 
 
 def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
@@ -114,13 +114,13 @@ def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
 def test_a_face_below_the_threshold_is_too_coarse(method):
     for limit, reason in ((50.0, rc.Reason.COVERED), (50.01, rc.Reason.TOO_COARSE)):
         task = rc.Task(min_facing_density=limit)
-        found = rc.evaluate(square(1, 2), CAMERA, AHEAD[None], task, method=method)
+        found = rc.evaluate(square(1, 2), CAMERA, AHEAD[None], task, method=method, by="face")
         assert set(found.reason.ravel()) == {reason}
 
 
 def test_a_floor_seen_at_a_flat_angle_has_less_density_than_a_person_on_it():
     floor = rc.Mesh([(-1, 1, 9), (1, 1, 9), (1, 1, 11), (-1, 1, 11)], [(0, 1, 2), (0, 2, 3)])
-    found = rc.evaluate(floor, CAMERA, AHEAD[None])
+    found = rc.evaluate(floor, CAMERA, AHEAD[None], by="face")
     assert np.allclose(found.facing_density, 100 / 11)
     # Along the line of sight: sin of the angle at which the floor is seen, about 1 / 11
     assert (found.pixel_density < found.facing_density / 10).all()

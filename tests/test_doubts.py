@@ -16,7 +16,7 @@ FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5
 
 def lines(mesh, poses, camera=CAMERA):
     network = Network(mesh, rc.Task())
-    network.add(rc.evaluate(mesh, camera, poses, network.task))
+    network.add(rc.evaluate(mesh, camera, poses, network.task, by="face"))
     return doubts(network, camera, poses)
 
 

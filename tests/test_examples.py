@@ -39,7 +39,7 @@ def test_cameras_of_a_printer_reach_nine_tenths_of_what_all_places_see(monkeypat
     chosen, every, lit = main()
     assert len(lit.lamps.chosen) == 1
     assert 0 < lit.cameras.share < chosen.share()
-    assert chosen.over == OVER == 0.9
+    assert chosen.asked.over == OVER == 0.9
     assert chosen.share() >= OVER * every.share() > 0
     assert len(chosen.poses) < 26
     assert "hidden by" in capsys.readouterr().out

@@ -45,7 +45,7 @@ def task(rng, poses, mesh):
     """Thresholds, of which some are met exactly."""
     limit = rng.choice([5.0, 40.0, 75.0, 90.0])
     if rng.uniform() < 0.5:
-        found = evaluate(mesh, CAMERA, poses, Task(), fields=("incidence",)).incidence
+        found = evaluate(mesh, CAMERA, poses, Task(), fields=("incidence",), by="face").incidence
         angles = np.degrees(found[found < math.pi / 2])
         limit = float(rng.choice(angles)) if len(angles) else limit
     return Task(
@@ -106,7 +106,7 @@ def test_faces_in_lanes_are_judged_as_one_is(method, seed):
     distance = float(10 ** rng.uniform(0, 1))
     poses = Poses.of(sphere_of_poses((0, 0, 0), distance, 4))
     chosen = task(rng, poses, mesh)
-    found = evaluate(mesh, CAMERA, poses, chosen, method=method)
+    found = evaluate(mesh, CAMERA, poses, chosen, method=method, by="face")
     with open_observer(mesh, CAMERA, method, threads=1) as observer:
         judge = FacePass(observer.mesh, CAMERA, observer.threads, chosen)
         measured = next(measurements(observer, poses))[-1]
@@ -117,7 +117,7 @@ def test_faces_in_lanes_are_judged_as_one_is(method, seed):
         judge.fill(observer.observe(poses), poses, observed)  # counts as areas, with their kinds
         np.testing.assert_equal(observed, expected)
         some = tuple(rng.choice(list(FIGURES), 3, replace=False))
-        few = evaluate(mesh, CAMERA, poses, chosen, method=method, fields=some)
+        few = evaluate(mesh, CAMERA, poses, chosen, method=method, fields=some, by="face")
         for name in some:
             np.testing.assert_array_equal(getattr(few, name), expected[name], name)
         whole = Network(mesh, chosen)
@@ -136,7 +136,7 @@ def test_figures_are_the_same_in_any_place(skew):
     poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), 3 * np.ptp(mesh.bounds), 5))
     with open_observer(mesh, CAMERA) as observer:
         seen = observer.observe(poses)
-        judge, expected = FacePass(mesh, CAMERA, 1), evaluate(mesh, CAMERA, poses)
+        judge, expected = FacePass(mesh, CAMERA, 1), evaluate(mesh, CAMERA, poses, by="face")
         shape = len(poses), mesh.n_faces
         figures = {
             name: aligned_array((8 + shape[0] * shape[1],), kind)[skew : skew - 8].reshape(shape)

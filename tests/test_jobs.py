@@ -85,7 +85,7 @@ def test_evaluate_is_the_command(placed, by, fields, folder):
     summary = as_stored(found.summary())
     assert written["by"] == summary["by"] == by
     assert list(differences(*map(without_run_times, (written, summary)))) == []
-    coverage = rc.evaluate(mesh, camera, poses, task)
+    coverage = rc.evaluate(mesh, camera, poses, task, by="face")
     for name in FIGURES if fields is None else fields:
         np.testing.assert_array_equal(getattr(found, name), getattr(coverage, name))
     if by == "area":
@@ -108,8 +108,8 @@ def without_run_times(summary):
 
 def test_evaluate_says_why_it_is_by_face():
     mesh, camera = rc.Mesh.load("part.obj"), RIG.cameras[0]
-    assert rc.evaluate(mesh, camera, POSES, by=None).by == "area"
-    found = rc.evaluate(mesh, camera, POSES, rc.Task(min_pixels=3), by=None)
+    assert rc.evaluate(mesh, camera, POSES).by == "area"
+    found = rc.evaluate(mesh, camera, POSES, rc.Task(min_pixels=3))
     assert found.by == "face"
     assert "min_pixels is of a face" in found.summary()["by_face_because"]
 
@@ -120,7 +120,7 @@ def test_an_interrupt_is_raised_by_the_function(monkeypatch):
 
     monkeypatch.setattr(ExactObserver, "observe", stop)
     with pytest.raises(KeyboardInterrupt):
-        rc.evaluate(rc.Mesh.load("part.obj"), RIG.cameras[0], POSES, threads=1)
+        rc.evaluate(rc.Mesh.load("part.obj"), RIG.cameras[0], POSES, by="face", threads=1)
 
 
 def test_place_takes_other_cameras():

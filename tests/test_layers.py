@@ -82,7 +82,7 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
     section = page.split("## From mesh to coverage")[1].split("\n## ")[0]
     files = re.findall(r"^\| `([\w/]+\.\w+)` \|", section, re.MULTILINE)
     assert files[-1] == "coverage/job.py"
-    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 2290
+    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 2330
 
 
 def test_weight_counts_tokens_of_what_ships(tmp_path):

@@ -16,13 +16,12 @@ import rastercov.mesh.shapes
 SURFACE = """
     All Any AtLeast BeamDensity BoundKind Camera CameraError CellShares Cells Collisions
     ConfigError Conventions Coverage Covered DeadZones DeviceError Engine Evaluation Exposure
-    FaceCounts Group Highlight Illuminance Lamp Lamps LaserLine Mesh MeshError Motion Network
-    Observation Observer OverTime PoseError Poses RastercovError Rasterizer RasterizerInfo
-    RayAngle Reason RegionUnion Regions ResourceError Rig Robot Task Uncertainty Views
-    Visibility VisibilityBuffer Workers audit cells check conveyor dead_zones evaluate
-    evaluate_batches evaluate_over_time laser_line load_lamps load_motion look_at open_observer
-    open_rasterizer over_time place read_poses read_views regions regions_over_time show
-    sphere_of_poses table turntable unite visibility write_poses write_views"""
+    FaceCounts Group Highlight Illuminance Lamp Lamps LaserLine Mesh MeshError Motion
+    MotionQuery Network Observation Observer OverTime PoseError Poses RastercovError Rasterizer
+    RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Robot Task Uncertainty
+    Views Visibility VisibilityBuffer Workers audit cells check conveyor dead_zones evaluate
+    load_lamps load_motion look_at open_observer open_rasterizer place read_poses read_views
+    regions show sphere_of_poses table turntable unite visibility write_poses write_views"""
 """A name that is added or goes is added or goes here, and in CHANGELOG.md."""
 
 
@@ -41,6 +40,20 @@ def test_dir_has_public_names_only():
     assert dir(rastercov) == rastercov.__all__
     assert rastercov.shapes is rastercov.mesh.shapes  # by its name, as any module
     assert rastercov.__version__
+
+
+@pytest.mark.parametrize("name", sorted(rastercov._RETIRED))
+def test_a_retired_name_is_refused_by_what_to_call_instead(name):
+    assert name not in rastercov.__all__
+    with pytest.raises(
+        AttributeError, match=rf"^rastercov\.{name} is retired: rastercov\."
+    ) as error:
+        getattr(rastercov, name)
+    text = str(error.value)
+    assert text.isprintable()
+    instead = text.split(": rastercov.")[1].partition("(")[0].split()[0]
+    owner, _, member = instead.partition(".")
+    assert hasattr(getattr(rastercov, owner), member or "__call__")
 
 
 ARM = Path(__file__).parents[1] / "examples" / "arm.urdf"
@@ -65,10 +78,10 @@ def values():
     ):
         seen, counts = observer.observe(POSES), rasterizer.count(POSES)
         picture, fractions = rasterizer.render(POSES[0]), rastercov.visibility(mesh, CAMERA, POSES)
-        part = next(rastercov.evaluate_batches(observer, POSES))
+        moving = rastercov.MotionQuery(rastercov.Motion(mesh, {"mesh": np.eye(4)}))
         return [
             *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
-            *(picture, fractions, part, found.network, rasterizer.info, CAMERA, rastercov.Task()),
+            *(picture, fractions, found.network, rasterizer.info, CAMERA, rastercov.Task()),
             *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
             rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
@@ -79,13 +92,11 @@ def values():
             rastercov.Highlight((0, 0, 1), np.eye(3), 10),
             rastercov.Uncertainty(np.eye(3), 1e-4, 1e-4),
             rastercov.BeamDensity((0, 0, 0), (0, 0, 1), 0.2, 100),
-            rastercov.Motion(mesh, {"mesh": np.eye(4)}),
+            *(moving, moving.motion),
             EXPOSURE,
             *(rastercov.Lamp.point(5), rastercov.Lamps([rastercov.Lamp.point(5)])),
             *(arm, rastercov.Collisions(arm)),
-            rastercov.evaluate_over_time(
-                rastercov.Motion(mesh, {"mesh": np.eye(4)}), CAMERA, POSES, threads=1
-            ),
+            rastercov.evaluate(mesh, CAMERA, POSES, motion=moving, threads=1).over_time,
             rastercov.LaserLine(regions, 3, 1.0, 1.0),
             *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
         ]

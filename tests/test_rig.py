@@ -18,7 +18,7 @@ from rastercov.camera.rig import Rig, Views, cameras_of
 from rastercov.camera.rule import All, AtLeast
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.area.regions import regions
+from rastercov.coverage.area.motion import regions
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
@@ -48,10 +48,12 @@ def rows_of(indices, camera):
 @examples(8)
 @given(indices=assignments)
 def test_each_pose_has_the_figures_of_its_own_camera(method, indices):
-    together = evaluate(MESH, CAMERAS, Poses.of(POSES, camera=indices), TASK, method=method)
+    together = evaluate(
+        MESH, CAMERAS, Poses.of(POSES, camera=indices), TASK, method=method, by="face"
+    )
     for number, camera in enumerate(CAMERAS):
         rows = rows_of(indices, number)
-        alone = evaluate(MESH, camera, POSES[rows], TASK, method=method)
+        alone = evaluate(MESH, camera, POSES[rows], TASK, method=method, by="face")
         for name in (*FIGURES, "clipped"):
             np.testing.assert_array_equal(getattr(together, name)[rows], getattr(alone, name))
 
@@ -60,7 +62,7 @@ def test_each_pose_has_the_figures_of_its_own_camera(method, indices):
 def test_a_network_adds_up_cameras_of_several_kinds(method):
     poses = Poses.of(POSES, camera=[0, 1, 2, 2, 1, 0, 0, 1, 2])
     added, judged = Network(MESH, TASK), Network(MESH, TASK)
-    added.add(evaluate(MESH, CAMERAS, poses, TASK, method=method))
+    added.add(evaluate(MESH, CAMERAS, poses, TASK, method=method, by="face"))
     with open_observer(MESH, CAMERAS, method) as observer:
         for batch in judged.judge(observer, poses):
             judged.add(batch)
@@ -114,7 +116,7 @@ def test_a_rig_carries_its_cameras():
     assert poses.camera.tolist() == [0, 1] * 3
     np.testing.assert_array_equal(poses.world_from_camera[::2], POSES[:3])
     np.testing.assert_allclose(poses.world_from_camera[3], POSES[1] @ turned, atol=1e-15)
-    assert evaluate(MESH, rig, poses).camera is rig
+    assert evaluate(MESH, rig, poses, by="face").camera is rig
     assert cameras_of(rig) == (WIDE, LONG)
     assert len(rig) == 2
 
@@ -124,7 +126,7 @@ def test_a_rig_carries_its_cameras():
 )
 def test_what_is_no_camera_is_refused(camera, text):
     with pytest.raises(CameraError, match=text):
-        evaluate(MESH, camera, POSES)
+        evaluate(MESH, camera, POSES, by="face")
 
 
 @pytest.mark.parametrize(

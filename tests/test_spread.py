@@ -48,7 +48,7 @@ def test_faces_are_spread_where_the_reference_has_them_so(seed, n, angle):
 def test_a_network_covers_what_placement_covers(views, angle):
     task = rc.Task(min_pixels=4, views=views, min_angle_deg=angle)
     added, judged = rc.Network(MESH, task), rc.Network(MESH, task)
-    added.add(rc.evaluate(MESH, CAMERA, POSES, task))
+    added.add(rc.evaluate(MESH, CAMERA, POSES, task, by="face"))
     with rc.open_observer(MESH, CAMERA) as observer:
         for part in (POSES[:5], POSES[5:]):
             for batch in judged.judge(observer, rc.Poses.of(part)):
@@ -67,9 +67,9 @@ def test_a_network_covers_what_placement_covers(views, angle):
 def test_a_report_counts_faces_with_views_from_two_sides(tmp_path):
     task = rc.Task(min_pixels=4, min_angle_deg=130)
     network = rc.Network(MESH, task)
-    network.add(rc.evaluate(MESH, CAMERA, POSES, task))
+    network.add(rc.evaluate(MESH, CAMERA, POSES, task, by="face"))
     without = rc.Network(MESH, rc.Task(min_pixels=4))
-    without.add(rc.evaluate(MESH, CAMERA, POSES, rc.Task(min_pixels=4)))
+    without.add(rc.evaluate(MESH, CAMERA, POSES, rc.Task(min_pixels=4), by="face"))
     assert network.covered.sum() < without.covered.sum()
     for table in ("none", "seen"):
         summary = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=0, table=table))

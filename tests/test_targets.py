@@ -40,9 +40,9 @@ def scene(seed=0):
 @pytest.mark.parametrize("method", METHODS)
 def test_coverage_of_a_face_has_the_same_bits_with_and_without_targets(method):
     mesh = scene()
-    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method=method)
+    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method=method, by="face")
     for stays in (mesh.face_group < 2, mesh.face_group != 3):
-        expected = rc.evaluate(only(mesh, stays), CAMERA, VIEWS, TASK, method=method)
+        expected = rc.evaluate(only(mesh, stays), CAMERA, VIEWS, TASK, method=method, by="face")
         for name in FIGURES:
             np.testing.assert_array_equal(
                 getattr(found, name)[:, stays], getattr(expected, name), err_msg=name
@@ -78,7 +78,7 @@ def test_a_sheet_is_covered_from_its_front_only_unless_it_is_two_sided(method):
     for two_sided, reasons in ((False, (True, False)), (True, (True, True))):
         mesh = beside(ROOM, sheet, is_two_sided=two_sided)
         poses = np.concatenate((above, below))
-        table = rc.evaluate(mesh, CAMERA, poses, TASK, method=method)
+        table = rc.evaluate(mesh, CAMERA, poses, TASK, method=method, by="face")
         covered = table.reason[:, -2:] == Reason.COVERED
         assert covered.all(axis=1).tolist() == list(reasons)
         if not two_sided:
@@ -89,7 +89,7 @@ def test_the_criteria_are_those_of_the_reference():
     mesh = scene()
     with rc.open_observer(mesh, CAMERA, "exact") as observer:
         observed = observer.observe(VIEWS)
-    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method="exact")
+    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method="exact", by="face")
     for row, pose in enumerate(VIEWS):
         expected = figures_of_pose(mesh, CAMERA, TASK, pose, observed, row)
         np.testing.assert_array_equal(found.reason[row], expected["reason"])
@@ -98,7 +98,7 @@ def test_the_criteria_are_those_of_the_reference():
 
 def test_a_network_lists_targets_with_their_role():
     mesh = scene()
-    table = rc.evaluate(mesh, CAMERA, VIEWS, TASK)
+    table = rc.evaluate(mesh, CAMERA, VIEWS, TASK, by="face")
     network = rc.Network(mesh, TASK)
     network.add(table)
     summary = network.summary()

@@ -19,6 +19,7 @@ from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import Once, once_each, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.exact import surface
 from rastercov.mesh import contacts, shapes
 from rastercov.reference.models.scott import coverage as scott_coverage
@@ -302,7 +303,7 @@ def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(
 
 def test_a_batch_of_a_closed_observer_is_refused():
     with OPENERS["certified"](MESH, CAMERA) as observer:
-        batches = rc.evaluate_batches(observer, POSES)
+        batches = evaluate_batches(observer, POSES)
     with pytest.raises(DeviceError, match="this observer is closed"):
         next(batches)
 

@@ -54,10 +54,8 @@ def sheet(
     Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
     """
     from rastercov.cluster import Staff
-    from rastercov.coverage.area.network import unit_of_result
-    from rastercov.coverage.engine import Engine
-    from rastercov.coverage.job import measure
-    from rastercov.coverage.shards import Wanted, open_for
+    from rastercov.coverage.evaluation import Query
+    from rastercov.coverage.job import answer
     from rastercov.report import plan_sheet as report
 
     report.check_sheet_name(out)
@@ -68,11 +66,9 @@ def sheet(
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn([*mesh.warnings, *scene.notes])
     asked, names = replace(start.task, views=start.most_views), [each.name for each in start.on]
-    unit, reason = unit_of_result(None, asked, Engine())
-    wanted = Wanted(Engine(), unit == "area")
-    with open_for(mesh, start.rig(), asked, wanted) as observer, progress_bar() as progress:
-        staff = Staff(None, progress)
-        found = measure(observer, start.poses(), asked, wanted, reason=reason, staff=staff)
+    with progress_bar() as progress:
+        query = Query(mesh, start.rig(), start.poses(), asked)
+        found = answer(query, staff=Staff(None, progress))
     if found.interrupted:
         raise KeyboardInterrupt
     title = scene.title if project is None else project

@@ -139,7 +139,6 @@ def evaluate_batches(
     poses: ArrayLike,
     task: Task | None = None,
     *,
-    skip_bad_poses: bool = False,
     fields: Sequence[str] | None = None,
 ) -> Iterator[Coverage]:
     """Coverage a few poses at a time, for runs of any length; at least one batch, maybe empty.
@@ -148,7 +147,7 @@ def evaluate_batches(
     once. Each batch, of `batch_size` consecutive poses, is measured when it is asked for. Any
     number of threads may have an iterator each over one observer, but not share an iterator.
     """
-    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
+    accepted, names = Poses.of(poses), checked_fields(fields)
     check_observer(observer)
     task = Task() if task is None else task
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)

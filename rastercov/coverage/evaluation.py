@@ -1,17 +1,22 @@
-"""Result of `evaluate`: figures of all cameras together, and of each pair of pose and face."""
+"""The question that `evaluate` asks, and its result.
+
+A `Query` asks which part of a surface cameras cover, by a task, over a motion; it is checked once,
+before the work. An `Evaluation` has figures of all cameras together, and of each pair of pose and
+face.
+"""
 
 from collections.abc import Mapping
-from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of, led_by
-from rastercov.coverage.area.network import AreaNetwork, ByCamera, light_doubts
-from rastercov.coverage.area.over_time import TimeAreas
+from rastercov.camera.rig import Cameras, cameras_of, led_by
+from rastercov.coverage.area.motion import MotionQuery, carriers
+from rastercov.coverage.area.network import AreaNetwork, ByCamera, light_doubts, unit_of_result
+from rastercov.coverage.area.over_time import OverTime, TimeAreas, check_over_time
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.doubts import dead_pixels, doubts
@@ -19,6 +24,49 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.silhouettes import GroupViews, group_views
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """Scene, cameras, poses and task of an evaluation.
+
+    Attributes
+    ----------
+    camera : Camera, Rig or sequence of Camera
+        With the lamps that must light what they see.
+    motion : MotionQuery or None
+        Of the mesh, which is at rest.
+    by : {"area", "face"} or None
+        Unit that is asked for.
+    unit : {"area", "face"}
+        Unit of the result; see `unit_of_result` for the choice, and for errors.
+    by_face_because : str
+        Reason of a result by face that was not asked for.
+    """
+
+    mesh: Mesh
+    camera: Cameras
+    poses: Poses
+    task: Task
+    engine: Engine = field(default_factory=Engine)
+    motion: MotionQuery | None = None
+    by: str | None = None
+    unit: str = field(init=False)
+    by_face_because: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        task = self.task
+        self.poses.check_cameras(len(cameras_of(self.camera)))
+        found = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
+        self.__dict__.update(zip(("unit", "by_face_because"), found, strict=True))
+        if self.motion is not None:
+            check_over_time(task)
+            carriers(self.motion, self.camera, self.poses[:0])  # refuses bodies
+            if self.unit == "face":
+                why = self.by_face_because or "leave out by face"
+                raise ConfigError(f"figures over time are by area; {why}")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -38,7 +86,8 @@ class Evaluation(Coverage):
     by_face_because : str
         Reason of a result by face that was not asked for.
     areas : AreaNetwork or None
-        Covered area, where the result is by area; see `covered`.
+        Covered area, where the result is by area, over time where bodies move; see `covered` and
+        `over_time`.
     apart : ByCamera
         Figures of each of several cameras alone.
     pairs : str
@@ -67,12 +116,6 @@ class Evaluation(Coverage):
     seconds: float
     interrupted: bool
 
-    def _with_areas(self, areas: AreaNetwork, *, is_kept: bool = False) -> "Evaluation":
-        """The same with other covered areas, such as those over time."""
-        found = copy(self)  # not `replace`, which asks for figures that were not kept
-        found.__dict__.update(areas=areas, is_kept=is_kept)
-        return found
-
     @property
     def by(self) -> str:
         """Unit of the result: "area" or "face"."""
@@ -84,6 +127,13 @@ class Evaluation(Coverage):
         if self.areas is None:
             raise ConfigError('this evaluation is by face; give by="area" for covered areas')
         return self.areas.covered
+
+    @property
+    def over_time(self) -> OverTime:
+        """Coverage over time, where bodies move; ConfigError where none does."""
+        if not isinstance(self.areas, TimeAreas):
+            raise ConfigError("nothing moves in this evaluation; give motion= for areas over time")
+        return self.areas.over_time
 
     def group_views(self) -> GroupViews:
         """Visible and truncated share of the silhouette of each group in each image.

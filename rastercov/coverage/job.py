@@ -1,12 +1,12 @@
-"""The job of `evaluate`: poses are measured batch by batch and added up, without a file or picture.
+"""The answer to a `Query`: poses are measured batch by batch and added up, and so are frames.
 
-`measure` does it for `rastercov.evaluate`, which keeps the figures of every pair of pose and face,
-and for the command, which writes chosen pairs to a table while it runs.
+`answer` gives it to `rastercov.evaluate`, which keeps the figures of every pair of pose and face,
+and to the commands, which write chosen pairs to a table while it runs.
 """
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,41 +14,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ResourceError
+from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.files import StrPath
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.locks import locked
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint, with_lamps
-from rastercov.cluster import ALONE, Staff
-from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
+from rastercov.cluster import ALONE, Staff, Workers
+from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of
+from rastercov.coverage.area.network import AreaNetwork, ByCamera
+from rastercov.coverage.area.over_time import evaluate_over_time
 from rastercov.coverage.area.sensors import gated
-from rastercov.coverage.coverage import (
-    FIGURES,
-    arrays_for,
-    checked_fields,
-    measurements,
-)
+from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation
+from rastercov.coverage.evaluation import Evaluation, Query
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import SUMMED, JudgedPoses, Network, sums_of
+from rastercov.coverage.observer import Observer
 from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.shards import (
-    EvaluationShards,
-    Wanted,
-    is_long,
-    judged_parts,
-    kept_in,
-    open_for,
-)
+from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
 
-BYTES = {name: np.dtype(kind).itemsize for name, kind in FIGURES.items()}
-"""Bytes of a figure of a pair of pose and face."""
 NONE_ASKED: dict[str, Any] = dict.fromkeys(FIGURES)
 EVALUATE_BUDGET = 4 << 30
-"""Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
+"""Bytes of figures of pairs that `evaluate` may return."""
 
 
 def evaluate(
@@ -57,12 +49,15 @@ def evaluate(
     poses: ArrayLike,
     task: Task | None = None,
     *,
-    by: str | None = "face",
+    by: str | None = None,
     lamps: Lamps | None = None,
+    motion: Motion | MotionQuery | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
     skip_bad_poses: bool = False,
     fields: Sequence[str] | None = None,
+    folder: StrPath | None = None,
+    workers: Workers | None = None,
 ) -> Evaluation:
     """Coverage of each face in each pose, and by all of them: what the command `evaluate` finds.
 
@@ -74,111 +69,155 @@ def evaluate(
         What looks; where there are several, `Poses.camera` says which of them is in each pose.
     poses, task : (P, 4, 4) array_like, or Poses; Task, optional
         world_from_camera, and thresholds, `Task()` unless given.
-    by : {"face", "area"}, optional
-        Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
-        zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
-        face or the method counts samples.
+    by : {"area", "face"}, optional
+        Unit of the result: exact area, with the unions and dead zones of docs/area.md, or whole
+        faces as in the thesis. Area unless given, or face where a threshold is of a face or the
+        method counts samples.
     lamps : Lamps, optional
         Lamps that must light what is covered, by area; see docs/light.md.
+    motion : Motion or MotionQuery, optional
+        Frames of the mesh, and for how long of them a point must be covered: in some frame, unless
+        a `MotionQuery` says more. Areas are over time then, see `Evaluation.over_time`; figures of
+        faces and of single poses are those of the mesh at rest.
     method, threads
         As for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
     fields : sequence of str, optional
         Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
-        none for (). Any other array of the result raises `ConfigError` when it is read.
+        none for () or with a folder. Any other array raises `ConfigError` when it is read.
+    folder : path, optional
+        Where shards of some poses or frames each are kept, so that a run that was ended continues
+        there, and any number of frames is taken: docs/scale.md.
+    workers : Workers, optional
+        Processes that make the shards.
 
     Raises
     ------
     ConfigError
-        For a field that does not exist, and by area where that cannot be.
+        For a field that does not exist, by area where that cannot be, and a motion of another mesh.
     PoseError
         For a pose that is no rigid motion.
     ResourceError
-        When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
+        When the arrays would exceed `EVALUATE_BUDGET`.
     """
     check_scene(mesh, camera)
-    camera = with_lamps(camera, lamps)
-    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
-    task = (Task() if task is None else task).lit_by(lamps)
-    engine = Engine.of(method, threads)
-    unit, reason = unit_of_result(by, task, engine, camera, len(accepted))
-    size = sum(map(BYTES.__getitem__, names)) * len(accepted) * mesh.n_faces
+    camera, accepted = with_lamps(camera, lamps), Poses.of(poses, skip_bad=skip_bad_poses)
+    names = checked_fields(() if fields is None and folder is not None else fields)
+    task, engine = (Task() if task is None else task).lit_by(lamps), Engine.of(method, threads)
+    moving = None if motion is None else query_of(motion, mesh)
+    query = Query(mesh, camera, accepted, task, engine, moving, by)
+    each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
+    size = each * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
         raise ResourceError(
             f"{len(accepted)} poses x {mesh.n_faces} faces would take {size / 2**30:.1f} GiB; "
-            "use evaluate_batches, which holds a few poses at a time"
+            "name fewer fields, or fields=() for the sums of all poses"
         )
-    wanted = Wanted(engine, unit == "area")
-    names_of_engine = "method", "device", "supersample"
-    given = {"by": by} | {name: getattr(engine, name) for name in names_of_engine}
-    with open_for(mesh, camera, task, wanted) as observer:
-        found = measure(
-            observer, accepted, task, wanted, fields=names, reason=reason, options=given
-        )
+    if folder is None and moving is not None:
+        check_pictures(moving, accepted)
+    if folder is None and workers is not None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+    if folder is not None and names:
+        raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
+    options = vars(engine) | {"by": by, "threads": None}
+    with nullcontext() if folder is None else locked(Path(folder)) as above:
+        found = answer(query, fields=names, options=options, folder=above, staff=Staff(workers))
     if found.interrupted:
         raise KeyboardInterrupt
     return found
 
 
-def measure(
-    observer: Any,
-    poses: Poses,
-    task: Task,
-    wanted: Wanted,
+class Sums:
+    """What is added up of the poses of a query: a batch counts everywhere or nowhere.
+
+    Parameters
+    ----------
+    query : Query
+    observer : Observer
+        Open, of `open_for`.
+    fields : sequence of str
+        Figures to keep of all pairs of pose and face, of `FIGURES`.
+    """
+
+    def __init__(self, query: Query, observer: Observer, fields: Sequence[str]) -> None:
+        mesh, camera, poses, task = query.mesh, query.camera, query.poses, query.task
+        by_area = query.unit == "area"
+        self.query, self.done = query, 0
+        self.network = Network(mesh, task)
+        self.areas = AreaNetwork(mesh, task) if by_area else None
+        self.apart = ByCamera(mesh, task, camera, poses, by_area=by_area)
+        self.figures: dict[str, Any] = arrays_for(fields, (len(poses), mesh.n_faces))
+        self.judge = FacePass(mesh, camera, observer.threads, task) if fields else None
+        # Of figures, not of rays to cameras, of which the network keeps rows.
+        is_alone = not (task.min_angle_deg > 0 or is_joint(camera))
+        self.are_of_figures = is_alone and SUMMED.keys() <= set(fields)
+        self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
+
+    def add(self, batch: JudgedPoses) -> None:
+        """Take in a batch."""
+        camera, poses = self.query.camera, batch.poses
+        end = self.done + len(poses)
+        if self.judge is not None and batch.measured is not None:
+            rows = {name: array[self.done : end] for name, array in self.figures.items()}
+            self.judge.fill(batch.measured, poses, rows)
+            if self.are_of_figures:
+                apart = self.apart.is_asked
+                batch.sums.update(sums_of(self.query.mesh, rows, poses.camera, apart=apart))
+        self.network.add(batch)
+        self.apart.add_batch(batch)
+        if self.areas is not None and batch.regions is not None:
+            self.areas.add(gated(batch.regions, camera, poses))
+        self.ids.append(poses.ids)
+        self.clipped.append(batch.clipped)
+        self.done = end
+
+
+def answer(
+    query: Query,
     *,
     fields: Sequence[str] = (),
-    reason: str = "",
+    pairs: str = "none",
     options: Mapping[str, Any] | None = None,
     open_table: Callable[[Mapping[str, Any]], Any] | None = None,
     folder: Path | None = None,
     staff: Staff = ALONE,
 ) -> Evaluation:
-    """Measure all poses and add them up.
+    """Measure all poses and add them up; then all frames of a motion.
 
-    An interrupt ends the run after the current batch; what was finished is the result. A batch
-    counts everywhere or nowhere; before the first is done, the interrupt is raised.
+    An interrupt ends the poses after the current batch; what was finished is the result. Before the
+    first is done, and in the frames, the interrupt is raised.
 
     Parameters
     ----------
-    observer, poses, task, wanted
-        The observer is open, of `open_for` by the same engine; `wanted.apart` is decided here.
+    query : Query
     fields : sequence of str
         Figures to keep of all pairs of pose and face, of `FIGURES`.
-    reason : str
-        Reason of a result by face that was not asked for.
+    pairs : {"none", "covered", "seen", "all"}
+        Pairs of the table.
     options : mapping, optional
         Options of the run, for its provenance.
     open_table : callable, optional
-        Opens a table of the wanted pairs, such as a `CoverageTable`, from their
-        `provenance_of`.
+        Opens a table of the pairs, such as a `CoverageTable`, from their `provenance_of`.
     folder : Path, optional
-        Folder for the shards of a long run, and of one by workers, without fields; they stay there.
+        Folder for the shards of a run without fields; they stay there.
     staff : Staff
         Processes that measure.
     """
-    mesh, camera = observer.mesh, observer.camera
-    network, areas = Network(mesh, task), AreaNetwork(mesh, task) if wanted.by_area else None
-    apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
-    wanted = replace(wanted, apart=apart.is_asked)
-    whole: dict[str, Any] = arrays_for(fields, (len(poses), mesh.n_faces))
-    judge = FacePass(mesh, camera, observer.threads, task) if whole else None
-    # Otherwise the figures are added up; not the rays to cameras, of which the network keeps rows.
-    is_summed = task.min_angle_deg > 0 or not SUMMED.keys() <= set(fields)
-    is_summed |= is_joint(camera)
-    shards = None
-    if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
-        shards = EvaluationShards(kept_in(folder), observer, poses, task, wanted)
-    done, interrupted, table = 0, False, None
-    ids, clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
-    with ExitStack() as opened:
+    camera, poses, task = query.camera, query.poses, query.task
+    wanted = Wanted(query.engine, query.unit == "area", pairs)
+    interrupted, shards, table = False, None, None
+    with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
+        sums = Sums(query, observer, fields)
+        wanted = replace(wanted, apart=sums.apart.is_asked)
+        if folder is not None:
+            shards = EvaluationShards(folder, observer, poses, task, wanted)
         if open_table is not None:
-            header = provenance_of(mesh, camera, poses.given, task, options, observer.info)
+            header = provenance_of(query.mesh, camera, poses.given, task, options, observer.info)
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
-        if is_summed:
-            parts = judged_parts(network, observer, poses, wanted, shards, staff)
-        else:
+        parts = judged_parts(sums.network, observer, poses, wanted, shards, staff)
+        if sums.are_of_figures:
             nothing: Any = ()  # no rows
             parts = (
                 JudgedPoses.of(part, seen, nothing, {}, camera)
@@ -187,46 +226,36 @@ def measure(
         try:
             for batch in parts:
                 with interrupts_held():
-                    if judge is not None and batch.measured is not None:
-                        rows = slice(done, done + len(batch.poses))
-                        figures = {name: array[rows] for name, array in whole.items()}
-                        judge.fill(batch.measured, batch.poses, figures)
-                        if not is_summed:
-                            cameras, is_apart = batch.poses.camera, apart.is_asked
-                            batch.sums.update(sums_of(mesh, figures, cameras, apart=is_apart))
                     if table is not None:
                         table.add(batch.rows, batch.regions)
-                    network.add(batch)
-                    apart.add_batch(batch)
-                    if areas is not None and batch.regions is not None:
-                        areas.add(gated(batch.regions, camera, batch.poses))
-                        # The table has the area of every pair, also of faces that need no more.
-                        # Shards do not depend on one another.
-                        if table is None and shards is None:
-                            observer.closed = apart.closed(areas.closed)
-                    ids.append(batch.poses.ids)
-                    clipped.append(batch.clipped)
-                    done += len(batch.poses)
+                    sums.add(batch)
+                    # The table has the area of every pair, and shards do not depend on one another.
+                    if sums.areas is not None and table is None and shards is None:
+                        observer.closed = sums.apart.closed(sums.areas.closed)
         except KeyboardInterrupt:
-            if not done:
+            if not sums.done:
                 raise
             interrupted = True
-        if table is not None:
-            try:
-                with interrupts_held():
-                    opened.close()
-            except KeyboardInterrupt:
-                interrupted = True
-        seconds = time.perf_counter() - began
-    if done < len(poses):
-        left = poses[np.isin(poses.ids, np.concatenate(ids))]
+        try:
+            with interrupts_held():
+                opened.close()
+        except KeyboardInterrupt:
+            interrupted = True
+        seconds, info = time.perf_counter() - began, observer.info
+    if sums.done < len(poses):
+        left = poses[np.isin(poses.ids, np.concatenate(sums.ids))]
         poses = replace(left, rejected=poses.rejected)
-        whole = {name: array[:done] for name, array in whole.items()}
+    areas = sums.areas
+    if query.motion is not None:
+        scene = query.motion, camera, poses, task, query.engine
+        areas = evaluate_over_time(*scene, folder, staff).areas
+    figures = {name: array[: sums.done] for name, array in sums.figures.items()}
     return Evaluation(
-        mesh, camera, task, observer.info, poses.ids, np.concatenate(clipped),
-        **(NONE_ASKED | whole), eyes=poses.world_from_camera[:, :3, 3], poses=poses,
-        engine=wanted.engine, options=options, network=network, by_face_because=reason, areas=areas,
-        apart=apart, pairs=wanted.pairs, n_rows=0 if table is None else table.n_rows,
-        is_kept=shards is not None, quarantined={} if shards is None else shards.quarantined,
-        seconds=seconds, interrupted=interrupted,
+        query.mesh, camera, task, info, poses.ids, np.concatenate(sums.clipped),
+        **(NONE_ASKED | figures), eyes=poses.world_from_camera[:, :3, 3], poses=poses,
+        engine=query.engine, options=options, network=sums.network, areas=areas,
+        by_face_because=query.by_face_because, apart=sums.apart, pairs=pairs,
+        n_rows=0 if table is None else table.n_rows, is_kept=folder is not None,
+        quarantined={} if shards is None else shards.quarantined, seconds=seconds,
+        interrupted=interrupted,
     )  # fmt: skip

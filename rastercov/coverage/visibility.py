@@ -57,7 +57,8 @@ def visibility(
     errors as for `Observer.observe`.
     """
     with open_observer(mesh, camera, method, threads=threads) as observer:
-        batches = evaluate_batches(observer, poses, fields=FRACTION)
-        parts = [[getattr(batch, name) for name in FRACTION] for batch in batches]
-        value, bound, kind = map(np.concatenate, zip(*parts, strict=True))
+        batches = list(evaluate_batches(observer, poses, fields=FRACTION))
+        value, bound, kind = (
+            np.concatenate([getattr(each, name) for each in batches]) for name in FRACTION
+        )
         return Visibility(value, bound, kind, observer.info)

@@ -46,18 +46,18 @@ from rastercov.camera.rig import (
     names_of_poses,
 )
 from rastercov.cluster import ALONE, Staff
-from rastercov.coverage.area.motion import MOST_PICTURES
-from rastercov.coverage.area.network import missed_lines, unit_of_result
+from rastercov.coverage.area.motion import MOST_PICTURES, MotionQuery, regions
+from rastercov.coverage.area.network import missed_lines
 from rastercov.coverage.area.over_time import TimeAreas
-from rastercov.coverage.area.regions import RegionPass, regions
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.job import evaluate, measure
+from rastercov.coverage.evaluation import Evaluation, Query
+from rastercov.coverage.job import answer, evaluate
 from rastercov.coverage.network import CHOICES
 from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import Wanted, is_long, kept_in, open_for, remove
+from rastercov.coverage.shards import is_long, kept_in, remove
 from rastercov.coverage.silhouettes import check_groups
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -83,7 +83,6 @@ from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
 
 if TYPE_CHECKING:
-    from rastercov.placement.plan.over_time import PlanMotion
     from rastercov.report.parquet import CoverageTable
 
 LOG = logging.getLogger("rastercov")
@@ -161,7 +160,7 @@ def run(
     staff: Staff = ALONE,
     level: int | None = None,
     names: Sequence[str] = (),
-    moving: "PlanMotion | None" = None,
+    moving: MotionQuery | None = None,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -187,7 +186,7 @@ def run(
         Of the parts in the table of the page, as of `coverage.parts.entries_at`.
     names : sequence of str
         Name of the image of each pose without fault; see `names_of_poses`.
-    moving : PlanMotion, optional
+    moving : MotionQuery, optional
         Motion of bodies. Areas are over time then; figures by face and of single poses, and their
         pictures, are those at rest.
 
@@ -205,10 +204,7 @@ def run(
     """
     accepted, cameras = Poses.of(poses, skip_bad=options.skip_bad_poses), cameras_of(camera)
     with ReportFolder(out, EVALUATION) as folder:
-        unit, reason = unit_of_result(options.by, task, options.engine, camera, len(accepted))
-        accepted.check_cameras(len(cameras))
-        if moving is not None and unit != "area":
-            raise ConfigError(f"figures over time are by area; {reason or 'leave out --by face'}")
+        query = Query(mesh, camera, accepted, task, options.engine, moving, options.by)
         if options.pdf:
             browser()  # none fails before the work
         some = np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted)))
@@ -232,29 +228,21 @@ def run(
                 folder.file("coverage.parquet"),
                 mesh,
                 header,
-                by_area=unit == "area",
+                by_area=query.unit == "area",
                 cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
             )
 
-        wanted = Wanted(options.engine, unit == "area", pairs)
-        with open_for(mesh, camera, task, wanted) as observer:
-            found = measure(
-                observer,
-                accepted,
-                task,
-                wanted,
-                reason=reason,
-                options=asdict(options),
-                folder=folder.path,
-                open_table=None if pairs == "none" else open_table,
-                staff=staff,
-            )
-        if moving is not None:
-            n_pictures = len(moving.motion) * len(found.poses)
-            is_kept = n_pictures > MOST_PICTURES or is_long(n_pictures, mesh.n_faces)
-            kept = kept_in(folder.path) if staff.workers or is_kept else None
-            timed = moving.evaluate(camera, found.poses, task, kept, staff).areas
-            found = found._with_areas(timed, is_kept=found.is_kept or kept is not None)
+        n_pictures = len(accepted) * (1 if moving is None else len(moving.motion))
+        is_kept = is_long(n_pictures, mesh.n_faces)
+        is_kept |= moving is not None and n_pictures > MOST_PICTURES
+        found = answer(
+            query,
+            pairs=pairs,
+            options=asdict(options),
+            open_table=None if pairs == "none" else open_table,
+            folder=kept_in(folder.path) if is_kept or staff.workers else None,
+            staff=staff,
+        )
         named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
         drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
         names = [named[row] for row in found.poses.ids.tolist()]
@@ -337,7 +325,8 @@ def _draw_poses(
     captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
     reasons = {}
     if parts is None:
-        found = evaluate(mesh, shown.camera, drawn, task, method=engine, fields=("reason",))
+        given = mesh, shown.camera, drawn, task
+        found = evaluate(*given, by="face", method=engine, fields=("reason",))
         reasons = dict(zip(drawn.ids.tolist(), found.reason, strict=True))
     try:
         for index, rows in drawn.by_camera():

@@ -204,7 +204,7 @@ class NetworkPage:
     @cached_property
     def lost_m2(self) -> FloatArray | None:
         """(P,) area that is not covered any more without each camera; None where not known."""
-        if self.timed is not None and self.timed.over != "some":
+        if self.timed is not None and self.timed.asked.over != "some":
             return None
         if self.parts is not None and self.together is not None:
             leads = np.unique(self.together, return_index=True)[1]
@@ -246,7 +246,7 @@ class NetworkPage:
             return {"nearest": None, "advice": general_advice(name)}
         middle = mesh.centroids[face]
         some = nearest_to(self.poses, middle)
-        found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE))
+        found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE), by="face")
         own = found.reason[:, face] == Reason[name.upper()]
         rows = np.flatnonzero(own if own.any() else ~own)
         figures = [
@@ -390,7 +390,7 @@ class NetworkPage:
     @property
     def _long(self) -> str:
         """Words on the time in which parts are covered, after a space; none where nothing moves."""
-        return "" if self.timed is None else f" {time_words(self.timed.over)}"
+        return "" if self.timed is None else f" {time_words(self.timed.asked.over)}"
 
     @property
     def covered_words(self) -> str:

@@ -186,7 +186,7 @@ class Scene:
         if self.moving is None:
             return None
         bodies = [self.moving.body_of(name) for name in rig.names]
-        return replace(self.moving, bodies=bodies, cameras=rig.names)
+        return replace(self.moving, body=bodies, cameras=rig.names)
 
     def _moving(self) -> dict[str, Any]:
         """Motion and joints for the page, ready for JSON."""

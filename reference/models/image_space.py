@@ -18,14 +18,12 @@ Caveats
 
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
-from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.engine import METHODS
-from rastercov.coverage.observer import open_observer
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.models.base import Criteria, FloatArray, coverage_model
@@ -65,6 +63,6 @@ def coverage(
 
     Depends on all of the task.
     """
-    with open_observer(mesh, camera, parameters.method) as observer:
-        batches = evaluate_batches(observer, poses, task, fields=("coverage",))
-        return np.concatenate([batch.coverage for batch in batches])
+    method = parameters.method
+    found = evaluate(mesh, camera, poses, task, by="face", method=method, fields=("coverage",))
+    return found.coverage

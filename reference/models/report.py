@@ -125,7 +125,7 @@ def _draw(
 ) -> dict[str, Image.Image]:
     """Both sheets of one pose."""
     task = task or Task()
-    graded = evaluate(mesh, camera, pose, fields=["visibility"]).visibility[0]
+    graded = evaluate(mesh, camera, pose, fields=["visibility"], by="face").visibility[0]
     bivalent = zhang.visible(mesh, camera, pose[None])[0]
     whole = look_at_part(mesh, camera, pose)
     closer = look_closer(mesh, camera, pose, np.abs(graded - bivalent))

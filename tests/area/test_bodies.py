@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import swept_arm as arm
 from scenes import joined as joined_meshes
+from timed import regions_over_time
 
 import rastercov as rc
 from rastercov.coverage.area.frames import frames_of
@@ -35,7 +36,7 @@ def rebuilt(motion, row):
 
 def check(motion, camera, poses, task=TASK, rows=None):
     """Areas of every frame are those of the mesh of moved vertices."""
-    found = rc.regions_over_time(motion, camera, poses, task, threads=1)
+    found = regions_over_time(motion, camera, poses, task, threads=1)
     areas, bounds, n = found.areas(), found.bounds(), len(found.pose_ids) // len(motion)
     total = motion.mesh.areas[motion.mesh.task_mask].sum()
     for row in range(len(motion)) if rows is None else rows:
@@ -58,7 +59,7 @@ def test_frames_through_a_lens_are_meshes_of_moved_vertices():
         width=320, height=240, fx=160, fy=160, model="opencv_fisheye", distortion=(0.02, 0, 0, 0)
     )
     motion = rc.Motion(arm.cell(), arm.frames(arm.sweep(3)))
-    found = rc.regions_over_time(motion, lens, arm.CAMERAS[:2], rc.Task(), threads=1)
+    found = regions_over_time(motion, lens, arm.CAMERAS[:2], rc.Task(), threads=1)
     for row in range(3):
         mesh, _ = rebuilt(motion, row)
         expected = rc.regions(mesh, lens, arm.CAMERAS[:2], rc.Task(), threads=1)
@@ -252,9 +253,9 @@ def test_layers_meet_in_the_whole(seed):
     """A point is seen past a scene where it is seen past each body alone."""
     mesh, moves = hostile(seed)
     motion = rc.Motion(mesh, moves)
-    whole = rc.regions_over_time(motion, CAMERA, AROUND, TASK, threads=1)
+    whole = regions_over_time(motion, CAMERA, AROUND, TASK, threads=1)
     layers = [
-        rc.regions_over_time(
+        regions_over_time(
             rc.Motion(mesh, moves, present={absent: [False] * 4}), CAMERA, AROUND, TASK, threads=1
         )
         for absent in ("one", "other")
@@ -277,7 +278,7 @@ def test_hostile_scenes_are_meshes_of_moved_vertices(seed):
 
 def check_within_bounds(motion):
     """Areas are those of a rebuild within both bounds: coincident surfaces may tie elsewhere."""
-    found = rc.regions_over_time(motion, CAMERA, AROUND, TASK, threads=1)
+    found = regions_over_time(motion, CAMERA, AROUND, TASK, threads=1)
     areas, bounds = found.areas().reshape(4, 4, -1), found.bounds().reshape(4, 4, -1)
     for row in range(len(motion)):
         mesh, there = rebuilt(motion, row)

@@ -117,7 +117,7 @@ def test_a_zone_that_only_the_angle_leaves_is_named_for_it():
     places = np.repeat(np.eye(4)[None], 2, axis=0)
     places[1, 0, 3] = 0.2
     rig = rc.Rig([CAMERA] * 2, None, places, rule=rc.All(min_baseline_deg=20))
-    found = rc.evaluate(square, rig, rig.poses(np.eye(4)), by=None).summary()
+    found = rc.evaluate(square, rig, rig.poses(np.eye(4))).summary()
     assert found["covered_area"]["m2"] == 0
     assert found["dead_zones"][0]["reason"] == "baseline"
     missed = {each["device"]: each["missed"]["percent"] for each in found["by_device"]}

@@ -9,6 +9,7 @@ from exact_views import exact_sides
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined
+from timed import regions_over_time
 
 import rastercov as rc
 from rastercov.placement.plan.check import check
@@ -130,7 +131,7 @@ def test_a_moved_body_is_edge_on_by_its_moved_coordinates():
     for row, shift in enumerate(shifts):
         pose = IN_PLANE.copy()
         pose[0, 3] = shift
-        found = rc.regions_over_time(motion, CAMERA, pose[None], rc.Task())
+        found = regions_over_time(motion, CAMERA, pose[None], rc.Task())
         own = found.of_poses(np.arange(len(shifts)) == row)
         side = exact_sides(motion.frame(row)[0], pose)
         unseen = side <= 0

@@ -35,7 +35,7 @@ def test_stations_are_near_rays_and_say_how_near(path, moments, first):
     assert 5 < truth < 95
     off = {}
     for n in (16, 32):
-        found = rc.laser_line(MESH, rig, path(n), TASK)
+        found = rc.LaserLine.of(MESH, rig, path(n), TASK)
         off[n] = abs(found.percent - truth)
         assert found.stations == n
         assert str(found) == (
@@ -47,21 +47,21 @@ def test_stations_are_near_rays_and_say_how_near(path, moments, first):
 
 
 def test_doubling_is_what_twice_the_stations_give():
-    few, many = (rc.laser_line(MESH, head(), straight(n), TASK) for n in (4, 8))
+    few, many = (rc.LaserLine.of(MESH, head(), straight(n), TASK) for n in (4, 8))
     assert few.doubled_percent == pytest.approx(many.percent, abs=1e-9)
     assert few.percent != many.percent
 
 
 def test_a_path_backwards_and_a_moved_scene_give_the_same():
     rig, path = head(), straight(5)
-    there = rc.laser_line(MESH, rig, path, TASK).regions.areas()
-    back = rc.laser_line(MESH, rig, path[::-1], TASK).regions.areas()
+    there = rc.LaserLine.of(MESH, rig, path, TASK).regions.areas()
+    back = rc.LaserLine.of(MESH, rig, path[::-1], TASK).regions.areas()
     assert np.allclose(there, back, atol=1e-12)
     move = np.eye(4)
     move[:3, :3], move[:3, 3] = rotation_about((1, 2, 3), 1.1), (3, -2, 5)
     moved = rc.Mesh(MESH.vertices @ move[:3, :3].T + move[:3, 3], MESH.faces)
-    there = rc.laser_line(MESH, rig, path, TASK).percent
-    assert rc.laser_line(moved, rig, move @ path, TASK).percent == pytest.approx(there, abs=1e-6)
+    there = rc.LaserLine.of(MESH, rig, path, TASK).percent
+    assert rc.LaserLine.of(moved, rig, move @ path, TASK).percent == pytest.approx(there, abs=1e-6)
 
 
 def test_nothing_is_measured_twice_and_all_that_the_sheets_pass_is_looked_at():
@@ -70,7 +70,7 @@ def test_nothing_is_measured_twice_and_all_that_the_sheets_pass_is_looked_at():
         [(-1, -0.1, 0), (1, -0.1, 0), (1, 0.1, 0), (-1, 0.1, 0)], [(0, 1, 2), (0, 2, 3)]
     )
     for n in (1, 3, 17, 40):
-        found = rc.laser_line(plate, head(), straight(n), TASK)
+        found = rc.LaserLine.of(plate, head(), straight(n), TASK)
         if n > 3:  # the camera looks at the sheet, and sees wide stations in part
             assert found.regions.area.sum() == pytest.approx(0.3 * 0.2, rel=1e-7)
         assert found.regions.bound.sum() < 1e-9
@@ -81,7 +81,7 @@ def test_a_fixed_camera_beside_a_moving_laser_is_of_the_rule():
     places = np.stack([np.eye(4), look_at([(0, -0.6, 0.8)], (0, 0, 0))[0]])
     own = rc.Rig([LASER, CAMERA], ["laser", "camera"], places, rule=rc.All(), tasks=rig.tasks,
                  fixed=["camera"])  # fmt: skip
-    found = rc.laser_line(MESH, own, straight(24), TASK)
+    found = rc.LaserLine.of(MESH, own, straight(24), TASK)
     points, face = points_on(MESH, 40_000)
     laser = rc.Rig([LASER], ["laser"], tasks=rig.tasks)
     lit = measured(MESH, laser, along_x(points, start()), TASK, points, face)
@@ -163,7 +163,7 @@ TURNS[1, :3, :3] = rotation_about((0, 0, 1), 2.0)
 def test_what_is_no_laser_line_is_refused_in_one_line(change, words):
     given = {"rig": head(), "path": straight(2), "task": TASK, "laser": "laser"} | change
     with pytest.raises(rc.RastercovError, match=words) as error:
-        rc.laser_line(MESH, given.pop("rig"), given.pop("path"), given.pop("task"), **given)
+        rc.LaserLine.of(MESH, given.pop("rig"), given.pop("path"), given.pop("task"), **given)
     assert "\n" not in str(error.value)
 
 

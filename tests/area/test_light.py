@@ -646,7 +646,7 @@ def test_wrong_lamps_are_refused_in_one_line(make, words):
 
 def test_light_by_face_is_refused():
     lamps = rc.Lamps([rc.Lamp.point(intensity=1)], ABOVE)
-    for options in ({"by": "face"}, {"by": None, "method": "sampled"}):
+    for options in ({"by": "face"}, {"method": "sampled"}):
         with pytest.raises(ConfigError, match=r"by area|whole faces"):
             rc.evaluate(sheet(), CAMERA, ABOVE, lamps=lamps, **options)
     with pytest.raises(CameraError, match=r"lamps must be Lamps"):

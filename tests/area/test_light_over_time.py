@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined
 from surface_cases import room
+from timed import evaluate_over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, MeshError
@@ -56,7 +57,7 @@ def moved(motion, row):
 
 
 def assert_frames_are_those_at_rest(motion, camera, poses, task, lamps):
-    found = rc.regions_over_time(motion, camera, poses, task, lamps=lamps)
+    found = regions_over_time(motion, camera, poses, task, lamps=lamps)
     areas = found.areas().reshape(len(motion), -1, motion.mesh.n_faces)
     bounds = found.bounds().reshape(areas.shape)
     for row in range(len(motion)):
@@ -74,14 +75,14 @@ def test_a_motion_that_moves_nothing_gives_the_areas_at_rest_to_the_bit(task):
         rc.look_at([(4, 2.5, 2.9), (6, 4, 2)], (4.2, 2.4, 0.2)),
     )
     motion = rc.Motion(mesh, {"mesh": np.eye(4)[None]})
-    found = rc.evaluate_over_time(motion, camera, poses, task, lamps=lamps)
+    found = evaluate_over_time(motion, camera, poses, task, lamps=lamps)
     still = rc.regions(mesh, camera, poses, task, lamps=lamps)
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
         assert getattr(found.regions, name).tobytes() == getattr(still, name).tobytes()
     assert found.regions.light is None  # that of one frame would gate all
     evaluated = rc.evaluate(mesh, camera, poses, task, by="area", lamps=lamps, fields=())
     assert found.share() == pytest.approx(evaluated.areas.summary()["percent"] / 100, rel=1e-12)
-    assert 0 < found.share() < rc.evaluate_over_time(motion, camera, poses, TASK).share()
+    assert 0 < found.share() < evaluate_over_time(motion, camera, poses, TASK).share()
 
 
 @pytest.mark.parametrize("task", [TASK, WITH_LIMITS])
@@ -98,7 +99,7 @@ def test_a_body_beside_the_image_shades_what_the_camera_sees_alike():
     mesh, lamps = box_and_plate(), rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
     far = np.stack([np.eye(4), turned(0, (0, 5, 0)), np.eye(4)])
     motion, pose = rc.Motion(mesh, {"plate": far}), TWO_CAMERAS[:1]
-    seen = rc.regions_over_time(motion, CAMERA, pose, TASK).areas()
+    seen = regions_over_time(motion, CAMERA, pose, TASK).areas()
     assert (seen == seen[0]).all()
     areas = assert_frames_are_those_at_rest(motion, CAMERA, pose, TASK, lamps)[:, 0].sum(axis=1)
     assert areas[0] == areas[2] < 0.5 * areas[1]
@@ -110,10 +111,10 @@ def test_a_zone_that_is_unlit_in_some_frames_says_so():
     far = np.stack([np.eye(4), turned(0, (0, 5, 0))])
     motion = rc.Motion(box_and_plate(sheet), {"plate": far})
     lamps = rc.Lamps(LAMPS.lamps[:1], LAMPS.places[:1])
-    found = rc.evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, "all", lamps=lamps)
+    found = evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, "all", lamps=lamps)
     assert found.share() < 0.7
     assert [zone["reason"] for zone in found.dead_zones()["dead_zones"]] == ["unlit"]
-    some = rc.evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
+    some = evaluate_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
     assert some.share() == pytest.approx(1)
 
 
@@ -132,7 +133,7 @@ def test_a_head_with_a_lamp_that_rides_on_it_measures_in_each_frame():
     # All that moves together changes nothing: the lamp moves with the body of the cameras.
     own = of_riding(lamps)
     together = rc.Motion(box_and_plate(), {name: rc.turntable(3) for name in ("box", "plate")})
-    areas = rc.regions_over_time(together, rig, poses, TASK, body="box", lamps=own).areas()
+    areas = regions_over_time(together, rig, poses, TASK, body="box", lamps=own).areas()
     assert areas.sum() > 0
     assert np.abs(areas.reshape(3, -1) - areas.reshape(3, -1)[0]).max() <= 1e-6
 
@@ -162,7 +163,7 @@ NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "boun
 def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
     camera, task = with_lamps(camera, lamps), task.lit_by(lamps)
-    job = Frames.of(motion, camera, rc.Poses.of(poses), task, Engine.of("certified"), "world")
+    job = Frames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]
 
 
@@ -187,7 +188,7 @@ def test_light_of_an_earlier_frame_is_that_of_the_frame_to_the_bit(frames, task,
     if rides:
         places[0] = np.linalg.inv(TWO_CAMERAS[0]) @ places[0]
     lamps = rc.Lamps(kinds, places, rides=[rides, False, False])
-    found = rc.regions_over_time(motion, CAMERA, TWO_CAMERAS, task, lamps=lamps)
+    found = regions_over_time(motion, CAMERA, TWO_CAMERAS, task, lamps=lamps)
     alone = joined_regions(of_each_frame(motion, CAMERA, TWO_CAMERAS, task, lamps))
     for name in NAMES:
         assert getattr(found, name).tobytes() == getattr(alone, name).tobytes()
@@ -206,7 +207,7 @@ def test_a_lamp_is_found_again_where_a_moved_body_is_before_what_it_lights(monke
     lamps = rc.Lamps(LAMPS.lamps[:1], place[None], rides=[rides])
     away = [np.eye(4), *(turned(0, (0, 3 + at, 0)) for at in range(4)), np.eye(4)]
     motion = rc.Motion(box_and_plate(), {"plate": np.stack(away)})
-    rc.regions_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
+    regions_over_time(motion, CAMERA, TWO_CAMERAS[:1], TASK, lamps=lamps)
     assert len(solved) == 1 + 2  # the camera, and the lamp with the plate before it and away
 
 
@@ -216,13 +217,13 @@ def test_light_that_cannot_be_is_refused_in_one_line():
     rides = rc.Lamps([rc.Lamp.point(intensity=1)], rides=[True])
     poses = rig.poses(TWO_CAMERAS)
     with pytest.raises(ConfigError, match="on one body, got box, plate; place it") as error:
-        rc.regions_over_time(motion, rig, poses, body=["box", "plate"], lamps=rides)
+        regions_over_time(motion, rig, poses, body=["box", "plate"], lamps=rides)
     assert "\n" not in str(error.value)
-    rc.regions_over_time(motion, rig, poses, body=["box", "box"], lamps=rides)
+    regions_over_time(motion, rig, poses, body=["box", "box"], lamps=rides)
     with pytest.raises((ConfigError, MeshError), match="body") as error:
-        rc.regions_over_time(motion, rig, poses, body=[["box"], ["box"]], lamps=rides)
+        regions_over_time(motion, rig, poses, body=[["box"], ["box"]], lamps=rides)
     assert "\n" not in str(error.value)
-    for over_time in (rc.regions_over_time, rc.evaluate_over_time):
+    for over_time in (regions_over_time, evaluate_over_time):
         with pytest.raises(CameraError, match="lamps must be"):
             over_time(motion, CAMERA, TWO_CAMERAS, lamps=[rc.Lamp.point(intensity=1)])
         with pytest.raises(ConfigError, match="give lamps"):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import swept_arm as arm
 from test_bodies import AROUND, CAMERA, shifted, two_bodies
+from timed import evaluate_over_time, over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.motion import over_time, regions_over_time
 from rastercov.coverage.area.table import joined
 from rastercov.coverage.reasons import NAMES
 
@@ -44,7 +44,7 @@ def test_durations_are_weights_of_frames():
 
 
 def test_the_curve_falls_and_adds_up_to_the_frames():
-    result = rc.evaluate_over_time(passing([1, 2, 1, 1]), CAMERA, ABOVE, TASK, 0.9)
+    result = evaluate_over_time(passing([1, 2, 1, 1]), CAMERA, ABOVE, TASK, 0.9)
     curve, frames = result.curve(), result.table()
     areas = [each["m2"] for each in curve]
     assert areas == sorted(areas, reverse=True)
@@ -63,11 +63,11 @@ def test_the_curve_falls_and_adds_up_to_the_frames():
 
 @pytest.mark.parametrize("over", [0.7, "all"])
 def test_every_second_frame_is_the_motion_of_these_frames_alone(over):
-    result = rc.evaluate_over_time(passing([1, 1, 1, 2]), CAMERA, ABOVE, TASK, over)
+    result = evaluate_over_time(passing([1, 1, 1, 2]), CAMERA, ABOVE, TASK, over)
     some = result.motion._of_frames(np.array([True, False, True, False]))
-    alone = 100 * rc.evaluate_over_time(some, CAMERA, ABOVE, TASK, over).share()
+    alone = 100 * evaluate_over_time(some, CAMERA, ABOVE, TASK, over).share()
     others = result.motion._of_frames(np.array([False, True, False, True]))
-    assert alone != rc.evaluate_over_time(others, CAMERA, ABOVE, TASK, over).share() * 100
+    assert alone != evaluate_over_time(others, CAMERA, ABOVE, TASK, over).share() * 100
     assert result.half() == pytest.approx(alone, abs=1e-9)
 
 
@@ -76,15 +76,14 @@ def test_views_at_any_time_need_not_be_at_one_time():
     motion = passing()
     eyes = rc.look_at(eyes=[(0.1, 0.1, 6), (3.5, 0.1, 4)], targets=(0, 0, 0), up=(0, 1, 0))
     two = rc.Task(views=2)
-    found = rc.regions_over_time(motion, CAMERA, eyes, two)
+    found = regions_over_time(motion, CAMERA, eyes, two)
     one, any_time = (
-        rc.over_time(found, motion, 0.75, views=2, views_at=at).area.sum()
+        over_time(found, motion, 0.75, views=2, views_at=at).area.sum()
         for at in ("one time", "any time")
     )
     assert any_time >= one - 1e-12
     by_hand = [
-        rc.over_time(rc.regions_over_time(motion, CAMERA, eye[None], TASK), motion, 0.75)
-        for eye in eyes
+        over_time(regions_over_time(motion, CAMERA, eye[None], TASK), motion, 0.75) for eye in eyes
     ]
     assert any_time == pytest.approx(joined(by_hand).at_least(2, one_side=False).area.sum())
 
@@ -93,7 +92,7 @@ def test_the_body_that_hides_a_dead_zone_is_named():
     # From four sides: the rest is where the plate is in between.
     eyes = [(0.1, 0.1, 6), (0.1, 0.1, -6), (0.1, 6, 0.1), (0.1, -6, 0.1)]
     eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0.3, 1, 0.2))
-    result = rc.evaluate_over_time(passing(), CAMERA, eyes, TASK, "all")
+    result = evaluate_over_time(passing(), CAMERA, eyes, TASK, "all")
     zones = result.dead_zones()["dead_zones"]
     hidden = [zone for zone in zones if zone["hidden_by"] == "b"]
     assert hidden
@@ -110,7 +109,7 @@ def test_only_what_is_occluded_is_hidden_by_a_body():
     motion = rc.Motion(mesh, {"a": rc.turntable(6)})
     pose = rc.look_at(eyes=[(3, 0.1, 2)], targets=(0, 0, 0), up=(0, 0, 1))
     for over in ("some", 0.5, "all"):
-        result = rc.evaluate_over_time(motion, CAMERA, pose, TASK, over)
+        result = evaluate_over_time(motion, CAMERA, pose, TASK, over)
         zones = result.dead_zones()["dead_zones"]
         assert zones
         for zone in zones:
@@ -126,7 +125,7 @@ def test_what_hides_itself_is_another_part_of_it():
     motion = rc.Motion(torus, {torus.groups[0].name: rc.turntable(8)})
     eyes = [(10, 0, 1), (10, 0, -1), (-10, 0, 1), (-10, 0, -1)]
     eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0, 0, 1))
-    zones = rc.evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
+    zones = evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
     assert zones[0]["hidden_by"] == torus.groups[0].name
     assert zones[0]["advice"] == "move the camera so that another part of it is not between"
 
@@ -134,7 +133,7 @@ def test_what_hides_itself_is_another_part_of_it():
 def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():
     motion = passing([1, 2, 1, 4])
     eyes = rc.look_at(eyes=[(0.1, 0.1, 6), (3.5, 0.1, 4)], targets=(0, 0, 0), up=(0, 1, 0))
-    result = rc.evaluate_over_time(motion, CAMERA, eyes, TASK)
+    result = evaluate_over_time(motion, CAMERA, eyes, TASK)
     areas = result.regions.areas().reshape(4, 2, -1)
     worth = (areas * motion.durations[:, None, None]).sum(axis=0)
     row = result.longest()
@@ -145,9 +144,9 @@ def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():
 
 
 def test_reasons_over_time_are_those_of_dead_zones():
-    result = rc.evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all")
+    result = evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all")
     mesh = result.motion.mesh
-    summary = rc.evaluate(mesh, CAMERA, ABOVE, TASK)._with_areas(result.areas).summary()
+    summary = rc.evaluate(mesh, CAMERA, ABOVE, TASK, motion=result.asked).summary()
     assert summary["not_covered_because"] == {}
     wanted = dict.fromkeys([zone["reason"] for zone in summary["dead_zones"]], 0.0)
     for zone in summary["dead_zones"]:
@@ -166,7 +165,7 @@ def test_every_reason_that_a_point_may_have_is_that_of_a_zone(name, monkeypatch)
         return [(row, reason, np.full(len(points), -1)) for row in range(len(poses))]
 
     monkeypatch.setattr("rastercov.coverage.area.over_time.failures_of_rows", judged)
-    zones = rc.evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all").dead_zones()["dead_zones"]
+    zones = evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all").dead_zones()["dead_zones"]
     assert {zone["reason"] for zone in zones} == {name}
     assert not set("{}") & set(zones[0]["advice"])
 
@@ -283,14 +282,14 @@ def test_durations_without_a_common_unit_are_refused(durations):
 
 def test_views_at_other_times_are_refused():
     motion = passing()
-    found = rc.regions_over_time(motion, CAMERA, ABOVE, TASK)
+    found = regions_over_time(motion, CAMERA, ABOVE, TASK)
     with pytest.raises(ConfigError, match="views_at"):
-        rc.over_time(found, motion, views_at="soon")
+        over_time(found, motion, views_at="soon")
 
 
 def test_a_robot_over_a_part_is_evaluated_over_time():
     motion = rc.Motion(arm.cell(), arm.frames(arm.sweep(12)))
-    result = rc.evaluate_over_time(motion, CAMERA, arm.CAMERAS, TASK, "all")
+    result = evaluate_over_time(motion, CAMERA, arm.CAMERAS, TASK, "all")
     assert 0 < result.summary()["always_percent"] < result.summary()["ever_percent"]
     assert any(each["hidden_by"] for each in result.table())
     assert AROUND.shape == (4, 4, 4)

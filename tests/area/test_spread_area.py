@@ -5,6 +5,7 @@ import pytest
 from exact_views import SEEDS
 from hypothesis import given, settings
 from surface_cases import building, hostile_scene, room
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -129,4 +130,4 @@ def test_a_motion_refuses_an_angle_between_cameras():
     mesh, camera, poses = room()
     motion = rc.Motion(mesh, {"mesh": np.repeat(np.eye(4)[None], 2, axis=0)})
     with pytest.raises(ConfigError, match="min_angle_deg"):
-        rc.evaluate_over_time(motion, camera, poses, rc.Task(min_angle_deg=10))
+        evaluate_over_time(motion, camera, poses, rc.Task(min_angle_deg=10))

@@ -2,8 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
 from swept_arm import CAMERAS, cell, frames, sweep
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -52,17 +54,16 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_shards_have_the_figures_of_one_run_to_the_bit(tmp_path, case):
     scene, options = CASES[case]
-    plain = rc.evaluate_over_time(motion_of(), *scene, TASK, 0.5, **options)
-    kept = rc.evaluate_over_time(motion_of(), *scene, TASK, 0.5, folder=tmp_path, **options)
+    plain = evaluate_over_time(motion_of(), *scene, TASK, 0.5, **options)
+    kept = evaluate_over_time(motion_of(), *scene, TASK, 0.5, folder=tmp_path, **options)
     same(plain, kept)
-    (own,) = tmp_path.iterdir()
-    assert len(list((own / "shards").iterdir())) >= 2
+    assert sorted(len(list(each.glob("shards/*"))) for each in tmp_path.iterdir()) >= [1, 2]
 
 
 @pytest.mark.slow
 def test_workers_make_the_shards_of_one_process(tmp_path):
     found = [
-        rc.evaluate_over_time(
+        evaluate_over_time(
             motion_of(), CAMERA, CAMERAS, TASK, lamps=LAMPS, folder=tmp_path / name, workers=workers
         )
         for name, workers in (("alone", None), ("workers", rc.Workers(2)))
@@ -78,13 +79,31 @@ def test_workers_make_the_shards_of_one_process(tmp_path):
 
 def test_shards_of_another_motion_with_their_checksums_are_made_again(tmp_path):
     scene, (one, other) = (CAMERA, CAMERAS, TASK), (tmp_path / name for name in ("one", "other"))
-    plain = rc.evaluate_over_time(motion_of(), *scene, folder=one)
-    rc.evaluate_over_time(rc.Motion(MESH, frames(sweep(7)[::-1])), *scene, folder=other)
-    ((own,), (theirs,)) = one.iterdir(), other.iterdir()
+    plain = evaluate_over_time(motion_of(), *scene, folder=one)
+    evaluate_over_time(rc.Motion(MESH, frames(sweep(7)[::-1])), *scene, folder=other)
+    # The poses at rest are the same in both.
+    (own,), (theirs,) = (
+        [path for path in here.iterdir() if not (there / path.name).exists()]
+        for here, there in ((one, other), (other, one))
+    )
     for number in (0, 2):
         data = (theirs / f"shards/shard-0000{number}.npz").read_bytes()
         store(own, f"shards/shard-0000{number}.npz", data)
-    same(plain, rc.evaluate_over_time(motion_of(), *scene, folder=one))
+    same(plain, evaluate_over_time(motion_of(), *scene, folder=one))
+
+
+def test_poses_are_kept_in_shards_and_taken_from_there(tmp_path, monkeypatch):
+    plain = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, fields=())
+    monkeypatch.setattr(shards, "PAIRS_A_SHARD", 2 * MESH.n_faces)
+    first = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, folder=tmp_path)
+    assert len(list(tmp_path.glob("*/shards/*.npz"))) == 2
+    monkeypatch.setattr(shards, "_measured", lambda *_: pytest.fail("measured again"))
+    second = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, folder=tmp_path)
+    assert first.covered.area.tobytes() == second.covered.area.tobytes()
+    assert np.abs(first.covered.area - plain.covered.area).max() <= 1e-12
+    assert first.network.summary() == second.network.summary() == plain.network.summary()
+    with pytest.raises(ConfigError, match="no reason, which was not asked for"):
+        _ = first.reason
 
 
 class EndedError(Exception):
@@ -104,29 +123,26 @@ def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, mon
     monkeypatch.setattr(shards, "_of_frames", counted)
     scene = CAMERA, CAMERAS, TASK
     with pytest.raises(EndedError):
-        rc.evaluate_over_time(motion_of(), *scene, folder=tmp_path)
+        evaluate_over_time(motion_of(), *scene, folder=tmp_path)
     # Another motion takes none of them, and other durations or another question all.
     other = rc.Motion(MESH, frames(sweep(7)[::-1]))
-    same(
-        rc.evaluate_over_time(other, *scene, folder=tmp_path), rc.evaluate_over_time(other, *scene)
-    )
+    same(evaluate_over_time(other, *scene, folder=tmp_path), evaluate_over_time(other, *scene))
     assert calls[3:] == [[0, 1], [2, 3], [4, 5], [6]]
     (kept,) = (path for path in tmp_path.iterdir() if len(list(path.glob("shards/*"))) == 2)
     damaged = kept / "shards" / "shard-00000.npz"
     damaged.write_bytes(damaged.read_bytes()[:-9])
     del calls[:]
-    rc.evaluate_over_time(motion_of(), *scene, folder=tmp_path)
+    evaluate_over_time(motion_of(), *scene, folder=tmp_path)
     timed = motion_of(durations=[1, 1, 2, 1, 1, 3, 1])
-    kept = rc.evaluate_over_time(timed, *scene, "all", folder=tmp_path)
-    same(kept, rc.evaluate_over_time(timed, *scene, "all"))
+    kept = evaluate_over_time(timed, *scene, "all", folder=tmp_path)
+    same(kept, evaluate_over_time(timed, *scene, "all"))
     assert calls == [[0, 1], [4, 5], [6]]
 
 
 def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
-    from rastercov.placement.plan.over_time import PlanMotion
     from rastercov.report.coverage import Options, run
 
-    moving = PlanMotion(motion_of(), "all", "one time", "world", "certified")
+    moving = rc.MotionQuery(motion_of(), "all")
     own = Options(pictures=0)
 
     def report(name):
@@ -142,14 +158,16 @@ def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     motion = motion_of()
     with pytest.raises(ConfigError, match="workers make shards in a folder"):
-        rc.evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
+        evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
+    with pytest.raises(ConfigError, match="shards have no figures of pairs; leave out fields"):
+        rc.evaluate(MESH, CAMERA, CAMERAS, TASK, fields=["reason"], folder=tmp_path)
     many = rc.Motion(MESH, {"link1": rc.turntable(5001)})
     with pytest.raises(ConfigError, match=r"10,000 pictures.*folder") as error:
-        rc.evaluate_over_time(many, CAMERA, CAMERAS[:2], TASK)
+        evaluate_over_time(many, CAMERA, CAMERAS[:2], TASK)
     assert "\n" not in str(error.value)
     for frame in (1, 4):
         noted = {frame: "was killed by SIGKILL"}
         monkeypatch.setattr(shards.ShardStore, "quarantined", lambda self, noted=noted: noted)
         with pytest.raises(ConfigError, match=f"frame {frame} of the motion: its") as error:
-            rc.evaluate_over_time(motion, CAMERA, CAMERAS, TASK, folder=tmp_path)
+            evaluate_over_time(motion, CAMERA, CAMERAS, TASK, folder=tmp_path)
         assert "\n" not in str(error.value)

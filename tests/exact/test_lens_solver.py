@@ -119,7 +119,7 @@ def test_edges_that_run_where_a_wide_lens_does_not_see_change_nothing(name):
         seen = found.visible.sum()
         assert abs(seen + blind - 300**2) <= 1e-6 + found.area_error.sum()
         assert np.all(found.visible <= found.area + found.area_error + 1e-9)
-    figures = evaluate(room, camera, poses, fields=("projected_area", "drawn_pixels"))
+    figures = evaluate(room, camera, poses, fields=("projected_area", "drawn_pixels"), by="face")
     assert np.all(figures.projected_area >= figures.drawn_pixels - 1e-5)
     all_seen = figures.projected_area.sum(axis=1)
     if name == "fisheye to 130":  # whose image is a disc of this radius
@@ -160,8 +160,8 @@ def test_half_planes_and_the_certificate_agree(name):
 def test_a_pinhole_as_a_lens_has_the_figures_of_a_pinhole(method):
     poses = sphere_of_poses((0, 0, 0), 2.4, 5)
     task = Task(min_pixels=3, max_incidence_deg=70)
-    one = evaluate(TORUS, PINHOLE, poses, task, method=method)
-    other = evaluate(TORUS, SAME, poses, task, method=method)
+    one = evaluate(TORUS, PINHOLE, poses, task, method=method, by="face")
+    other = evaluate(TORUS, SAME, poses, task, method=method, by="face")
     for figure in set(FIGURES) - {"facing_density", "visibility_bound", "visibility_kind"}:
         first, second = getattr(one, figure), getattr(other, figure)
         if first.dtype == np.float64:
@@ -193,11 +193,11 @@ def test_a_bulging_edge_leaves_the_image_though_its_corners_do_not():
     rays = lens_of(barrel).unproject([[2, 2], [198, 2], [198, 198], [2, 198]])
     corners = rays / rays[:, 2:] * 3.0
     bulging = Mesh(corners, [(0, 2, 1), (0, 3, 2)])
-    seen = evaluate(bulging, barrel, np.eye(4)[None])
+    seen = evaluate(bulging, barrel, np.eye(4)[None], by="face")
     assert not seen.in_view.any()
     assert np.all(seen.in_view_fraction < 1)
     smaller = Mesh(corners * (0.5, 0.5, 1), [(0, 2, 1), (0, 3, 2)])
-    assert evaluate(smaller, barrel, np.eye(4)[None]).in_view.all()
+    assert evaluate(smaller, barrel, np.eye(4)[None], by="face").in_view.all()
 
 
 @pytest.mark.slow

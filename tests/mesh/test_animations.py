@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from mesh_files import Glb
+from timed import over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
@@ -176,7 +177,7 @@ def test_the_animation_of_a_result_is_its_motion(tmp_path):
     motion = rc.Motion(mesh, {"arm": table}, {"arm": there}, [1, 1, 2, 1])
     camera = rc.Camera(width=64, height=48, fx=50, fy=50)
     pose = rc.look_at(eyes=[(1, 9, 2)], targets=(1, 0, 0))
-    covered = unite(rc.over_time(rc.regions_over_time(motion, camera, pose), motion))
+    covered = unite(over_time(regions_over_time(motion, camera, pose), motion))
     write_covered_mesh(tmp_path / "network.glb", covered, motion)
     read = rc.Mesh.load(tmp_path / "network.glb")
     # The file is y up; a frame a second.

@@ -63,7 +63,7 @@ def test_a_sealed_cavity_can_be_seen_and_so_can_all_where_a_camera_is_inside():
     assert unseeable_areas(mesh).any()
     assert not unseeable_areas(Mesh(mesh.vertices, faces, mesh.groups, mesh.face_group)).any()
     pose = rc.look_at((6, 6, 6), (3, 3, 3))
-    found = rc.evaluate(mesh, rc.Camera.from_fov(200, 200, hfov_deg=60), pose)
+    found = rc.evaluate(mesh, rc.Camera.from_fov(200, 200, hfov_deg=60), pose, by="face")
     assert found.network.summary()["unseeable_m2"] == 0
 
 

@@ -28,7 +28,7 @@ FAR = Framing(stand_off=(6.0, 30.0))
 
 def covered_by(mesh, poses, faces):
     """Whether any of the poses covers each face."""
-    reason = rc.evaluate(mesh, CAMERA, poses).reason[:, faces]
+    reason = rc.evaluate(mesh, CAMERA, poses, by="face").reason[:, faces]
     return (reason == Reason.COVERED).any(axis=0)
 
 

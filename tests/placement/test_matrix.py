@@ -88,7 +88,7 @@ def test_the_matrix_is_the_coverage_of_every_pair_without_occluders(step):
     groups = (rc.Group("part"), rc.Group("fixture", is_occluder=True))[:step]
     scene = rc.Mesh(MESH.vertices, MESH.faces, groups, labels)
     matrix = build_matrix((scene, CAMERA), POSES, TASK)
-    coverage = rc.evaluate(scene, CAMERA, POSES, TASK)
+    coverage = rc.evaluate(scene, CAMERA, POSES, TASK, by="face")
     wanted = np.where(labels == 0, coverage.coverage, 0)
     np.testing.assert_allclose(dense(matrix), wanted, rtol=1e-6)
     assert (dense(matrix) > 0).tolist() == (wanted > 0).tolist()
@@ -161,7 +161,7 @@ def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
 
 
 def test_a_problem_has_the_pairs_views_and_weights_that_count(lists):
-    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)
+    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK, by="face")
     goal = BestCoverage(3)
     for least, wanted in (
         (None, coverage.reason == rc.Reason.COVERED),

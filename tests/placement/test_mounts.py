@@ -211,7 +211,7 @@ def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
                 camera=np.concatenate([part.camera for part in parts]),
             )
             cameras = mounts.cameras(poses)[0]
-            found = rc.evaluate(MESH, mounts.rig, cameras, task)
+            found = rc.evaluate(MESH, mounts.rig, cameras, task, by="face")
             return seen_by(MESH, found, cameras, need, least)
 
         covers, eyes, width = objective.covers(placed), objective.eyes(placed), objective.width
@@ -238,7 +238,7 @@ def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
         space = PoseSpace(mesh=MESH, boxes=MESH.bounds + np.array([[-4.0], [4.0]]))
         found = refine(objective, space, placed, budget=150)
         cameras, _ = mounts.cameras(rc.Poses.of(found.poses, camera=placed.camera))
-        coverage = rc.evaluate(MESH, mounts.rig, cameras, task)
+        coverage = rc.evaluate(MESH, mounts.rig, cameras, task, by="face")
         spread = tolerance(objective, placed, InstallationError(position_mm=0.0), draws=2)
     covered = seen_by(MESH, coverage, cameras, need, least)
     assert found.share > found.start_share

@@ -58,7 +58,7 @@ def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(see
     mesh = joined(shapes.torus(12, 8), shapes.box((0.4, 0.4, 0.4), centre=(1.6, 0, 0)))
     poses, task = around(cameras, seed, 4.0), Task(min_pixels=30, max_incidence_deg=70)
     found = what_is_left((mesh, CAMERA), poses, task)
-    coverage = rc.evaluate(mesh, CAMERA, poses, task)
+    coverage = rc.evaluate(mesh, CAMERA, poses, task, by="face")
     left = np.flatnonzero(found.left)
     assert (found.left == ~(coverage.reason == Reason.COVERED).any(axis=0)).all()
     assert (found.reason[left] == coverage.reason[:, left].max(axis=0)).all()
@@ -168,7 +168,7 @@ def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed
     task, poses = Task(min_visibility=0.6, max_incidence_deg=60), around(30, seed, 4.0)
     found = what_is_left((mesh, CAMERA), poses[:2], task, candidates=poses)
     left, sight = found.left, found.sight[found.left]
-    is_covered = rc.evaluate(mesh, CAMERA, poses, task).reason == Reason.COVERED
+    is_covered = rc.evaluate(mesh, CAMERA, poses, task, by="face").reason == Reason.COVERED
     exact = visibility(mesh, CAMERA, poses, "exact").visibility.max(axis=0)[left]
     assert (found.seen_at_least[left] <= exact + 1e-8).all()
     assert (found.seen_at_most[left] >= exact - 1e-8).all()
@@ -215,7 +215,7 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     poses = rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
     found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
     network = Network(mesh, task)
-    network.add(rc.evaluate(mesh, CAMERA, poses, task))
+    network.add(rc.evaluate(mesh, CAMERA, poses, task, by="face"))
     told, known = found.summary(), network.summary()
     assert told["left"] == known["not_covered"]
     assert told["reasons"] == known["not_covered_because"]

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plans import told
+from timed import over_time, regions_over_time
 
 import rastercov as rc
 from rastercov import placement
@@ -203,8 +204,8 @@ def test_a_robot_that_moves_by_a_path_is_in_front_of_cameras():
     mesh = rc.Mesh.joined([part(), robot.mesh])
     camera, task = rc.Camera.from_fov(320, 256, hfov_deg=40), rc.Task(max_incidence_deg=70)
     motion = rc.Motion(mesh, robot.poses(rows))
-    found = rc.regions_over_time(motion, camera, pose, task)
-    assert told()["share"] == pytest.approx(rc.unite(rc.over_time(found, motion, "all")).share())
+    found = regions_over_time(motion, camera, pose, task)
+    assert told()["share"] == pytest.approx(rc.unite(over_time(found, motion, "all")).share())
     shown, lamps = scene_of_place(Path("out"))
     assert np.array_equal(shown.motion.mesh.vertices, mesh.vertices)
     assert lamps is None

@@ -69,7 +69,7 @@ def head(rule=None, **more):
 
 def test_a_rig_is_evaluated_by_what_its_cameras_cover_together():
     rig = head()
-    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None)
+    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK)
     parts = rc.regions(MESH, rig, rig.poses(POSES), TASK)
     union = rc.unite(parts)
     assert found.by == "area"
@@ -84,7 +84,7 @@ def test_a_rig_is_evaluated_by_what_its_cameras_cover_together():
 
 def test_what_is_missed_by_one_camera_alone_is_what_the_other_covers_besides():
     rig = head()
-    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None).summary()
+    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK).summary()
     both = found["covered_area"]["m2"]
     alone = {each["camera"]: each["covered_area"]["m2"] for each in found["by_camera"]}
     missed = {each["device"]: each["missed"]["m2"] for each in found["by_device"]}
@@ -98,7 +98,7 @@ def test_what_is_missed_by_one_of_three_is_by_the_rule_of_the_others():
     places = np.repeat(np.eye(4)[None], 3, axis=0)
     places[:, 0, 3] = (-0.5, 0.0, 0.5)
     rig = rc.Rig([CAMERA] * 3, list("apb"), places, rule=rc.AtLeast(2, needs=["p"]))
-    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None).summary()
+    found = rc.evaluate(MESH, rig, rig.poses(POSES), TASK).summary()
     alone = {each["camera"]: each["covered_area"]["m2"] for each in found["by_camera"]}
     missed = {each["device"]: each["missed"]["m2"] for each in found["by_device"]}
     assert found["covered_area"]["m2"] + missed["a"] == pytest.approx(alone["p"], abs=1e-9)
@@ -109,7 +109,7 @@ def test_what_is_missed_by_one_of_three_is_by_the_rule_of_the_others():
 
 def test_dead_zones_name_the_camera_that_fails():
     rig = head()
-    found = rc.evaluate(MESH, rig, rig.poses(POSES[:1]), TASK, by=None).summary()
+    found = rc.evaluate(MESH, rig, rig.poses(POSES[:1]), TASK).summary()
     zone = found["dead_zones"][0]
     assert zone["device"] in ("cam", "proj")
     sheet = rc.Mesh(
@@ -119,7 +119,7 @@ def test_dead_zones_name_the_camera_that_fails():
     eyes = [(0.5, 0.5, 2), (0.5, 0.5, -2)]
     apart = rc.look_at(eyes=eyes, targets=(0.5, 0.5, 0), up=(0, 1, 0))
     lamp = rc.Rig([CAMERA] * 2, ["cam", "lamp"], apart, rule=rc.All())
-    found = rc.evaluate(sheet, lamp, lamp.poses(np.eye(4)), by=None).summary()
+    found = rc.evaluate(sheet, lamp, lamp.poses(np.eye(4))).summary()
     assert found["covered_area"]["m2"] == 0
     [zone] = found["dead_zones"]
     assert (zone["reason"], zone["area_m2"]) == ("back_facing", pytest.approx(1))
@@ -129,16 +129,16 @@ def test_by_face_and_by_samples_rules_are_refused():
     rig = head()
     for given in ({"by": "face"}, {"method": "sampled"}):
         with pytest.raises(ConfigError):
-            rc.evaluate(MESH, rig, rig.poses(POSES), TASK, **({"by": None} | given))
+            rc.evaluate(MESH, rig, rig.poses(POSES), TASK, **given)
     with pytest.raises(ConfigError, match="min_pixels is of a face"):
-        rc.evaluate(MESH, rig, rig.poses(POSES), rc.Task(min_pixels=4), by=None)
+        rc.evaluate(MESH, rig, rig.poses(POSES), rc.Task(min_pixels=4))
 
 
 def test_batches_and_shards_keep_the_poses_of_a_rig_together(monkeypatch):
     rig, found = head(), []
     for size in (256, 3, 1):
         monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", size)
-        found.append(rc.evaluate(MESH, rig, rig.poses(POSES), TASK, by=None, threads=1).summary())
+        found.append(rc.evaluate(MESH, rig, rig.poses(POSES), TASK, threads=1).summary())
     for each in found[1:]:
         assert each["covered_area"]["m2"] == pytest.approx(found[0]["covered_area"]["m2"])
         assert each["per_pose"] == found[0]["per_pose"]
@@ -192,7 +192,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
 
     monkeypatch.setattr(overview, "hatched", kept)
     rig = head()
-    result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK, by=None)
+    result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK)
     said = result.summary()
     devices = overview.device_hatches(said["dead_zones"])
     assert set(devices) == {zone["device"] for zone in said["dead_zones"] if "device" in zone}
@@ -254,7 +254,8 @@ def test_the_page_colours_faces_by_the_device_that_fails():
     for row, task in enumerate((TASK, rc.Task(**PROJECTOR))):
         poses = rig.poses(POSES).world_from_camera[row::2]
         by_face &= (
-            rc.evaluate(MESH, CAMERA, poses, task, fields=("reason",)).reason == Reason.COVERED
+            rc.evaluate(MESH, CAMERA, poses, task, by="face", fields=("reason",)).reason
+            == Reason.COVERED
         )
     assert is_measured.any()
     assert np.array_equal(is_measured, by_face.any(axis=0))
@@ -301,7 +302,7 @@ def test_a_network_by_face_refuses_a_rule():
 def test_shards_of_a_long_run_give_the_same(monkeypatch, tmp_path):
     rig = head()
     poses = rig.poses(POSES)
-    found = rc.evaluate(MESH, rig, poses, TASK, by=None).summary()
+    found = rc.evaluate(MESH, rig, poses, TASK).summary()
     monkeypatch.setattr("rastercov.coverage.shards.PAIRS_A_SHARD", 5 * MESH.n_faces)
     wanted = Wanted(rc.Engine(), by_area=True, apart=True)
     with open_for(MESH, rig, TASK, wanted) as observer:
@@ -441,8 +442,7 @@ def test_a_fixed_camera_stays_and_is_solved_once(monkeypatch):
     for name in ("xy", "starts", "face", "pose", "area", "bound", "pair_face"):
         assert np.array_equal(getattr(once, name), getattr(each, name)), name
     summaries = [
-        rc.evaluate(MESH, own, poses, TASK, by=None, fields=("visibility",))
-        for own in (rig, moving)
+        rc.evaluate(MESH, own, poses, TASK, fields=("visibility",)) for own in (rig, moving)
     ]
     a, b = (one.summary() for one in summaries)
     for name in ("covered_area", "per_pose", "by_device", "by_camera", "dead_zones"):

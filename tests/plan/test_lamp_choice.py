@@ -11,6 +11,7 @@ from commands import done, enter, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plans import told
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.placement.plan import lamps as choice
@@ -257,7 +258,7 @@ def test_lamps_are_chosen_over_time():
     over = placed.cameras.areas.over_time
     scene = over.motion, rc.Camera(**CAMERA), EYES, over.task, 0.6
     shares = [
-        rc.evaluate_over_time(*scene, lamps=some_lamps(placed, [row])).share() for row in range(3)
+        evaluate_over_time(*scene, lamps=some_lamps(placed, [row])).share() for row in range(3)
     ]
     assert max(shares) > 0
     assert placed.cameras.share == pytest.approx(max(shares), abs=1e-9)

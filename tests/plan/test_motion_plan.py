@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from commands import done, refusal
 from scenes import joined
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -54,7 +55,7 @@ def exact(placed, over=0.9):
     """Covered share of the chosen cameras, from the regions of the same motion."""
     mesh, plan, _ = named_scene(plan_of(PLAN))
     motion = plan.build_motion(mesh)
-    found = rc.evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
+    found = evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
     return found.share()
 
 
@@ -134,7 +135,7 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
     lamps = rc.Lamps(
         [rc.Lamp.spot(40, intensity=900)], rc.look_at((0, -1.5, 3), (0, 0, 0), up=(0, -1, 0))
     )
-    exact_share = rc.evaluate_over_time(
+    exact_share = evaluate_over_time(
         plan.build_motion(mesh), plan_of(PLAN).rig, found.cameras.placed, plan.build_task(), 0.9,
         lamps=lamps,
     ).share()  # fmt: skip

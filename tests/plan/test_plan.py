@@ -381,7 +381,7 @@ def test_what_is_certain_and_possible_encloses_every_visibility_within_the_bound
     poses = rc.look_at(rng.uniform((-1, -1, 0.5), (1, 1, 2.5), (3, 3)), (0, 0, 0.4))
     camera = rc.Camera(width=64, height=48, fx=30, fy=30)
     task = rc.Task(min_pixels=20, min_coverage=0.3, **limits)
-    coverage = rc.evaluate(shapes.room(2), camera, poses, task)
+    coverage = rc.evaluate(shapes.room(2), camera, poses, task, by="face")
     value, bound = coverage.visibility, rng.uniform(0, size, coverage.visibility.shape)
     certain, possible = certain_and_possible(replace(coverage, visibility_bound=bound))
     assert (certain <= (coverage.reason == Reason.COVERED)).all()

@@ -345,7 +345,7 @@ def test_blur_matters_against_the_side_of_a_cell(renderer, cells, is_found):
 def test_figures_of_a_plate_are_those_of_its_faces():
     case, _ = random_scene(1, 23)
     figures = plate_figures(case.scene, case.camera)[0]
-    found = evaluate(case.scene.mesh, case.camera, np.eye(4)[None], Task())
+    found = evaluate(case.scene.mesh, case.camera, np.eye(4)[None], Task(), by="face")
     assert figures.pixels == pytest.approx(found.drawn_pixels[0, :2].sum())
     assert figures.visible_pixels == pytest.approx(found.visible_pixels[0, :2].sum())
     requirement = Requirement(name="any", min_pixels=2 * figures.pixels)

@@ -120,7 +120,7 @@ def test_ours_is_the_engine():
     poses = look_at([(0, 0, 0), (0.5, 0.2, -1)], (0, 0, 5))
     assert np.array_equal(
         covered("image_space", mesh, poses=poses, task=task),
-        evaluate(mesh, CAMERA, poses, task).coverage,
+        evaluate(mesh, CAMERA, poses, task, by="face").coverage,
     )
 
 
@@ -584,7 +584,7 @@ def found():
 def test_disagreements_are_counted_over_all_poses(found):
     task = Task()
     values = {name: model(TEAPOT, EYE, AROUND, task) for name, model in MODELS.items()}
-    seen = evaluate(TEAPOT, EYE, AROUND, task)
+    seen = evaluate(TEAPOT, EYE, AROUND, task, by="face")
     by_pair = {(each.covers, each.does_not): each for each in found.disagreements}
     assert by_pair  # the models do disagree
     for first, second in itertools.permutations(MODELS, 2):
@@ -604,7 +604,7 @@ def test_disagreements_are_counted_over_all_poses(found):
 
 
 def test_the_bivalent_test_is_held_against_what_is_seen(found):
-    seen = evaluate(TEAPOT, EYE, AROUND)
+    seen = evaluate(TEAPOT, EYE, AROUND, by="face")
     bivalent = zhang.visible(TEAPOT, EYE, AROUND) > 0
     front = np.array([face_geometry(TEAPOT, EYE, pose).is_front for pose in AROUND])
     judged = seen.in_view & front & (seen.drawn_pixels > 0)

@@ -51,7 +51,7 @@ def close(one, other):
 
 def test_all_cameras_together_are_one_network(tmp_path):
     summary = run(MESH, RIG, POSES, TASKS["face"], tmp_path, Options(pictures=0, table="all"))
-    coverage = rc.evaluate(MESH, RIG, POSES, TASKS["face"])
+    coverage = rc.evaluate(MESH, RIG, POSES, TASKS["face"], by="face")
     network = rc.Network(MESH, TASKS["face"])
     network.add(coverage)
     assert summary["covered"] == network.summary()["covered"]

@@ -28,7 +28,7 @@ MESH, CAMERA, POSES = room()
 def camera_image(mesh, camera, pose, task, side=720):
     """Image of a camera by whole faces, at most that wide and high."""
     small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
-    reasons = rc.evaluate(mesh, camera, pose[None], task, fields=("reason",)).reason[0]
+    reasons = rc.evaluate(mesh, camera, pose[None], task, fields=("reason",), by="face").reason[0]
     return by_faces(camera_scene(mesh, small, pose), reasons)
 
 
@@ -82,7 +82,7 @@ def test_a_pixel_of_a_camera_picture_has_the_colour_of_the_face_that_its_ray_mee
     image = camera_image(MESH, camera, pose, DENSE, side=200)
     face, small = image.scene.face, image.scene.camera
     assert max(small.width, small.height) == 200
-    found = rc.evaluate(MESH, camera, pose[None], DENSE).reason[0]
+    found = rc.evaluate(MESH, camera, pose[None], DENSE, by="face").reason[0]
     rows, columns = np.nonzero(face >= 0)
     assert len(rows) > 0.98 * face.size
     pixels = camera_pixels(image)[rows, columns].astype(int)

@@ -80,7 +80,7 @@ def test_the_files_hold_what_evaluate_gives_and_the_table_the_pairs_asked_for(
     plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
-    found = evaluate(MESH, CAMERA, poses, TASK)
+    found = evaluate(MESH, CAMERA, poses, TASK, by="face")
     rows = rows_of(found, choice)
     assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
     assert names(tmp_path) == FILES - ({"coverage.parquet"} if choice == "none" else set())
@@ -109,7 +109,7 @@ def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
     tmp_path, monkeypatch, caplog
 ):
     poses = around(200)
-    seen = len(rows_of(evaluate(MESH, CAMERA, poses, TASK), "seen").pose)
+    seen = len(rows_of(evaluate(MESH, CAMERA, poses, TASK, by="face"), "seen").pose)
     pairs = len(poses) * MESH.n_faces
     monkeypatch.setattr("rastercov.report.coverage.MOST_PAIRS", pairs - 1)
     assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"] == {"pairs": "none", "rows": 0}
@@ -284,7 +284,7 @@ def test_a_folder_that_cannot_be_used_is_refused_before_a_device_is_opened(tmp_p
     for name in ("file", "taken/view.html", "taken/coverage.parquet"):
         (tmp_path / name).write_text("mine")
     before = content(tmp_path)
-    monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.coverage.job.open_for", lambda *_: pytest.fail("opened"))
     with ReportFolder(tmp_path / "used", EVALUATION):
         for out in ("file", "file/report", "taken", "used"):
             with pytest.raises(ConfigError):

@@ -16,6 +16,7 @@ from pages import Page, read_alone
 from test_pages import BALL, CAMERA, plan
 
 import rastercov as rc
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.report import notebook
 
 NAMES = ("faces", "cameras", "zones", "groups")
@@ -30,9 +31,9 @@ def results(tmp_path_factory):
     asked["meshes"][1].pop("role")
     mesh = rc.Mesh.load([each["path"] for each in asked["meshes"]])
     scene = mesh, CAMERA, rc.sphere_of_poses((0, 0, 0), 4.0, 7), rc.Task(max_incidence_deg=70)
-    placed, found = rc.place(asked, out=out / "place"), rc.evaluate(*scene)
+    placed, found = rc.place(asked, out=out / "place"), rc.evaluate(*scene, by="face")
     with rc.open_observer(mesh, CAMERA) as observer:
-        batch = next(rc.evaluate_batches(observer, *scene[2:]))
+        batch = next(evaluate_batches(observer, *scene[2:]))
     return {
         "mesh": mesh, "batch": batch, "network": found.network, "face": found, "out": out,
         "area": rc.evaluate(*scene, by="area", fields=()), "place": placed,

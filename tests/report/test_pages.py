@@ -150,7 +150,9 @@ def test_the_page_of_a_report_has_its_rig_and_its_figures(tmp_path, by):
     assert np.array_equal([each["pose"] for each in state["stations"]], POSES.reshape(-1, 16))
     (camera,) = state["cameras"].values()
     assert rc.Camera.from_dict(camera["plain"]) == CAMERA
-    views = (rc.evaluate(MESH, CAMERA, POSES, task).reason == rc.Reason.COVERED).sum(axis=0)
+    views = (rc.evaluate(MESH, CAMERA, POSES, task, by="face").reason == rc.Reason.COVERED).sum(
+        axis=0
+    )
     levels = MODES["views"].paint(MESH, views).levels.tobytes()
     assert base64.b64decode(frame["levels"]) == levels
     assert frame["summary"]["covered"] == told["covered"]

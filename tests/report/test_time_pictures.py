@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.report import over_time
@@ -18,7 +19,7 @@ def strip(monkeypatch):
         turned = rc.turntable(steps, degrees=degrees)
         motion = rc.Motion(PART, {PART.groups[0].name: turned}, durations=durations)
         pose = rc.look_at(eyes=[(4, 0, 3)], targets=(0, 0, 0), up=(0, 0, 1))
-        found = rc.evaluate_over_time(motion, CAMERA, pose, rc.Task(max_incidence_deg=60))
+        found = evaluate_over_time(motion, CAMERA, pose, rc.Task(max_incidence_deg=60))
         kept = []
         whole = over_time.contact_sheet
         monkeypatch.setattr(

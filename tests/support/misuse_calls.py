@@ -20,6 +20,7 @@ from misuse_values import CAMERA, FOLDER, MESH, PLAN, POSES, TASK
 import rastercov as rc
 from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.mesh.formats import urdf
 from rastercov.placement.candidates.segments import segment
 
@@ -29,6 +30,7 @@ SIZE = {"width": 32, "height": 24}
 LENS = SIZE | {"fx": 30.0, "fy": 30.0}
 SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
+STILL = {"motion": None}
 SHEETS = {"spacing": 0.4, "inset": 0.1}
 LINE = rc.Rig(
     [CAMERA] * 2, ["laser", "a"], rule=rc.All(), tasks={"laser": {"max_incidence_deg": 80}}
@@ -84,10 +86,12 @@ OWN: dict[str, dict[str, Any]] = {
     "write_poses, named": {"path": FOLDER / "written.json", "camera": ["a", "b"]},
     "read_views": {"path": FOLDER / "views.json", "conventions": rc.Conventions()},
     "write_views": {"views": VIEWS, "path": FOLDER / "written_views.json", "overwrite": True},
-    "evaluate": EXACT,
-    "evaluate, by area": EXACT | {"by": "area", "fields": []},
-    "evaluate, lit": EXACT | {"by": "area", "fields": [], "lamps": LAMPS},
-    "evaluate, sampled": SAMPLED,
+    "evaluate": EXACT | STILL,
+    "evaluate, by area": EXACT | STILL | {"by": "area", "fields": []},
+    "evaluate, lit": EXACT | STILL | {"by": "area", "fields": [], "lamps": LAMPS},
+    "evaluate, moving": EXACT | {"fields": [], "motion": rc.MotionQuery(MOTION, 0.5)},
+    "evaluate, sampled": SAMPLED | STILL,
+    "regions, at rest": STILL,
     "open_observer": EXACT,
     "open_observer, sampled": SAMPLED,
     "visibility, sampled": SAMPLED,
@@ -107,7 +111,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Rasterizer.render": {"pose": POSES[0]},
     "Regions.at_least": {"k": 1, "of": [0, 0]},
     "Rig.preset": {"name": "stereo:0.12"},
-    "laser_line": {
+    "LaserLine.of": {
         "rig": LINE,
         "world_from_rig": rc.conveyor(2, direction=(1, 0, 0), distance=0.1),
     },
@@ -165,7 +169,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Robot.solve": {"link": "hand", "starts": 2, "most": 2},
     "turntable": {"steps": 3},
     "conveyor": {"steps": 3, "distance": 0.1},
-    "over_time": {"regions": rc.regions_over_time(MOTION, CAMERA, POSES, threads=1)},
+    "MotionQuery.long_enough": {"regions": rc.regions(MESH, CAMERA, POSES, motion=MOTION)},
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
     "DeadZones.places": {"n": 2},
@@ -202,7 +206,7 @@ OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(place
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those in `OWN`."""
 UNTRIED = {
-    "OverTime": "is made by over_time",
+    "OverTime": "is made by evaluate",
 }
 """Classes, each with the reason why it is not tried."""
 
@@ -224,7 +228,7 @@ def in_words(function):
 
 MADE = {"open_observer": opened_and_closed, "open_rasterizer": opened_and_closed}
 MADE |= dict.fromkeys(("Coverage", "Evaluation", "LaserLine"), in_words)
-MADE |= {"evaluate_batches": listed, "Network.judge": listed}
+MADE |= {"Network.judge": listed}
 """Functions whose results have to be closed or taken."""
 
 
@@ -379,7 +383,7 @@ def right_objects():
         rc.Exposure(**OF_SENSOR), LAMPS.lamps[0],
         observer.observe(POSES), rasterizer.render(POSES[0]), rc.Workers(1),
         rc.evaluate(MESH, CAMERA, POSES), rc.visibility(MESH, CAMERA, POSES),
-        next(rc.evaluate_batches(observer, POSES)),
+        next(evaluate_batches(observer, POSES)), rc.MotionQuery(MOTION),
     ]  # fmt: skip
     objects = {type(each).__name__.lstrip("_"): each for each in made}
     objects |= {"Observer": observer, "Rasterizer": rasterizer}
@@ -389,7 +393,7 @@ def right_objects():
         "mesh": MESH, "camera": CAMERA, "poses": POSES, "task": TASK, "threads": 1, "plan": PLAN,
         "name": "a", "value": rc.evaluate(MESH, CAMERA, POSES, fields=()),
         "lamps": None, "motion": MOTION, "observer": observer, "regions": regions,
-        "covered": covered, "coverage": made[-1],
+        "covered": covered, "coverage": made[-2],
         "counts": counts, "views": 1, "size": 0.5, "world_from_rig": POSES, "rig": objects["Rig"],
         "chosen": np.ones(2, np.bool_), "tri": MESH.to_trimesh(), "max_blur": 1.0, "count": 3,
         "centre": (0, 0, 0), "low": (0, 0, 0), "high": (1, 1, 1), "target": MESH, "faces": [0, 1],

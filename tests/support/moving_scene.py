@@ -1,5 +1,6 @@
 """A part under a robot that moves, as a scene of the viewer, and its figures by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +31,7 @@ def moving_scene(folder, *, lamps=None, steps=STEPS):
         '[[bodies]]\nname = "arm"\nurdf = "arm.urdf"\n[motion]\njoints = "path.csv"\n'
     )
     moving = PlanMotion.read(folder / "m.toml", PART)
-    object.__setattr__(moving, "bodies", ["world", "arm/head"])
-    object.__setattr__(moving, "cameras", ["fixed", "carried"])
+    moving = replace(moving, body=["world", "arm/head"], cameras=["fixed", "carried"])
     rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])._lit(lamps)
     state = RigState.of(rig, rc.Poses.of(POSES, camera=[0, 1]), task=TASK)
     return Scene("cell", moving.motion.mesh, state, moving=moving), robot, rows

@@ -51,7 +51,7 @@ def session_of_room():
 def percent_covered(state, **thresholds):
     """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
     poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
-    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=("reason",))
+    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=("reason",), by="face")
     is_covered = (found.reason == Reason.COVERED).any(axis=0)
     return 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
 

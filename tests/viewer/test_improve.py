@@ -36,7 +36,7 @@ def measurements():
 
 def covered_area(state):
     network = rc.Network(MESH, state.task)
-    network.add(rc.evaluate(MESH, CAMERA, state.poses(), state.task))
+    network.add(rc.evaluate(MESH, CAMERA, state.poses(), state.task, by="face"))
     return float(MESH.areas[network.covered].sum())
 
 
@@ -47,7 +47,7 @@ def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
     candidates = around(MESH, 40)
     made, gain = with_next(measurements, state, "eye", candidates)
     covers, own = (
-        rc.evaluate(MESH, CAMERA, poses, state.task).reason == Reason.COVERED
+        rc.evaluate(MESH, CAMERA, poses, state.task, by="face").reason == Reason.COVERED
         for poses in (candidates, state.poses())
     )
     gains = covers @ np.where(own.sum(axis=0) < views, MESH.areas, 0.0)
@@ -79,7 +79,7 @@ def test_places_tried_are_allowed_and_look_at_what_is_not_covered(measurements):
     space = default_space(MESH, state)
     poses = tries(measurements, state, "eye", space, count=60)
     assert space.allows(poses[:, :3, 3]).all()
-    found = rc.evaluate(MESH, CAMERA, poses)
+    found = rc.evaluate(MESH, CAMERA, poses, by="face")
     assert (found.reason == Reason.COVERED).any(axis=1).mean() > 0.3
     assert np.array_equal(poses, tries(measurements, state, "eye", space, count=60))
 

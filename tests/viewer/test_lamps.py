@@ -12,6 +12,7 @@ from commands import call, done, enter, refusal
 from moving_scene import CAMERA, EYES, PART, POSES, TASK, by_hand, moving_scene
 from PIL import Image
 from rigs_to_view import moved
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
@@ -63,7 +64,7 @@ def assert_lit(session, mesh, poses, lamps, task=LIT):
     rig = rc.Rig([CAMERA])._lit(lamps)
     faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     plain = rc.Task(max_incidence_deg=75)
-    covers = rc.evaluate(mesh, CAMERA, poses, plain).reason == rc.Reason.COVERED
+    covers = rc.evaluate(mesh, CAMERA, poses, plain, by="face").reason == rc.Reason.COVERED
     placed = rc.Poses.of(poses)
     judged = failures_of_rows(mesh, rig, task, placed, mesh.centroids[faces], faces)
     n_light, every = 0, np.zeros(len(faces), bool)
@@ -327,7 +328,7 @@ def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
     said = json.loads((tmp_path / "out" / "report" / "summary.json").read_text())["over_time"]
     moving = scene.moving
     rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])
-    found = rc.evaluate_over_time(
+    found = evaluate_over_time(
         moving.motion, rig, rc.Poses.of(POSES, camera=[0, 1]), TASK, body=["world", "arm/head"],
         lamps=LAMPS,
     )  # fmt: skip

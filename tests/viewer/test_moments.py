@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from moving_scene import CAMERA, PART, POSES, STEPS, TASK, by_hand, moving_scene
 from rigs_to_view import moved
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -35,7 +36,7 @@ def acted(session, at, mode="reason", **action):
 
 
 def assert_figures(head, levels, mesh, poses):
-    found = rc.evaluate(mesh, CAMERA, poses, TASK)
+    found = rc.evaluate(mesh, CAMERA, poses, TASK, by="face")
     network = rc.Network(mesh, TASK)
     network.add(found)
     assert head["summary"]["covered"] == pytest.approx(network.summary()["covered"])
@@ -73,7 +74,7 @@ def test_the_share_of_time_is_that_of_the_report(cell):
             acted(session, [1], do="switch", station=station, is_on=False)
             rows = [0]
         poses, body = rc.Poses.of(POSES[rows], camera=rows), ["world", "arm/head"]
-        found = rc.evaluate_over_time(motion, rig, poses, TASK, body=body)
+        found = evaluate_over_time(motion, rig, poses, TASK, body=body)
         painted = MODES["time"].paint(motion.mesh, found.share_of_time())
         for frame in (0, 3):
             head, levels = acted(session, [frame], "time")

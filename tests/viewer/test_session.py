@@ -14,8 +14,8 @@ from rigs_to_view import CAMERA, acted, around, looking, moved, part, session_of
 import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
+from rastercov.coverage.area.motion import regions
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import regions
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.reasons import NO_CAMERAS, Reason
 from rastercov.coverage.task import OF_LIGHT
@@ -51,7 +51,7 @@ def covered_by(poses, task=None, camera=CAMERA):
     """Share of faces that a network covers, as the library says."""
     network = rc.Network(MESH, task or rc.Task())
     if len(poses):
-        network.add(rc.evaluate(MESH, camera, poses, task))
+        network.add(rc.evaluate(MESH, camera, poses, task, by="face"))
     return network.summary()
 
 
@@ -90,7 +90,7 @@ def test_only_the_camera_that_moved_is_measured(session, monkeypatch):
 def test_reasons_are_those_of_a_network(session):
     head, levels = acted(session, "reason")
     network = rc.Network(MESH, rc.Task())
-    network.add(rc.evaluate(MESH, CAMERA, POSES))
+    network.add(rc.evaluate(MESH, CAMERA, POSES, by="face"))
     assert np.array_equal(levels == Reason.COVERED, network.covered)
     assert np.array_equal(levels[~network.covered], network.reason[~network.covered])
     shown = {each["level"]: each["label"] for each in head["legend"]}
@@ -98,7 +98,7 @@ def test_reasons_are_those_of_a_network(session):
 
 
 def test_levels_of_each_mode_are_those_of_its_figure(session):
-    found = rc.evaluate(MESH, CAMERA, POSES)
+    found = rc.evaluate(MESH, CAMERA, POSES, by="face")
     covers = found.reason == Reason.COVERED
     views = covers.sum(axis=0)
     best = found.coverage.max(axis=0)
@@ -140,7 +140,7 @@ def steps_of(values):
 
 def test_angles_between_views_by_all_pairs(session):
     head, levels = acted(session, "angle")
-    covers = rc.evaluate(MESH, CAMERA, POSES).reason == Reason.COVERED
+    covers = rc.evaluate(MESH, CAMERA, POSES, by="face").reason == Reason.COVERED
     rays = POSES[:, None, :3, 3] - MESH.centroids
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     cosines = np.where(covers[:, None] & covers, np.einsum("afi,bfi->abf", rays, rays), 1)
@@ -173,7 +173,7 @@ def test_segments_are_those_of_the_thesis(session):
 
 def test_contributions_of_cameras(session):
     head, _ = acted(session, do="switch", station=3, is_on=False)
-    covers = rc.evaluate(MESH, CAMERA, POSES[:3]).reason == Reason.COVERED
+    covers = rc.evaluate(MESH, CAMERA, POSES[:3], by="face").reason == Reason.COVERED
     percent = 100 * MESH.areas / MESH.areas.sum()
     for row, entry in enumerate(head["summary"]["by_camera"]):
         alone = covers[row] & (covers.sum(axis=0) == 1)
@@ -183,7 +183,7 @@ def test_contributions_of_cameras(session):
 
 
 def test_why_a_face_is_hidden(session):
-    found = rc.evaluate(MESH, CAMERA, POSES)
+    found = rc.evaluate(MESH, CAMERA, POSES, by="face")
     hidden = np.argwhere(found.reason == Reason.OCCLUDED)
     row, face = hidden[len(hidden) // 2].tolist()
     cameras = session.why(face)["cameras"]
@@ -342,7 +342,7 @@ def test_groups_that_need_several_cameras():
     state = replace(start, needed={"lower": 2})
     session = Session(Scene("groups", mesh, state))
     head, levels = acted(session)
-    views = (rc.evaluate(mesh, CAMERA, POSES).reason == Reason.COVERED).sum(axis=0)
+    views = (rc.evaluate(mesh, CAMERA, POSES, by="face").reason == Reason.COVERED).sum(axis=0)
     covered = views >= 1 + is_lower
     assert np.array_equal(levels == Reason.COVERED, covered)
     assert head["summary"]["covered"]["faces"] == covered.sum()

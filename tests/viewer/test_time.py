@@ -5,6 +5,7 @@ import pytest
 import swept_arm as arm
 from browser import TOKEN, Program, Tab
 from moving_scene import CAMERA, TASK, by_hand, moving_scene
+from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.camera.rig import names_of_poses
@@ -20,7 +21,7 @@ def result():
     there = np.arange(5) != 3
     motion = rc.Motion(mesh, arm.frames(arm.sweep(5)), {"link6": there}, [1, 1, 2, 1, 1])
     camera = rc.Camera(width=320, height=240, fx=300, fy=300)
-    return rc.evaluate_over_time(motion, camera, arm.CAMERAS[:2], over=0.9)
+    return evaluate_over_time(motion, camera, arm.CAMERAS[:2], over=0.9)
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def assert_shown(page, mesh, poses):
     shown = np.reshape([each["pose"] for each in page.state()["stations"]], (-1, 4, 4))
     assert np.allclose(shown, poses)
     network = rc.Network(mesh, TASK)
-    network.add(rc.evaluate(mesh, CAMERA, poses, TASK))
+    network.add(rc.evaluate(mesh, CAMERA, poses, TASK, by="face"))
     assert page.area_percent() == pytest.approx(network.summary()["covered"]["area_percent"])
 
 

@@ -8,19 +8,17 @@ planes have other signs. Stations add up; the error falls with their width, see 
 F. Blais. Review of 20 years of range sensor development. 2004.
 """
 
-import math
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind
-from rastercov.base.checks import finite_number, shown
+from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area import polygons
@@ -65,10 +63,66 @@ class LaserLine(InOneLine):
     doubled_percent: float
 
     def __post_init__(self) -> None:
-        check_kind("regions", self.regions, Regions, "those of stations", ConfigError)
-        for name in ("stations", "percent", "doubled_percent"):
-            if math.isnan(finite_number(value := vars(self)[name])):
-                raise ConfigError(f"{name} must be a finite number, got {shown(value)}")
+        check_fields(self)
+
+    @classmethod
+    def of(
+        cls,
+        mesh: Mesh,
+        rig: Rig,
+        world_from_rig: ArrayLike,
+        task: Task | None = None,
+        *,
+        laser: str = "laser",
+        method: str | Engine = "certified",
+        threads: int | None = None,
+    ) -> "LaserLine":
+        """Area that a laser line and its cameras measure on their way, by the rule of their rig.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            The surface.
+        rig : Rig
+            Laser and cameras with a rule. The sheet of the laser is the plane of its x and z axes,
+            between the sides of its image; its height does not matter. It has thresholds of its own
+            in `tasks`, among them `max_incidence_deg`: without, faces along the sheet would count
+            in half.
+        world_from_rig : (N + 1, 4, 4) array_like
+            Poses between which the N stations are, in their order: `conveyor` or `turntable` before
+            a pose. A part that turns on a table is a rig that turns the other way.
+        task : Task, optional
+            As for `rastercov.regions`.
+        laser : str
+            Name of the laser.
+        method, threads
+            As for `rastercov.regions`.
+
+        Raises
+        ------
+        CameraError
+            For a rig without a rule, and a laser that it does not have or that is no pinhole.
+        ConfigError
+            For a laser without its own thresholds, with pixel densities, or without an incidence
+            limit.
+        PoseError
+            For fewer than two poses, more than 4097, and steps of more than 90 degrees.
+        """
+        rig = _with_sheet(rig, laser, Task() if task is None else task)
+        poses = valid_poses(world_from_rig)
+        if not 2 <= len(poses) <= MOST_STATIONS + 1:
+            raise PoseError(
+                f"world_from_rig must be 2 to {MOST_STATIONS + 1} poses, got {len(poses)}"
+            )
+        middle = _between(poses)
+        doubled = np.empty((2 * len(poses) - 1, 4, 4))
+        doubled[::2], doubled[1::2] = poses, middle
+        own = task, laser, Engine.of(method, threads)
+        found = _swept(mesh, rig, poses, middle, *own)
+        finer = _swept(mesh, rig, doubled, _between(doubled), *own)
+        total = float(frames_of(mesh).areas[mesh.task_mask].sum())
+        percents = [100 * float(each.area.sum()) / max(total, 1e-300) for each in (found, finer)]
+        return cls(found, len(middle), *percents)
 
     def __str__(self) -> str:
         change = self.doubled_percent - self.percent
@@ -78,62 +132,8 @@ class LaserLine(InOneLine):
         )
 
 
-def laser_line(
-    mesh: Mesh,
-    rig: Rig,
-    world_from_rig: ArrayLike,
-    task: Task | None = None,
-    *,
-    laser: str = "laser",
-    method: str | Engine = "certified",
-    threads: int | None = None,
-) -> LaserLine:
-    """Area that a laser line and its cameras measure on their way, by the rule of their rig.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The surface.
-    rig : Rig
-        Laser and cameras with a rule. The sheet of the laser is the plane of its x and z axes,
-        between the sides of its image; its height does not matter. It has thresholds of its own in
-        `tasks`, among them `max_incidence_deg`: without, faces along the sheet would count in half.
-    world_from_rig : (N + 1, 4, 4) array_like
-        Poses between which the N stations are, in their order: `conveyor` or `turntable` before a
-        pose. A part that turns on a table is a rig that turns the other way.
-    task : Task, optional
-        As for `rastercov.regions`.
-    laser : str
-        Name of the laser.
-    method, threads
-        As for `rastercov.regions`.
-
-    Raises
-    ------
-    CameraError
-        For a rig without a rule, and a laser that it does not have or that is no pinhole.
-    ConfigError
-        For a laser without its own thresholds, with pixel densities, or without an incidence limit.
-    PoseError
-        For fewer than two poses, more than 4097, and steps of more than 90 degrees.
-    """
-    rig = _with_sheet(rig, laser, Task() if task is None else task)
-    poses = valid_poses(world_from_rig)
-    if not 2 <= len(poses) <= MOST_STATIONS + 1:
-        raise PoseError(f"world_from_rig must be 2 to {MOST_STATIONS + 1} poses, got {len(poses)}")
-    middle = _between(poses)
-    doubled = np.empty((2 * len(poses) - 1, 4, 4))
-    doubled[::2], doubled[1::2] = poses, middle
-    own: dict[str, Any] = {"task": task, "laser": laser, "method": method, "threads": threads}
-    found = _swept(mesh, rig, poses, middle, **own)
-    finer = _swept(mesh, rig, doubled, _between(doubled), **own)
-    total = float(frames_of(mesh).areas[mesh.task_mask].sum())
-    percents = [100 * float(each.area.sum()) / max(total, 1e-300) for each in (found, finer)]
-    return LaserLine(found, len(middle), *percents)
-
-
 def _with_sheet(rig: Rig, laser: str, task: Task) -> Rig:
-    """The rig, whose laser reaches to both sides of its sheet; see `laser_line` for errors."""
+    """The rig, whose laser reaches to both sides of its sheet; see `LaserLine.of` for errors."""
     if not isinstance(rig, Rig) or not rig.is_one:
         raise CameraError(f"a laser line is a Rig with a rule, such as All(), got {shown(rig)}")
     if laser not in rig.names:
@@ -168,12 +168,12 @@ def _between(poses: FloatArray) -> FloatArray:
 
 def _swept(
     mesh: Mesh, rig: Rig, ends: FloatArray, middle: FloatArray, task: Task | None, laser: str,
-    method: str | Engine, threads: int | None,
+    engine: Engine,
 ) -> Regions:  # fmt: skip
     """Regions of the stations together, one row."""
     row, parts = np.full(len(ends), rig.names.index(laser)), []
     sheets = rig._placed(ends, row)
-    with closing(RegionPass(mesh, rig, task, method=method, threads=threads)) as finder:
+    with closing(RegionPass(mesh, rig, task, method=engine)) as finder:
         for first in range(0, len(middle), AT_A_TIME):
             own = sheets[first : first + AT_A_TIME + 1]
             placed = rig.poses(middle[first : first + AT_A_TIME])

@@ -9,7 +9,7 @@ equal length, and regions of two frames would have other coordinates.
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -19,11 +19,20 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, lamps_of, names_of, with_lamps
+from rastercov.camera.rig import (
+    Cameras,
+    cameras_of,
+    check_scene,
+    gates_of,
+    lamps_of,
+    names_of,
+    with_lamps,
+)
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.area.table import Regions, joined, taken
@@ -50,51 +59,142 @@ VIEWS_AT = ("one time", "any time")
 """Times at which several cameras cover a point."""
 
 
-def regions_over_time(
-    motion: Motion,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    task: Task | None = None,
-    *,
-    body: str | Sequence[str] = "world",
-    lamps: Lamps | None = None,
-    method: str | Engine = "certified",
-    threads: int | None = None,
-) -> Regions:
-    """Regions of each pose in each frame, on the mesh of the motion in its rest pose.
-
-    Rows of a camera are those of an earlier frame where the task, the camera, and every body in
-    front of the task or beside it in the image, are as they were there; so is the light of a lamp
-    in its place.
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionQuery(InOneLine):
+    """Motion of a scene, and for how long of it a point must be covered.
 
     Parameters
     ----------
     motion : Motion
         T frames.
-    camera, poses, task, method, threads
-        As for `rastercov.regions`; R rows of the result.
-    lamps : Lamps, optional
-        As for `rastercov.regions`. They stay in their places while bodies move, or ride on the rig
-        of the cameras.
+    over : {"some", "all"} or float
+        Time: some frame; all in which the body of the face is there; or a share of these, (0, 1].
+    views_at : {"one time", "any time"}
+        Whether several cameras cover it at the same time, or each for so long at whatever times.
     body : str, or sequence of str
-        Body to which the cameras are fixed, all or each of several; `poses` are those at rest.
+        Body to which the cameras are fixed, all or each of several; their poses are those at rest.
 
-    Returns
-    -------
-    Regions
-        Row t R + r is row r in frame t; `pose_ids` are those of each frame. Bodies that are absent
-        have none.
+    Raises
+    ------
+    ConfigError
+        For what is none of these.
     """
-    placed = Poses.of(poses)
-    if len(motion) * len(placed) > MOST_PICTURES:
+
+    motion: Motion
+    over: str | float = "some"
+    views_at: str = "one time"
+    body: str | Sequence[str] = "world"
+
+    def __post_init__(self) -> None:
+        self.motion._needed(self.over)
+        check_choice("views_at", self.views_at, VIEWS_AT)
+
+    def long_enough(self, regions: Regions, views: int = 1) -> Regions:
+        """Parts that at least `views` cameras cover for long enough; one row.
+
+        Parameters
+        ----------
+        regions : Regions
+            Of `rastercov.regions` by the same motion.
+        views : int
+            Rows of one frame that cover a point.
+        """
+        if self.views_at == "one time":
+            return for_long_enough(by_time(regions, self.motion, views), self)
+        return self._alone(regions).at_least(views, one_side=False)
+
+    def _alone(self, regions: Regions) -> Regions:
+        """Parts that each camera covers long enough by itself; rows of a frame."""
+        n = _rows_a_frame(regions, self.motion)
+        rows = np.arange(len(regions.pose_ids)).reshape(-1, n)
+        parts = [for_long_enough(taken(regions, own), self) for own in rows.T]
+        return replace(joined(parts), pose_ids=regions.pose_ids[:n])
+
+
+def regions(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: ArrayLike | Poses,
+    task: Task | None = None,
+    *,
+    lamps: Lamps | None = None,
+    motion: Motion | MotionQuery | None = None,
+    method: str | Engine = "certified",
+    threads: int | None = None,
+) -> Regions:
+    """Parts of the task faces that each pose covers, as convex polygons in their planes.
+
+    Parameters
+    ----------
+    mesh, camera
+        The surface, and the camera that sees it, or several: see `Poses.camera`. Of a `Rig` with a
+        rule, a row of the result is a pose of the rig, and has what its cameras cover together.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera.
+    task : Task, optional
+        Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
+        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`; `views` and
+        `min_angle_deg` are of several poses, and left out here.
+    lamps : Lamps, optional
+        Lamps that must light what is covered, on the side of the face that the camera is on. They
+        stay in their places while bodies move, or ride on the rig of the cameras.
+    motion : Motion or MotionQuery, optional
+        T frames of the mesh, which is its mesh at rest, as the result is: row t R + r is row r of R
+        in frame t; `pose_ids` are those of each frame. Bodies that are absent have no regions.
+    method : {"certified", "exact"}, or Engine
+        Method of visibility, as for `open_observer`.
+    threads : int, optional
+        Poses measured in parallel; by default one per core.
+
+    Raises
+    ------
+    ConfigError
+        For a threshold that is of a face, method "sampled", and a motion of another mesh.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    check_scene(mesh, camera)
+    camera, placed = with_lamps(camera, lamps), Poses.of(poses)
+    task = (Task() if task is None else task).lit_by(lamps)
+    engine = Engine.of(method, threads)
+    if motion is not None:
+        return regions_of_frames(query_of(motion, mesh), camera, placed, task, engine)
+    return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)
+
+
+def query_of(motion: Motion | MotionQuery, mesh: Mesh) -> MotionQuery:
+    """The query itself, or that of a motion; ConfigError for one of another mesh."""
+    asked = motion if isinstance(motion, MotionQuery) else MotionQuery(motion)
+    rest = asked.motion.mesh
+    if rest.vertices is not mesh.vertices or rest.faces is not mesh.faces:
+        raise ConfigError("mesh must be that of the motion, at rest; give motion.mesh")
+    return asked
+
+
+def regions_of_frames(
+    asked: MotionQuery, camera: Cameras, placed: Poses, task: Task, engine: Engine
+) -> Regions:
+    """Regions of each of R rows of cameras in each of T frames, on the mesh at rest.
+
+    Row t R + r is row r in frame t; `pose_ids` are those of each frame. Rows are those of an
+    earlier frame where the task, the camera, and every body in front of the task or beside it in
+    the image, are as they were there; so is the light of a lamp in its place. Bodies that are
+    absent have none.
+    """
+    check_pictures(asked, placed)
+    job = Frames.of(asked, camera, placed, task, engine)
+    return job.regions(np.arange(len(job.source)))
+
+
+def check_pictures(asked: MotionQuery, placed: Poses) -> None:
+    """Raise `ConfigError` for regions of more pictures than are held at once."""
+    frames = len(asked.motion)
+    if frames * len(placed) > MOST_PICTURES:
         raise ConfigError(
-            f"{len(motion):,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
-            "pictures; take fewer frames, some cameras at a time, or evaluate_over_time with a "
-            "folder for shards"
+            f"{frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
+            "pictures; take fewer frames, some cameras at a time, or evaluate with a folder for "
+            "shards"
         )
-    camera, task = with_lamps(camera, lamps), (Task() if task is None else task).lit_by(lamps)
-    job = Frames.of(motion, camera, placed, task, Engine.of(method, threads), body)
-    return job.regions(np.arange(len(motion)))
 
 
 class Frames(NamedTuple):
@@ -103,7 +203,7 @@ class Frames(NamedTuple):
     Attributes
     ----------
     motion, camera, placed, task, engine
-        As for `regions_over_time`; lamps are those of the cameras.
+        As for `regions_of_frames`; lamps are those of the cameras.
     carried : (P, T, 4, 4) float64
         Of `carriers`.
     source : (T, P) int64
@@ -120,11 +220,11 @@ class Frames(NamedTuple):
 
     @classmethod
     def of(
-        cls, motion: Motion, camera: Cameras, placed: Poses, task: Task, engine: Engine,
-        body: str | Sequence[str],
-    ) -> "Frames":  # fmt: skip
+        cls, asked: MotionQuery, camera: Cameras, placed: Poses, task: Task, engine: Engine
+    ) -> "Frames":
         """Frames of cameras on bodies."""
-        carried, sights = carriers(motion, camera, body, placed), Sights(motion)
+        motion = asked.motion
+        carried, sights = carriers(asked, camera, placed), Sights(motion)
         first: dict[bytes, int] = {}
         source = np.empty((len(motion), len(placed)), np.int64)
         for row in in_turn(motion).tolist():
@@ -177,15 +277,13 @@ class Frames(NamedTuple):
         return replace(found, pose_ids=np.tile(placed.ids, len(rows)))
 
 
-def carriers(
-    motion: Motion, camera: Cameras, body: str | Sequence[str], poses: Poses
-) -> FloatArray:
+def carriers(asked: MotionQuery, camera: Cameras, poses: Poses) -> FloatArray:
     """(P, T, 4, 4) poses of the body that each camera is fixed to; ConfigError for no body."""
-    n = len(cameras_of(camera))
+    n, body = len(cameras_of(camera)), asked.body
     names = [body] * n if isinstance(body, str) else body
     if not isinstance(names, list | tuple) or len(names) != n:
         raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
-    tables = np.stack([motion.poses_of(name) for name in names])
+    tables = np.stack([asked.motion.poses_of(name) for name in names])
     lamps = lamps_of(camera)
     for own in () if lamps is None else lamps.carried_by(names_of(camera)):
         if len(used := {names[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
@@ -344,38 +442,8 @@ def _are_separate(one: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
     return (parts & is_plane).any(axis=-1)
 
 
-def over_time(
-    regions: Regions,
-    motion: Motion,
-    over: str | float = "some",
-    *,
-    views: int = 1,
-    views_at: str = "one time",
-) -> Regions:
-    """The parts that at least `views` cameras cover for long enough; one row.
-
-    Parameters
-    ----------
-    regions : Regions
-        Of `regions_over_time`.
-    motion : Motion
-    over : {"some", "all"} or float
-        Time: some frame; all in which the body of the face is there; or a share of these, (0, 1].
-    views : int
-        Rows of one frame that cover a point.
-    views_at : {"one time", "any time"}
-        Whether they cover it at the same time, or each for so long at whatever times.
-    """
-    check_choice("views_at", views_at, VIEWS_AT)
-    if views_at == "one time":
-        return for_long_enough(by_time(regions, motion, views), motion, over)
-    rows = np.arange(len(regions.pose_ids)).reshape(len(motion), _rows_a_frame(regions, motion))
-    alone = [for_long_enough(taken(regions, own), motion, over) for own in rows.T]
-    return joined(alone).at_least(views, one_side=False)
-
-
 def by_time(regions: Regions, motion: Motion, views: int = 1) -> Regions:
-    """Parts that at least `views` rows of a frame cover, (T,) rows; see `over_time`."""
+    """Parts that at least `views` rows of a frame cover, (T,) rows."""
     frame = np.arange(len(regions.pose_ids)) // _rows_a_frame(regions, motion)
     if views == 1 and len(frame) == len(motion):
         return regions
@@ -394,9 +462,10 @@ def _rows_a_frame(regions: Regions, motion: Motion) -> int:
     return n_rows // len(motion)
 
 
-def for_long_enough(frames: Regions, motion: Motion, over: str | float) -> Regions:
+def for_long_enough(frames: Regions, asked: MotionQuery) -> Regions:
     """Parts that rows of `by_time` cover long enough; one row."""
-    needed, units = motion._needed(over), in_units(frames, motion)
+    motion = asked.motion
+    needed, units = motion._needed(asked.over), in_units(frames, motion)
     parts = [
         units._of_faces(needed == k).at_least(k, one_side=False) for k in np.unique(needed).tolist()
     ]

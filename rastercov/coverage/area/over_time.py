@@ -1,43 +1,41 @@
 """Figures of coverage over time: by how long, by frame, and what hides the parts that are missed.
 
-A result is `regions_over_time` with a count. The parts that are covered long enough are regions of
+A result is `regions_of_frames` with a count. The parts that are covered long enough are regions of
 the mesh at rest, and so are the parts that are not, whose reasons are those of the frames in which
 they are missed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.locks import locked
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, led_by, names_of, with_lamps
-from rastercov.cluster import Staff, Workers
+from rastercov.camera.rig import Cameras, led_by, names_of
+from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import (
     Frames,
+    MotionQuery,
     by_time,
     carried_by,
     carriers,
     for_long_enough,
     in_units,
-    over_time,
-    regions_over_time,
+    regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import dead_zones, points_of
 from rastercov.coverage.engine import Engine
@@ -57,32 +55,37 @@ POINTS_OF_ZONE = 8
 """Points of a dead zone that are judged in each."""
 
 
+def check_over_time(task: Task) -> None:
+    """Raise `ConfigError` for a threshold that is not of a time."""
+    if task.min_angle_deg > 0:
+        raise ConfigError("min_angle_deg is of cameras at one time; over time, give views")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class OverTime(InOneLine):
-    """Coverage of a motion by cameras, over time; see `evaluate_over_time`.
+    """Coverage of a motion by cameras, over time, of `rastercov.evaluate`.
 
     Attributes
     ----------
+    asked : MotionQuery
+        The motion, and the time in which a point is covered, by `views` cameras of the task.
     regions : Regions
-        Of `regions_over_time`: R rows a frame.
-    over : str or float
-        Time in which a point is covered.
-    body : str, or sequence of str
-        Body that carries the cameras, all or each.
+        Of `rastercov.regions` by the motion: R rows a frame.
     """
 
-    motion: Motion
+    asked: MotionQuery
     camera: Cameras
     poses: Poses
     task: Task
-    over: str | float
-    views_at: str
-    body: str | Sequence[str]
     regions: Regions
 
     def __post_init__(self) -> None:
-        if self.task.min_angle_deg > 0:
-            raise ConfigError("min_angle_deg is of cameras at one time; over time, give views")
+        check_over_time(self.task)
+
+    @property
+    def motion(self) -> Motion:
+        """That of the query."""
+        return self.asked.motion
 
     @cached_property
     def frames(self) -> Regions:
@@ -92,16 +95,13 @@ class OverTime(InOneLine):
     @cached_property
     def long_enough(self) -> Regions:
         """Parts that are covered for as long as is asked for; one row."""
-        motion, over, views = self.motion, self.over, self.task.views
-        if self.views_at == "one time":
-            return for_long_enough(self.frames, motion, over)
-        return over_time(self.regions, motion, over, views=views, views_at=self.views_at)
+        if self.asked.views_at == "one time":
+            return for_long_enough(self.frames, self.asked)
+        return self.asked.long_enough(self.regions, self.task.views)
 
     def alone(self) -> Regions:
         """Parts that each camera covers long enough by itself; rows of a frame."""
-        rows = np.arange(len(self.regions.pose_ids)).reshape(len(self.motion), -1)
-        parts = [over_time(taken(self.regions, own), self.motion, self.over) for own in rows.T]
-        return replace(joined(parts), pose_ids=self.regions.pose_ids[rows[0]])
+        return self.asked._alone(self.regions)
 
     @cached_property
     def time(self) -> Covered:
@@ -155,17 +155,13 @@ class OverTime(InOneLine):
         """
         motion, mesh = self.motion, self.motion.mesh
         scored, area = mesh.task_mask, frames_of(mesh).areas
-        own = np.bincount(
-            self.frames.pair_pose, np.where(scored[self.frames.pair_face], self.frames.area, 0.0),
-            len(motion),
-        )  # fmt: skip
-        n_rows = len(self.regions.pose_ids) // len(motion)
-        each = np.bincount(
-            self.regions.pair_pose,
-            np.where(scored[self.regions.pair_face], self.regions.area, 0.0),
-            len(self.regions.pose_ids),
-        ).reshape(len(motion), n_rows)
-        leads, names = self.poses.camera[led_by(self.camera, self.poses)], names_of(self.camera)
+
+        def of_rows(found: Regions) -> NDArray[Any]:
+            weights = np.where(scored[found.pair_face], found.area, 0.0)
+            return np.bincount(found.pair_pose, weights, len(found.pose_ids))
+
+        own, each = of_rows(self.frames), of_rows(self.regions).reshape(len(motion), -1)
+        leads, names = self.poses[led_by(self.camera, self.poses)], names_of(self.camera)
         begins = np.cumsum(motion.durations) - motion.durations
         found = []
         for row in range(len(motion)):
@@ -175,8 +171,7 @@ class OverTime(InOneLine):
                 "frame": row, "time": float(begins[row]), "duration": float(motion.durations[row]),
                 "covered_m2": float(own[row]), "of_m2": total,
                 "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
-                "worst_pose": int(self.poses.ids[led_by(self.camera, self.poses)][worst]),
-                "worst_camera": names[leads[worst]],
+                "worst_pose": int(leads.ids[worst]), "worst_camera": names[leads.camera[worst]],
                 "hidden_by": self._judged[1].get(row),
             })  # fmt: skip
         return found
@@ -185,7 +180,7 @@ class OverTime(InOneLine):
     def zones(self) -> Any:
         """Dead zones: parts that are not covered long enough."""
         n = len(self.time.area)
-        return dead_zones(self.time, np.clip(self.motion._needed(self.over), 1, n))
+        return dead_zones(self.time, np.clip(self.motion._needed(self.asked.over), 1, n))
 
     @cached_property
     def _judged(self) -> tuple[list[dict[str, Any]], dict[int, str | None]]:
@@ -195,7 +190,7 @@ class OverTime(InOneLine):
         if not n or not len(self.poses):
             return [_said("no_cameras")] * n, {}
         points, piece = points_of(zones, n, POINTS_OF_ZONE)
-        carried = carriers(motion, self.camera, self.body, self.poses)
+        carried = carriers(self.asked, self.camera, self.poses)
         face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
         reasons = np.zeros((n, len(NAMES)), np.int64)
         hides = np.zeros((n, len(motion.names)), np.int64)
@@ -252,9 +247,9 @@ class OverTime(InOneLine):
 
     def always(self) -> "OverTime":
         """The same, where a point must be covered all the time."""
-        if self.over == "all":
+        if self.asked.over == "all":
             return self
-        found = replace(self, over="all")
+        found = replace(self, asked=replace(self.asked, over="all"))
         found.__dict__.update(time=self.time, frames=self.frames)
         return found
 
@@ -266,7 +261,7 @@ class OverTime(InOneLine):
         found = self.areas.summary()
         factor = 100 / total if total > 0 else 0.0
         return {
-            "over": self.over, "views": self.task.views, "views_at": self.views_at,
+            "over": self.asked.over, "views": self.task.views, "views_at": self.asked.views_at,
             "frames": len(self.motion), "bodies": list(self.motion.names),
             "covered": {
                 name: found[name] for name in ("percent", "m2", "bound_m2", "of_m2", "doubtful_m2")
@@ -287,7 +282,8 @@ class OverTime(InOneLine):
         n_rows = len(self.regions.pose_ids) // len(motion)
         rows = np.arange(len(motion)) % 2 == 0
         some = self.regions.of_poses(np.repeat(rows, n_rows))
-        found = replace(self, motion=motion._of_frames(rows), regions=some)
+        asked = replace(self.asked, motion=motion._of_frames(rows))
+        found = replace(self, asked=asked, regions=some)
         found.__dict__.update(frames=taken(self.frames, np.flatnonzero(rows)))
         return 100 * found.share()
 
@@ -369,45 +365,15 @@ class TimeAreas(AreaNetwork):
 
 
 def evaluate_over_time(
-    motion: Motion,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    task: Task | None = None,
-    over: str | float = "some",
-    *,
-    views_at: str = "one time",
-    body: str | Sequence[str] = "world",
-    lamps: Lamps | None = None,
-    method: str | Engine = "certified",
-    threads: int | None = None,
-    folder: str | Path | None = None,
-    workers: Workers | None = None,
-) -> OverTime:
-    """Coverage of a motion over time, by exact area.
+    asked: MotionQuery, camera: Cameras, placed: Poses, task: Task, engine: Engine,
+    folder: Path | None = None, staff: Staff = ALONE,
+) -> OverTime:  # fmt: skip
+    """Coverage of a motion by cameras, over time; by way of shards in a folder where one is given.
 
-    Parameters
-    ----------
-    motion, camera, poses, body, lamps, method, threads
-        As for `regions_over_time`.
-    task : Task, optional
-        Thresholds; `views` cameras are wanted.
-    over : {"some", "all"} or float
-        Time in which they are; as for `over_time`, and so is `views_at`.
-    folder : path, optional
-        Where shards of some frames each are kept, so that a run that was ended continues there, and
-        any number of frames is taken: docs/scale.md. The figures are the same to the bit.
-    workers : Workers, optional
-        Processes that make the shards.
+    Shards of some frames each stay there, so that a run that was ended continues, and any number of
+    frames is taken: docs/scale.md. The figures are the same to the bit.
     """
-    if workers is not None and folder is None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    camera, placed = with_lamps(camera, lamps), Poses.of(poses)
-    task = (Task() if task is None else task).lit_by(lamps)
-    motion._needed(over)
-    scene, engine = (motion, camera, placed, task), Engine.of(method, threads)
+    scene = asked, camera, placed, task
     if folder is None:
-        found = regions_over_time(*scene, body=body, method=engine)
-    else:
-        with locked(Path(folder)) as above:
-            found = regions_in_shards(Frames.of(*scene, engine, body), above, Staff(workers))
-    return OverTime(*scene, over, views_at, body, found)
+        return OverTime(*scene, regions_of_frames(*scene, engine))
+    return OverTime(*scene, regions_in_shards(Frames.of(*scene, engine), folder, staff))

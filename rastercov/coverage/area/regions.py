@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, check_memory, read_only
 from rastercov.camera.camera import Camera
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
@@ -28,7 +27,6 @@ from rastercov.camera.rig import (
     check_scene,
     lamps_of,
     rows_of_result,
-    with_lamps,
 )
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.criteria import PixelDensity
@@ -79,50 +77,6 @@ def check_pointwise(task: Task) -> None:
             raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
 
 
-def regions(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    task: Task | None = None,
-    *,
-    lamps: Lamps | None = None,
-    method: str | Engine = "certified",
-    threads: int | None = None,
-) -> Regions:
-    """Parts of the task faces that each pose covers, as convex polygons in their planes.
-
-    Parameters
-    ----------
-    mesh, camera
-        The surface, and the camera that sees it, or several: see `Poses.camera`. Of a `Rig` with a
-        rule, a row of the result is a pose of the rig, and has what its cameras cover together.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    task : Task, optional
-        Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
-        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`; `views` and
-        `min_angle_deg` are of several poses, and left out here.
-    lamps : Lamps, optional
-        Lamps that must light what is covered, on the side of the face that the camera is on.
-    method : {"certified", "exact"}, or Engine
-        Method of visibility, as for `open_observer`.
-    threads : int, optional
-        Poses measured in parallel; by default one per core.
-
-    Raises
-    ------
-    ConfigError
-        For a threshold that is of a face, or method "sampled".
-    PoseError
-        For a pose that is no rigid motion.
-    """
-    check_scene(mesh, camera)
-    camera, placed = with_lamps(camera, lamps), Poses.of(poses)
-    task = (Task() if task is None else task).lit_by(lamps)
-    finder = RegionPass(mesh, camera, task, method=method, threads=threads)
-    return gated(finder.find(placed), camera, placed)
-
-
 def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDArray[np.bool_]:
     """Poses that cover points of the surface.
 
@@ -152,9 +106,9 @@ def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDAr
 class RegionPass(ExactPass):
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
-    Parameters are those of `regions`, and `only_task`: occluders need no figures in `find`. Where
-    faces need neither regions nor figures, their visibility is not computed, which is most of the
-    work in a scene of many occluders.
+    Parameters are those of `rastercov.regions`, and `only_task`: occluders need no figures in
+    `find`. Where faces need neither regions nor figures, their visibility is not computed, which is
+    most of the work in a scene of many occluders.
     """
 
     def __init__(

@@ -14,7 +14,7 @@ import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.coverage.area.motion import regions_over_time
+from rastercov.coverage.area.motion import regions
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.sensors import gated
 from rastercov.coverage.area.table import Regions
@@ -133,8 +133,8 @@ class PlanArm:
     def _with_arm(self, finder: RegionPass, placed: Poses, joints: FloatArray) -> Regions:
         """Regions of the scene with the arm in one configuration."""
         motion = Motion(self.scene, self.arm.robot.poses(joints))
-        method = self.plan.task.method
-        found = regions_over_time(motion, finder.camera, placed, finder.task, method=method)
+        asked = self.scene, finder.camera, placed, finder.task
+        found = regions(*asked, motion=motion, method=self.plan.task.method)
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
         return replace(found._of_faces(own), mesh=self.arm.mesh)
 

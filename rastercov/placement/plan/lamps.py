@@ -247,7 +247,7 @@ class Lighting:
         if timed is None:
             self._frames = [Frame(mesh, placed, *own)]
         else:
-            carried = carriers(timed.motion, dark.rig, timed.bodies, placed)
+            carried = carriers(timed, dark.rig, placed)
             self._frames = [
                 Frame(mesh, carried_by(carried[:, row], placed), *own, motion=timed.motion, row=row)
                 for row in range(len(timed.motion))

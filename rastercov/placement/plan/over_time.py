@@ -19,17 +19,19 @@ from rastercov.base.files import UnreadableError, printable, read_toml, suffix_o
 from rastercov.base.memory import IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
-from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.motion import MOST_PICTURES, Frames, by_time, regions_over_time
-from rastercov.coverage.area.over_time import OverTime
+from rastercov.coverage.area.motion import (
+    MOST_PICTURES,
+    MotionQuery,
+    by_time,
+    regions_of_frames,
+)
+from rastercov.coverage.area.over_time import OverTime, evaluate_over_time
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.shards import regions_in_shards
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.mesh.motion_file import load_motion
 from rastercov.mesh.robot import JointPath, Robot
 from rastercov.placement.matrix import VisibilityMatrix, limits_of
@@ -60,27 +62,21 @@ class MotionFile(Entry):
     """Several cameras cover it at one time, or each at whatever times."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlanMotion:
-    """Motion of a plan and its question: for how long, by how many cameras, on which bodies.
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanMotion(MotionQuery):
+    """Motion of a plan and its question.
 
     Attributes
     ----------
-    bodies : str or list of str
-        Body of all cameras, or of each.
     robots : sequence of Robot
         Whose links are bodies.
     path : JointPath or None
         Of the one robot.
     cameras : sequence of str
-        Names of the cameras that the list `bodies` is of.
+        Names of the cameras that a list `body` is of.
     """
 
-    motion: Motion
-    over: str | float
-    views_at: str
-    bodies: str | list[str]
-    method: str
+    method: str = "certified"
     robots: Sequence[Robot] = ()
     path: JointPath | None = None
     cameras: Sequence[str] = ()
@@ -108,7 +104,7 @@ class PlanMotion:
             In one line with the name of the file; a `PlanError` with a line for each entry.
         """
         if suffix_of(path) != ".toml":
-            return cls(load_motion(mesh, path), "some", "one time", "world", method)
+            return cls(load_motion(mesh, path), method=method)
         try:
             table = read_toml(path)
             own = MotionFile.model_validate(table, context={"folder": path.parent})
@@ -126,28 +122,17 @@ class PlanMotion:
 
     def body_of(self, camera: str) -> str:
         """Body that carries a camera, by its name."""
-        if isinstance(self.bodies, str):
-            return self.bodies
-        return dict(zip(self.cameras, self.bodies, strict=True)).get(camera, "world")
+        if isinstance(self.body, str):
+            return self.body
+        return dict(zip(self.cameras, self.body, strict=True)).get(camera, "world")
 
-    def evaluate(
-        self, camera: Cameras, placed: Poses, task: Task, folder: Path | None = None,
-        staff: Staff = ALONE,
-    ) -> OverTime:  # fmt: skip
-        """Coverage over time by cameras, by way of shards in a folder where one is given."""
-        scene = self.motion, camera, placed, task
-        if folder is None:
-            found = regions_over_time(*scene, body=self.bodies, method=self.method)
-        else:
-            job = Frames.of(*scene, Engine.of(self.method), self.bodies)
-            found = regions_in_shards(job, folder, staff)
-        return self.result(camera, placed, task, found)
+    def evaluate(self, camera: Cameras, placed: Poses, task: Task) -> OverTime:
+        """Coverage over time by cameras."""
+        return evaluate_over_time(self, camera, placed, task, Engine.of(self.method))
 
     def result(self, camera: Cameras, placed: Poses, task: Task, found: Regions) -> OverTime:
         """Coverage over time of regions that are known."""
-        return OverTime(
-            self.motion, camera, placed, task, self.over, self.views_at, self.bodies, found
-        )
+        return OverTime(self, camera, placed, task, found)
 
     def curve(self, whole: OverTime) -> list[float]:
         """Share covered by the first 1, 2, ... rows of a frame."""
@@ -211,9 +196,7 @@ def time_matrix(
     for first in range(0, len(poses), at_once):
         some = renumbered(poses[first : first + at_once])
         placed, owner = mounts.cameras(some)
-        found = regions_over_time(
-            motion, plan.rig, placed, task, body=own.bodies, method=own.method
-        )
+        found = regions_of_frames(own, plan.rig, placed, task, Engine.of(own.method))
         of_row = owner[led_by(plan.rig, placed)]
         found = _of_mounts(found, len(motion), of_row, len(some))
         if is_united:
