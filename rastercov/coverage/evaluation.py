@@ -40,7 +40,7 @@ class Query:
         Of the mesh, which is at rest.
     by : {"area", "face"} or None
         Unit that is asked for.
-    unit : {"area", "face"}
+    by_area : bool
         Unit of the result; see `unit_of_result` for the choice, and for errors.
     by_face_because : str
         Reason of a result by face that was not asked for.
@@ -53,20 +53,19 @@ class Query:
     engine: Engine = field(default_factory=Engine)
     motion: MotionQuery | None = None
     by: str | None = None
-    unit: str = field(init=False)
+    by_area: bool = field(init=False)
     by_face_because: str = field(init=False)
 
     def __post_init__(self) -> None:
         task = self.task
         self.poses.check_cameras(len(cameras_of(self.camera)))
-        found = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
-        self.__dict__.update(zip(("unit", "by_face_because"), found, strict=True))
+        unit, why = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
+        self.__dict__.update(by_area=unit == "area", by_face_because=why)
         if self.motion is not None:
             check_over_time(task)
             carriers(self.motion, self.camera, self.poses[:0])  # refuses bodies
-            if self.unit == "face":
-                why = self.by_face_because or "leave out by face"
-                raise ConfigError(f"figures over time are by area; {why}")
+            if not self.by_area:
+                raise ConfigError(f"figures over time are by area; {why or 'leave out by face'}")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -5,7 +5,7 @@ and to the commands, which write chosen pairs to a table while it runs.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -38,7 +38,6 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
 
-NONE_ASKED: dict[str, Any] = dict.fromkeys(FIGURES)
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures of pairs that `evaluate` may return."""
 
@@ -103,10 +102,18 @@ def evaluate(
     """
     check_scene(mesh, camera)
     camera, accepted = with_lamps(camera, lamps), Poses.of(poses, skip_bad=skip_bad_poses)
-    names = checked_fields(() if fields is None and folder is not None else fields)
     task, engine = (Task() if task is None else task).lit_by(lamps), Engine.of(method, threads)
     moving = None if motion is None else query_of(motion, mesh)
     query = Query(mesh, camera, accepted, task, engine, moving, by)
+    if folder is not None:
+        if fields:
+            raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
+        fields = ()
+    elif workers is not None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+    elif moving is not None:
+        check_pictures(moving, accepted)
+    names = checked_fields(fields)
     each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
     size = each * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
@@ -114,12 +121,6 @@ def evaluate(
             f"{len(accepted)} poses x {mesh.n_faces} faces would take {size / 2**30:.1f} GiB; "
             "name fewer fields, or fields=() for the sums of all poses"
         )
-    if folder is None and moving is not None:
-        check_pictures(moving, accepted)
-    if folder is None and workers is not None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    if folder is not None and names:
-        raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
     options = vars(engine) | {"by": by, "threads": None}
     with nullcontext() if folder is None else locked(Path(folder)) as above:
         found = answer(query, fields=names, options=options, folder=above, staff=Staff(workers))
@@ -142,17 +143,29 @@ class Sums:
 
     def __init__(self, query: Query, observer: Observer, fields: Sequence[str]) -> None:
         mesh, camera, poses, task = query.mesh, query.camera, query.poses, query.task
-        by_area = query.unit == "area"
         self.query, self.done = query, 0
         self.network = Network(mesh, task)
-        self.areas = AreaNetwork(mesh, task) if by_area else None
-        self.apart = ByCamera(mesh, task, camera, poses, by_area=by_area)
+        self.areas = AreaNetwork(mesh, task) if query.by_area else None
+        self.apart = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
         self.figures: dict[str, Any] = arrays_for(fields, (len(poses), mesh.n_faces))
         self.judge = FacePass(mesh, camera, observer.threads, task) if fields else None
         # Of figures, not of rays to cameras, of which the network keeps rows.
         is_alone = not (task.min_angle_deg > 0 or is_joint(camera))
         self.are_of_figures = is_alone and SUMMED.keys() <= set(fields)
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
+
+    def batches(
+        self, observer: Observer, wanted: Wanted, shards: EvaluationShards | None, staff: Staff
+    ) -> Iterator[JudgedPoses]:
+        """Batches for `add`, as of `judged_parts`."""
+        poses = self.query.poses
+        if not self.are_of_figures:
+            return judged_parts(self.network, observer, poses, wanted, shards, staff)
+        nothing: Any = ()  # no rows
+        return (
+            JudgedPoses.of(part, seen, nothing, {}, self.query.camera)
+            for part, seen in measurements(observer, poses)
+        )
 
     def add(self, batch: JudgedPoses) -> None:
         """Take in a batch."""
@@ -205,7 +218,7 @@ def answer(
         Processes that measure.
     """
     camera, poses, task = query.camera, query.poses, query.task
-    wanted = Wanted(query.engine, query.unit == "area", pairs)
+    wanted = Wanted(query.engine, query.by_area, pairs)
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
         sums = Sums(query, observer, fields)
@@ -216,15 +229,8 @@ def answer(
             header = provenance_of(query.mesh, camera, poses.given, task, options, observer.info)
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
-        parts = judged_parts(sums.network, observer, poses, wanted, shards, staff)
-        if sums.are_of_figures:
-            nothing: Any = ()  # no rows
-            parts = (
-                JudgedPoses.of(part, seen, nothing, {}, camera)
-                for part, seen in measurements(observer, poses)
-            )
         try:
-            for batch in parts:
+            for batch in sums.batches(observer, wanted, shards, staff):
                 with interrupts_held():
                     if table is not None:
                         table.add(batch.rows, batch.regions)
@@ -236,11 +242,12 @@ def answer(
             if not sums.done:
                 raise
             interrupted = True
-        try:
-            with interrupts_held():
-                opened.close()
-        except KeyboardInterrupt:
-            interrupted = True
+        if table is not None:
+            try:
+                with interrupts_held():
+                    opened.close()
+            except KeyboardInterrupt:
+                interrupted = True
         seconds, info = time.perf_counter() - began, observer.info
     if sums.done < len(poses):
         left = poses[np.isin(poses.ids, np.concatenate(sums.ids))]
@@ -249,10 +256,11 @@ def answer(
     if query.motion is not None:
         scene = query.motion, camera, poses, task, query.engine
         areas = evaluate_over_time(*scene, folder, staff).areas
-    figures = {name: array[: sums.done] for name, array in sums.figures.items()}
+    figures: dict[str, Any] = dict.fromkeys(FIGURES)
+    figures |= {name: array[: sums.done] for name, array in sums.figures.items()}
     return Evaluation(
         query.mesh, camera, task, info, poses.ids, np.concatenate(sums.clipped),
-        **(NONE_ASKED | figures), eyes=poses.world_from_camera[:, :3, 3], poses=poses,
+        **figures, eyes=poses.world_from_camera[:, :3, 3], poses=poses,
         engine=query.engine, options=options, network=sums.network, areas=areas,
         by_face_because=query.by_face_because, apart=sums.apart, pairs=pairs,
         n_rows=0 if table is None else table.n_rows, is_kept=folder is not None,

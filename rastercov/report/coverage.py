@@ -228,19 +228,19 @@ def run(
                 folder.file("coverage.parquet"),
                 mesh,
                 header,
-                by_area=query.unit == "area",
+                by_area=query.by_area,
                 cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
             )
 
         n_pictures = len(accepted) * (1 if moving is None else len(moving.motion))
-        is_kept = is_long(n_pictures, mesh.n_faces)
+        is_kept = staff.workers is not None or is_long(n_pictures, mesh.n_faces)
         is_kept |= moving is not None and n_pictures > MOST_PICTURES
         found = answer(
             query,
             pairs=pairs,
             options=asdict(options),
             open_table=None if pairs == "none" else open_table,
-            folder=kept_in(folder.path) if is_kept or staff.workers else None,
+            folder=kept_in(folder.path) if is_kept else None,
             staff=staff,
         )
         named = dict(zip(accepted.ids.tolist(), names_of_poses(accepted, names), strict=True))
@@ -325,8 +325,9 @@ def _draw_poses(
     captions |= zip(shown.poses.ids.tolist(), shown.captions(), strict=True)
     reasons = {}
     if parts is None:
-        given = mesh, shown.camera, drawn, task
-        found = evaluate(*given, by="face", method=engine, fields=("reason",))
+        found = evaluate(
+            mesh, shown.camera, drawn, task, by="face", method=engine, fields=("reason",)
+        )
         reasons = dict(zip(drawn.ids.tolist(), found.reason, strict=True))
     try:
         for index, rows in drawn.by_camera():

@@ -156,7 +156,7 @@ class PlateFigures:
 
 def plate_figures(scene: PlateScene, camera: Camera) -> dict[int, PlateFigures]:
     """Figures of every marker of a scene by its position in `scene.plates`, method certified."""
-    found = evaluate(scene.mesh, camera, np.eye(4)[None], Task(), method="certified", by="face")
+    found = evaluate(scene.mesh, camera, np.eye(4)[None], Task(), by="face")
     return {index: _figures(found, scene, camera, index) for index in scene.targets}
 
 

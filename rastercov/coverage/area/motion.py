@@ -55,8 +55,6 @@ POSES_A_TURN = 64
 """Poses whose keys are made at a time."""
 MOST_OF_LAMPS = 1024
 """Pictures of points of lamps that are kept for later frames."""
-VIEWS_AT = ("one time", "any time")
-"""Times at which several cameras cover a point."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,7 +85,7 @@ class MotionQuery(InOneLine):
 
     def __post_init__(self) -> None:
         self.motion._needed(self.over)
-        check_choice("views_at", self.views_at, VIEWS_AT)
+        check_choice("views_at", self.views_at, ("one time", "any time"))
 
     def long_enough(self, regions: Regions, views: int = 1) -> Regions:
         """Parts that at least `views` cameras cover for long enough; one row.
@@ -165,8 +163,7 @@ def regions(
 def query_of(motion: Motion | MotionQuery, mesh: Mesh) -> MotionQuery:
     """The query itself, or that of a motion; ConfigError for one of another mesh."""
     asked = motion if isinstance(motion, MotionQuery) else MotionQuery(motion)
-    rest = asked.motion.mesh
-    if rest.vertices is not mesh.vertices or rest.faces is not mesh.faces:
+    if asked.motion.mesh is not mesh:
         raise ConfigError("mesh must be that of the motion, at rest; give motion.mesh")
     return asked
 
