@@ -219,15 +219,7 @@ def _scene_polygons(
     shapes = _Shapes(Accessors(header, buffers, budget))
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
-    own_names: list[str] = []
-    used: list[int] = []
-    for index, (node, *_) in enumerate(rows):
-        own_names.append(json_name(node))
-        if "mesh" in node:
-            of_mesh = json_name(json_object(header, "meshes", node["mesh"]))
-            own_names[index] = own_names[index] or of_mesh or f"node{len(used)}"
-            used.append(index)
-    paths = names_in_tree([each[-1] for each in rows], own_names, used, is_tree=by_cad_face)
+    used, own_names, paths = named_meshes(header, rows, is_tree=by_cad_face)
     n_vertices = 0
     for each in used:
         node, _, world_from_node, _ = rows[each]
@@ -250,12 +242,32 @@ def _scene_polygons(
             own = [f"{paths[each]}/face {face + 1}" for face in known.tolist()]
         labels.append(np.tile(len(names) + row, n))
         names += own
-    notes += _notes(header, [rows[i][0] for i in used], [own_names[i] for i in used])
+    notes += _notes(header, [rows[row][0] for row in used], own_names)
     notes += unread_data(header) + shapes.notes()
     label = np.concatenate(labels)
     return Polygons(
         np.concatenate(vertices), np.concatenate(faces), np.arange(len(label)), label, names, notes
     )
+
+
+Node = tuple[dict[str, Any], str, NDArray[np.float64], int]
+"""A node, its name or that above, world_from_node, and the row of the parent, -1 for none."""
+
+
+def named_meshes(
+    header: dict[str, Any], rows: Sequence[Node], *, is_tree: bool = False
+) -> tuple[list[int], list[str], list[str]]:
+    """Rows of the nodes with a mesh, their own names, and by row those by their place in the tree.
+
+    A node without a name has that of its mesh, or a number.
+    """
+    names = [json_name(node) for node, *_ in rows]
+    used = [row for row, (node, *_) in enumerate(rows) if "mesh" in node]
+    for number, row in enumerate(used):
+        of_mesh = json_name(json_object(header, "meshes", rows[row][0]["mesh"]))
+        names[row] = names[row] or of_mesh or f"node{number}"
+    paths = names_in_tree([each[-1] for each in rows], names, used, is_tree=is_tree)
+    return used, [names[row] for row in used], paths
 
 
 def roots_of_scene(header: dict[str, Any]) -> list[Any]:
@@ -271,15 +283,12 @@ def root_nodes(header: dict[str, Any]) -> list[int]:
     return [i for i in range(len(json_list(header, "nodes"))) if i not in below]
 
 
-def nodes_below(
-    header: dict[str, Any], roots: Sequence[Any], world: str = ""
-) -> list[tuple[dict[str, Any], str, NDArray[np.float64], int]]:
-    """Nodes of some trees, depth first: with the name or that above, world_from_node, the parent.
+def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -> list[Node]:
+    """Nodes of some trees, depth first.
 
-    The latter is a row of the result, -1 for none.
     The frame of a node with `world` among its `extras` is the world.
     """
-    found: list[tuple[dict[str, Any], str, NDArray[np.float64], int]] = []
+    found: list[Node] = []
     seen = set()
     stack = [(root, "", np.eye(4), -1) for root in reversed(roots)]
     while stack:

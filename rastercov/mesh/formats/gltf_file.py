@@ -85,6 +85,11 @@ def _no_number(text: str) -> None:
     raise ValueError(f"{text} is not JSON")
 
 
+def header_of(data: bytes) -> dict[str, Any]:
+    """JSON object of a .glb or .gltf file."""
+    return chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
+
+
 def json_list(owner: dict[str, Any], key: str) -> list[Any]:
     """List at a key, empty where there is none."""
     found = owner.get(key, [])
@@ -358,8 +363,16 @@ def _used(each: object, has_accessors: bool = False) -> Iterator[int]:
 
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Turn from z up to glTF's y up."""
+WORLD = "rastercov_world"
+"""Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""
 COMPONENT_OF = {kind: number for number, kind in COMPONENTS.items()}
 KIND_OF_COLUMNS = {COLUMNS[kind]: kind for kind in ("SCALAR", "VEC2", "VEC3", "VEC4")}
+
+
+def world_node(name: str, children: range) -> dict[str, Any]:
+    """Node whose frame is the world, turned to y up."""
+    matrix = Y_UP.T.ravel().tolist()
+    return {"name": name, "matrix": matrix, "children": list(children), "extras": {WORLD: True}}
 
 
 class GlbBuffer:
