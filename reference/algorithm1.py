@@ -36,15 +36,13 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import clip_near
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 Polygons = NDArray[Any]
 
 Reading = Literal["literal", "semi", "charitable"]

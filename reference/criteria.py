@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit, pinholes
@@ -23,10 +23,6 @@ from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

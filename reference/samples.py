@@ -23,10 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 TIE = 1e-10
 """Relative difference up to which two depths are equal."""
@@ -54,12 +53,12 @@ class SampledView:
         Samples that each face would own alone.
     """
 
-    face: NDArray[np.int32]
+    face: Int32Array
     depth: FloatArray
     edge_distance: FloatArray
     depth_gap: FloatArray
-    visible: NDArray[np.int64]
-    drawn: NDArray[np.int64]
+    visible: IntArray
+    drawn: IntArray
 
 
 def render(
@@ -89,7 +88,7 @@ def count(
     supersample: int = 1,
     near: float | None = None,
     roll: float = 0.0,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[IntArray, IntArray]:
     """Samples of each face, (F,) visible and (F,) drawn.
 
     Arguments as for `render`, and the roll of the samples as for `grid_points`.
@@ -197,10 +196,10 @@ def _half_planes(
     yield from zip(np.abs(volumes).tolist(), normals, horizons, lines, strict=True)
 
 
-def _is_before(p: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
+def _is_before(p: FloatArray, q: FloatArray) -> BoolArray:
     """Lexical order of points (F, 3)."""
     less, same = p < q, p == q
-    is_less: NDArray[np.bool_] = less[:, 0] | same[:, 0] & (less[:, 1] | same[:, 1] & less[:, 2])
+    is_less: BoolArray = less[:, 0] | same[:, 0] & (less[:, 1] | same[:, 1] & less[:, 2])
     return is_less
 
 

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import number, positive, shown
 from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.base.files import UnknownNames
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.gltf import nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
     WORLD,
@@ -41,7 +41,7 @@ class Light(NamedTuple):
     """A light: name, world_from_lamp, intensity, cd, and the angle of its cone, 180 for a point."""
 
     name: str
-    place: NDArray[np.float64]
+    place: FloatArray
     intensity: float
     half_angle_deg: float
 
@@ -75,7 +75,7 @@ def _extension(owner: dict[str, Any]) -> dict[str, Any]:
     return own if isinstance(own, dict) else {}
 
 
-def _light(entries: dict[str, Any], name: str, place: NDArray[np.float64]) -> Light:
+def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
     kind = entries.get("type")
     if kind not in ("point", "spot"):
         raise CameraError(

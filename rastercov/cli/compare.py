@@ -6,11 +6,10 @@ The first compares them with a reference, the second predictions with a marker d
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -114,7 +113,7 @@ def compare(
 
 
 def _compare_models(
-    mesh: Mesh, camera: Camera, poses: NDArray[np.float64], out: Path, as_json: bool
+    mesh: Mesh, camera: Camera, poses: FloatArray, out: Path, as_json: bool
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
     from rastercov.base.output import json_text

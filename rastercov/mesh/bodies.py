@@ -12,11 +12,10 @@ from itertools import combinations
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, matrices_of
 from rastercov.mesh.contacts import (
@@ -67,8 +66,8 @@ class Rest:
     """
 
     mesh: Mesh
-    body: NDArray[np.int32]
-    vertex_body: NDArray[np.int32]
+    body: Int32Array
+    vertex_body: Int32Array
     n_bodies: int
     whole: Mesh
     kept: IntArray
@@ -196,7 +195,7 @@ class Part(NamedTuple):
 
     rows: IntArray
     points: FloatArray
-    faces: NDArray[np.int32]
+    faces: Int32Array
     flat: BoolArray
 
 
@@ -225,7 +224,7 @@ class Within:
     vertices: FloatArray
     faces: IntArray
     degenerate_mask: BoolArray
-    body: NDArray[np.int32]
+    body: Int32Array
     boxes: FloatArray
     _known: dict[Any, Once[Any]] = field(default_factory=dict, init=False)
     _last: dict[tuple[int, int, float], tuple[bytes, Between]] = field(

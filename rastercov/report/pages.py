@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
 from rastercov.base.format import area, length, number, percent, plural, sampling, verb
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -254,10 +255,10 @@ def view_page(
 
 def values_of(
     network: Network,
-    covered: NDArray[np.bool_],
+    covered: BoolArray,
     names: Sequence[str],
     areas: Covered | None,
-    need: NDArray[np.int64],
+    need: IntArray,
 ) -> dict[str, Any]:
     """Values of the modes that a network has.
 
@@ -289,8 +290,8 @@ def values_of(
 def figures_of(
     summary: Mapping[str, Any],
     faces: ArrayLike,
-    seen_m2: NDArray[np.float64] | None = None,
-    alone_m2: NDArray[np.float64] | None = None,
+    seen_m2: FloatArray | None = None,
+    alone_m2: FloatArray | None = None,
     total_m2: float = 0.0,
     stations: Sequence[int] = (),
 ) -> dict[str, Any]:
@@ -311,7 +312,7 @@ def figures_of(
     """
     counts = np.asarray(faces, np.int64).tolist()
 
-    def share(part: NDArray[np.float64] | None, row: int) -> float | None:
+    def share(part: FloatArray | None, row: int) -> float | None:
         return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
 
     return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
@@ -442,7 +443,7 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[
     return found
 
 
-def soup_of(mesh: Mesh) -> tuple[NDArray[np.float64], bytes]:
+def soup_of(mesh: Mesh) -> tuple[FloatArray, bytes]:
     """Origin (3,), and corners of each face relative to it, F x 9 float32."""
     origin = np.asarray(mesh.bounds).mean(axis=0)
     return origin, (mesh.vertices[mesh.faces] - origin).astype("<f4").tobytes()

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
 from rastercov.camera.projection import to_image
@@ -49,8 +50,6 @@ from rastercov.reference.markers.scene import (
     plate_pose,
 )
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Model = Callable[..., FloatArray]
 
 OURS = "image_space, marker"

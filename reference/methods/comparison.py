@@ -17,10 +17,11 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.engine import Engine
@@ -48,9 +49,6 @@ from rastercov.reference.methods.error_statistics import (
     Comparison,
     Score,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CANDIDATES = ("certified", "sampled", "sampled@4")
 """Methods that are compared by default."""

@@ -12,12 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.methods.convergence import Convergence
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 MUST_HOLD = 0.999
 """Share of partly hidden faces for which a statistical bound must hold."""

@@ -11,11 +11,11 @@ from inspect import cleandoc
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import BoolArray, FloatArray, check_memory
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS as LENSES
 from rastercov.camera.near_plane import near_limit
@@ -24,8 +24,6 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import FaceGeometry, in_focus
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 P = TypeVar("P")
 P_contra = TypeVar("P_contra", contravariant=True)
 

@@ -13,10 +13,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
@@ -177,7 +176,7 @@ def _usual_length(centres: FloatArray) -> float:
     return LENGTH_REL * float(np.median(found)) if found else LENGTH_ALONE
 
 
-def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int64]]:
+def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, IntArray]:
     """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
     base = view_border(camera, PARTS)
     base *= length / float(np.linalg.norm(base, axis=1).max())

@@ -24,11 +24,11 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
@@ -250,7 +250,7 @@ def _scene_polygons(
     )
 
 
-Node = tuple[dict[str, Any], str, NDArray[np.float64], int]
+Node = tuple[dict[str, Any], str, FloatArray, int]
 """A node, its name or that above, world_from_node, and the row of the parent, -1 for none."""
 
 
@@ -307,8 +307,8 @@ def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -
     return found
 
 
-def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
-    placed: NDArray[np.float64] = np.eye(4)
+def _parent_from_node(index: int, node: dict[str, Any]) -> FloatArray:
+    placed: FloatArray = np.eye(4)
     if not node.keys().isdisjoint(("translation", "rotation", "scale")):
         rotation = json_numbers(node, "rotation", (0, 0, 0, 1))[None]
         check_rotations(rotation, f"node {index}")
@@ -319,7 +319,7 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
         )
     if "matrix" not in node:
         return placed
-    matrix: NDArray[np.float64] = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
+    matrix: FloatArray = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
     check_affine(matrix, f"node {index}")
     check(
         np.array_equal(placed, np.eye(4)) or np.allclose(placed, matrix),
@@ -328,9 +328,7 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
     return matrix
 
 
-def affine(
-    translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def affine(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
     """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation.
 
     Quaternions were checked, see `check_rotations`; the rest is rounding.
@@ -340,7 +338,7 @@ def affine(
     return matrices_of(turns * scale[:, None, :], translation)
 
 
-def check_rotations(rotation: NDArray[np.float64], where: str, step: float = 0.0) -> None:
+def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None:
     """Error for quaternions (N, 4) that have not the length 1, of components `step` apart."""
     length = np.linalg.norm(rotation, axis=1)
     is_unit = np.abs(length - 1) <= max(QUATERNION_TOLERANCE, step)
@@ -375,7 +373,7 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
     return notes
 
 
-def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+def _triangles(corners: IntArray, mode: int) -> IntArray:
     """(F, 3) triangles of a primitive; odd ones of a strip are reversed, which unifies winding."""
     n = len(corners)
     if mode == TRIANGLES:
@@ -387,7 +385,7 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     return corners[np.roll(rows, -1, axis=1) if mode == FAN else rows]
 
 
-_Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
+_Shape = tuple[FloatArray, IntArray, IntArray]
 """Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
 _Surfaces = tuple[list[dict[str, Any]], tuple[float, ...], set[int]]
 """Primitives of a mesh with triangles, its weights, and the numbers of their morph targets."""
@@ -425,9 +423,7 @@ class _Shapes:
             self._known[index, own] = self._read(index, surfaces, weights)
         return self._known[index, own]
 
-    def instances(
-        self, node: dict[str, Any], n_points: int, n_triangles: int
-    ) -> NDArray[np.float64]:
+    def instances(self, node: dict[str, Any], n_points: int, n_triangles: int) -> FloatArray:
         """(N, 4, 4) node_from_instance, counted; the identity for a node without instances.
 
         Nothing is computed of instances without triangles: N is 0.
@@ -521,9 +517,7 @@ class _Shapes:
             cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
         return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
 
-    def _cad_faces(
-        self, index: int, primitive: dict[str, Any], n_triangles: int
-    ) -> NDArray[np.int64]:
+    def _cad_faces(self, index: int, primitive: dict[str, Any], n_triangles: int) -> IntArray:
         """(n_triangles,) CAD face of each triangle of a primitive, -1 where none is given."""
         extension = primitive.get("extensions", {}).get(CAD_FACES)
         if extension is None:
@@ -537,7 +531,7 @@ class _Shapes:
         )
         return values.astype(np.int64)
 
-    def _points(self, position: object, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
+    def _points(self, position: object, deltas: list[tuple[float, Any]]) -> FloatArray:
         points = self._accessors.read(position, "VEC3").astype(np.float64)
         n = len(points)
         for weight, target in deltas:
@@ -548,7 +542,7 @@ class _Shapes:
             points += weight * self._accessors.read(target, "VEC3")
         return points
 
-    def _corners(self, index: int, indices: object, n_points: int) -> NDArray[np.int64]:
+    def _corners(self, index: int, indices: object, n_points: int) -> IntArray:
         values = self._accessors.read(indices, "SCALAR")[:, 0]
         # The largest value of a type is the primitive restart index, which glTF forbids.
         limit = min(n_points, int(np.iinfo(values.dtype).max))

@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.mesh.formats.gltf import (
     affine,
     check_rotations,
@@ -57,7 +56,7 @@ class Animated(NamedTuple):
 
     names: list[str]
     poses: FloatArray
-    present: NDArray[np.bool_]
+    present: BoolArray
 
 
 def read_animation(
@@ -84,7 +83,7 @@ def read_animation(
     ends = [keys[-1] for keys, *_ in channels.values()]
     times = np.linspace(min(starts), max(ends), steps) if steps > 1 else np.array(starts[:1])
     matrices: list[FloatArray] = []
-    there: list[NDArray[np.bool_]] = []
+    there: list[BoolArray] = []
     used, names, paths = named_meshes(header, rows)
     for row, name in zip(used, names, strict=True):
         check("skin" not in rows[row][0], f"node {shown(name)} has a skin, not read")
@@ -139,7 +138,7 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
 
 def _local(
     node: dict[str, Any], index: int, channels: dict[tuple[int, str], Channel], times: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """parent_from_node in each frame, and whether the node is there."""
     own = {path for path in REST if (index, path) in channels}
     check(not own or "matrix" not in node, f"node {index} has a matrix and is animated")

@@ -26,6 +26,7 @@ from rastercov.base.files import (
     Vocabulary,
     parsed_json,
 )
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -122,9 +123,7 @@ def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> i
     return value
 
 
-def json_numbers(
-    owner: dict[str, Any], key: str, default: tuple[float, ...]
-) -> NDArray[np.float64]:
+def json_numbers(owner: dict[str, Any], key: str, default: tuple[float, ...]) -> FloatArray:
     """Finite numbers at a key, as many as `default` has."""
     values = owner.get(key, default)
     is_list = isinstance(values, (list, tuple)) and len(values) == len(default)
@@ -197,7 +196,7 @@ class Accessors:
         kind = np.dtype(COMPONENTS[json_object(self.header, "accessors", index)["componentType"]])
         return 0.0 if kind.kind == "f" else 1 / float(np.iinfo(kind).max)
 
-    def read_times(self, index: object) -> NDArray[np.float64]:
+    def read_times(self, index: object) -> FloatArray:
         """(N,) float64 of an accessor of float32 scalars, such as times."""
         accessor = json_object(self.header, "accessors", index)
         is_right = (
