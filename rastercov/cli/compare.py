@@ -71,12 +71,12 @@ def compare(
     """
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
-    eye, matrices = eyes.camera(), eyes.poses.world_from_camera
-    warn([*eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
+    viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
+    warn([*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2]))])
     if models:
         if method != COMPARED or against != "exact":
             raise ConfigError("--models takes neither --method nor --against; leave them out")
-        _compare_models(mesh, eye, matrices, out, as_json)
+        _compare_models(*viewed, out, as_json)
         return
     from rastercov.base.output import json_text
     from rastercov.reference.methods import compare as compared
@@ -87,17 +87,10 @@ def compare(
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
-                mesh,
-                eye,
-                matrices,
-                method,
-                against,
-                worst=faces,
-                convergence=convergence,
-                progress=progress,
+                *viewed, method, against, worst=faces, convergence=convergence, progress=progress
             )
         with progress_bar() as progress:
-            path = report.write_comparison(folder, found, mesh, eye, matrices, progress)
+            path = report.write_comparison(folder, found, *viewed, progress)
     if as_json:
         print(json_text(found))
     else:
@@ -105,8 +98,7 @@ def compare(
         print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
-        done = found.poses_done
-        warn([f"it covers the {done} of {found.poses} poses that were done"])
+        warn([f"it covers the {found.poses_done} of {found.poses} poses that were done"])
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)

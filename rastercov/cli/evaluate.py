@@ -22,7 +22,15 @@ from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of, names_of_poses, with_lamps
 from rastercov.cli import options
-from rastercov.cli.console import Console, out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import (
+    Console,
+    out_option,
+    print_network,
+    progress_bar,
+    say,
+    size_line,
+    warn,
+)
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
@@ -153,11 +161,7 @@ def run_and_print(
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
     from rastercov.cluster import Staff
-    from rastercov.coverage.area.network import missed_lines
-    from rastercov.coverage.area.over_time import time_lines
-    from rastercov.coverage.area.zones import zone_lines
     from rastercov.report.coverage import run
-    from rastercov.report.tables import camera_table, run_table, summary_table
 
     accepted, tally = Poses.of(poses), Tally()
     warn(mesh.warnings)
@@ -181,13 +185,7 @@ def run_and_print(
     if as_json:
         print(json_text(summary))
     else:
-        console = Console()
-        console.print(summary_table(summary, level))
-        if (table := camera_table(summary)) is not None:
-            console.print(table)
-        console.print(run_table(summary))
-        for line in (*time_lines(summary), *missed_lines(summary), *zone_lines(summary)):
-            print(line)
+        _print_tables(summary, level)
         page = out / "report.html"
         print(page if page.exists() else out / "network.glb")
         for line in tally.lines():
@@ -206,6 +204,19 @@ def run_and_print(
         )
         if not settings.skip_bad_poses:
             raise typer.Exit(1)
+
+
+def _print_tables(summary: dict[str, Any], level: int | None) -> None:
+    """Print the summary of an evaluation as tables and lines."""
+    from rastercov.coverage.area.network import missed_lines
+    from rastercov.coverage.area.over_time import time_lines
+    from rastercov.coverage.area.zones import zone_lines
+    from rastercov.report.tables import run_table
+
+    print_network(summary, level)
+    Console().print(run_table(summary))
+    for line in (*time_lines(summary), *missed_lines(summary), *zone_lines(summary)):
+        print(line)
 
 
 def demo(

@@ -24,6 +24,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -151,6 +152,24 @@ class Options:
         return Engine(self.method, self.device, self.supersample)
 
 
+def _open_table(
+    folder: ReportFolder,
+    mesh: Mesh,
+    camera: Cameras,
+    poses: Poses,
+    by_area: bool,
+    header: Mapping[str, Any],
+) -> "CoverageTable":
+    """Table of all pairs of pose and face, in the folder of a report."""
+    from rastercov.report.parquet import CoverageTable
+
+    of_poses = np.zeros(len(poses.given), np.int32)
+    of_poses[poses.ids] = poses.camera
+    cameras = (names_of(camera), of_poses) if len(cameras_of(camera)) > 1 else None
+    path = folder.file("coverage.parquet")
+    return CoverageTable(path, mesh, header, by_area=by_area, cameras=cameras)
+
+
 def run(
     mesh: Mesh,
     camera: Cameras,
@@ -222,20 +241,7 @@ def run(
         if has_groups:
             check_groups(options.engine)
             pairs = "none"
-
-        def open_table(header: Mapping[str, Any]) -> "CoverageTable":
-            from rastercov.report.parquet import CoverageTable
-
-            of_poses = np.zeros(len(accepted.given), np.int32)
-            of_poses[accepted.ids] = accepted.camera
-            return CoverageTable(
-                folder.file("coverage.parquet"),
-                mesh,
-                header,
-                by_area=unit == "area",
-                cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
-            )
-
+        table = partial(_open_table, folder, mesh, camera, accepted, unit == "area")
         wanted = Wanted(options.engine, unit == "area", pairs)
         with open_for(mesh, camera, task, wanted) as observer:
             found = measure(
@@ -246,7 +252,7 @@ def run(
                 reason=reason,
                 options=asdict(options),
                 folder=folder.path,
-                open_table=None if pairs == "none" else open_table,
+                open_table=None if pairs == "none" else table,
                 staff=staff,
             )
         if moving is not None:

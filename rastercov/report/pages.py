@@ -203,7 +203,7 @@ def view_page(
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
-    cameras, eyes = names_of(camera), poses.world_from_camera[:, :3, 3]
+    eyes = poses.world_from_camera[:, :3, 3]
     scene = described_mesh(mesh, poses.world_from_camera) | {
         "title": title,
         "version": rastercov.__version__,
@@ -215,42 +215,43 @@ def view_page(
         "notes": [],
         "unit": unit,
     }
-    state = {
-        "revision": 0,
-        "stations": [
-            {
-                "id": row,
-                "name": names[row],
-                "camera": cameras[index],
-                "is_on": True,
-                "place": "allowed",
-                "pose": pose.ravel().tolist(),
-            }
-            for row, (index, pose) in enumerate(
-                zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
-            )
-        ],
-        "cameras": {
-            name: described_camera(each)
-            for name, each in zip(cameras, cameras_of(camera), strict=True)
-        },
-        "task": {},
-    }
-    frames = {}
-    for name, each in values.items():
-        painted = MODES[name].paint(mesh, each)
-        frames[name] = described_frame(name, painted) | {"summary": summary}
-        frames[name] |= levels_of(painted.levels)
+    frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
     if timed is not None:
         scene["motion"] = described_motion(timed.motion)
         if len(timed.motion) * mesh.n_faces <= MOST_LEVELS:
             scene["modes"].append(described_mode("now", MODES["now"]))
             covered = timed.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
             for row, share in enumerate(covered):
-                painted = MODES["now"].paint(mesh, share)
-                frames[f"now@{row}"] = described_frame("now", painted) | {"summary": summary}
-                frames[f"now@{row}"] |= levels_of(painted.levels)
+                frames[f"now@{row}"] = _frame(mesh, "now", share, summary)
+    state = _still_state(camera, poses, names)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
+
+
+def _frame(mesh: Mesh, name: str, values: object, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """What a page shows of the values of a mode."""
+    painted = MODES[name].paint(mesh, values)
+    return described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
+
+
+def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[str, Any]:
+    """Cameras and poses as the state of a viewer, in which nothing can be changed."""
+    cameras = names_of(camera)
+    stations = [
+        {
+            "id": row,
+            "name": names[row],
+            "camera": cameras[index],
+            "is_on": True,
+            "place": "allowed",
+            "pose": pose.ravel().tolist(),
+        }
+        for row, (index, pose) in enumerate(
+            zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
+        )
+    ]
+    lenses = map(described_camera, cameras_of(camera))
+    known = dict(zip(cameras, lenses, strict=True))
+    return {"revision": 0, "stations": stations, "cameras": known, "task": {}}
 
 
 def values_of(
