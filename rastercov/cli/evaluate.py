@@ -7,7 +7,7 @@ pose.
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -35,6 +35,10 @@ from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
+
+if TYPE_CHECKING:
+    from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.report.coverage import Options
 
 
 class ReportOptions(NamedTuple):
@@ -151,12 +155,12 @@ def run_and_print(
     poses: FloatArray | Poses,
     task: Task,
     out: Path,
-    settings: Any,
+    settings: "Options",
     as_json: bool,
     workers: "Workers | None" = None,
     level: int | None = None,
     names: tuple[str, ...] = (),
-    moving: Any = None,
+    moving: "PlanMotion | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text

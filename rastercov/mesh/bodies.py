@@ -5,7 +5,7 @@ is the product of vertices and poses, and contacts between bodies, which are kep
 Vertices of two bodies are never welded, even where they coincide: edges between bodies are borders.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -231,7 +231,7 @@ class Within:
         default_factory=dict, init=False
     )
 
-    def _once(self, key: Any, make: Any) -> Any:
+    def _once(self, key: Hashable, make: Callable[[], object]) -> Any:
         once: Once[Any] = self._known.setdefault(key, Once())
         return once.get(make)
 

@@ -466,7 +466,13 @@ def network_of(
     )
 
 
-def _page_of(shown: NetworkPage, summary: Mapping[str, Any], images: Any, *, has_view: bool) -> str:
+def _page_of(
+    shown: NetworkPage,
+    summary: Mapping[str, Any],
+    images: Mapping[str, Image.Image],
+    *,
+    has_view: bool,
+) -> str:
     return shown.page(
         "network.html",
         images,

@@ -20,7 +20,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +28,7 @@ from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
 from rastercov.camera.projection import to_image
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.markers.detect import detect
 from rastercov.reference.markers.render import SHARP, Box, MarkerRenderer, sensor
@@ -72,7 +72,7 @@ def models() -> dict[str, Model]:
     # Ramps become steps at the thresholds of the requirement.
     steps = MavrinacParameters(ideal_blur=1e6, ideal_incidence_deg=90.0)
 
-    def mavrinac(mesh: Mesh, camera: Camera, poses: ArrayLike, task: Any) -> FloatArray:
+    def mavrinac(mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task) -> FloatArray:
         found: FloatArray = MODELS["mavrinac"](mesh, camera, poses, task, parameters=steps)
         return found
 
