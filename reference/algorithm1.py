@@ -127,8 +127,7 @@ def self_occluding(
         towards = ((mesh.vertices[mesh.faces[:, 0]] - matrix[:3, 3]) * mesh.normals).sum(axis=1)
     else:
         raise ValueError(f"self_occlusion must be definition3, perspective or None, got {test!r}")
-    back: BoolArray = towards >= 0
-    return back
+    return towards >= 0
 
 
 def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool = True) -> Polygons:

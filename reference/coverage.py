@@ -186,8 +186,7 @@ def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
     margin = BORDER_ROUNDING * np.maximum(numbers, largest)[:, None]
     sides = np.array((width, height))
     image = (image + margin[:, None]) * (sides / (sides + 2 * margin))[:, None]
-    reaches: BoolArray = clip_to_image(image, counts, camera)[1] > 0
-    return reaches
+    return clip_to_image(image, counts, camera)[1] > 0
 
 
 def judge(

@@ -171,13 +171,11 @@ def _turned(vectors: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 def _sum3(rows: FloatArray) -> FloatArray:
-    total: FloatArray = rows[0] + rows[1] + rows[2]
-    return total
+    return rows[0] + rows[1] + rows[2]
 
 
 def _all3(rows: BoolArray) -> BoolArray:
-    every: BoolArray = rows[0] & rows[1] & rows[2]
-    return every
+    return rows[0] & rows[1] & rows[2]
 
 
 def _pixel_density(
@@ -291,8 +289,7 @@ def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
     sides of a cube.
     """
     if len(pinholes(camera, np.eye(4)[None])) > 1:
-        greatest: FloatArray = np.abs(points).max(axis=-1)
-        return greatest
+        return np.abs(points).max(axis=-1)
     return points[..., 2]
 
 
@@ -312,5 +309,4 @@ def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertic
     if rule == "centroid":
         centre = (depth[:, 0] + depth[:, 1] + depth[:, 2]) / 3
         return (z_n <= centre) & (centre <= z_f)
-    every: BoolArray = np.all((z_n <= depth) & (depth <= z_f), axis=1)
-    return every
+    return np.all((z_n <= depth) & (depth <= z_f), axis=1)

@@ -160,8 +160,7 @@ class Images:
         camera = self.camera
         x, y = ((points - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).T
         n = self.normal[face].T
-        inverse: FloatArray = (n[0] * x + n[1] * y + n[2]) / self.distance[face]
-        return inverse
+        return (n[0] * x + n[1] * y + n[2]) / self.distance[face]
 
     @property
     def grid(self) -> float:
@@ -228,8 +227,7 @@ def _images(mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float
 def _project(points: FloatArray, camera: Camera) -> FloatArray:
     """Image points, in pixels, of points (..., 3) in camera axes with z > 0."""
     tangents = points[..., :2] / points[..., 2:]
-    image: FloatArray = tangents * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    return image
+    return tangents * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
 def _clip(points: FloatArray, values: FloatArray) -> FloatArray:

@@ -116,8 +116,7 @@ def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> Floa
     y = (np.arange(n_across) - (n_across - 1) / 2) / supersample
     points = size / 2 + x[:, None] * along + y[:, None, None] * across
     points = points.reshape(-1, 2)
-    inside: FloatArray = points[((points >= 0) & (points <= size)).all(axis=1)]
-    return inside
+    return points[((points >= 0) & (points <= size)).all(axis=1)]
 
 
 def at_points(
@@ -199,8 +198,7 @@ def _half_planes(
 def _is_before(p: FloatArray, q: FloatArray) -> BoolArray:
     """Lexical order of points (F, 3)."""
     less, same = p < q, p == q
-    is_less: BoolArray = less[:, 0] | same[:, 0] & (less[:, 1] | same[:, 1] & less[:, 2])
-    return is_less
+    return less[:, 0] | same[:, 0] & (less[:, 1] | same[:, 1] & less[:, 2])
 
 
 def _meet(

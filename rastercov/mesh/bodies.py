@@ -237,7 +237,7 @@ class Within:
 
     def touching(self, tolerance: float) -> BoolArray:
         """(F,) faces in contact with another one of their body."""
-        found: BoolArray = self._once(
+        return self._once(
             ("touching", tolerance),
             lambda: touching_faces(
                 self.vertices,
@@ -247,7 +247,6 @@ class Within:
                 labels=self.body,
             ),
         )
-        return found
 
     def of_components(self, tolerance: float, components: Callable[[], Any]) -> BoolArray:
         """(F,) faces in contact with another one of their component, of numbers (F,)."""

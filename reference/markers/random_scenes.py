@@ -73,8 +73,7 @@ def models() -> dict[str, Model]:
     steps = MavrinacParameters(ideal_blur=1e6, ideal_incidence_deg=90.0)
 
     def mavrinac(mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task) -> FloatArray:
-        found: FloatArray = MODELS["mavrinac"](mesh, camera, poses, task, parameters=steps)
-        return found
+        return MODELS["mavrinac"](mesh, camera, poses, task, parameters=steps)
 
     return {**MODELS, "mavrinac": mavrinac}
 

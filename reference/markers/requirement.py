@@ -199,5 +199,4 @@ def blur_of(camera: Camera, depth: FloatArray) -> FloatArray:
     assert camera.pixel_size is not None
     f, z_s = camera.focal_length, camera.focus_distance
     size = camera.aperture * f / (z_s - f) / min(camera.pixel_size)
-    blur: FloatArray = size * np.abs(depth - z_s) / depth
-    return blur
+    return size * np.abs(depth - z_s) / depth

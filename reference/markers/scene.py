@@ -49,8 +49,7 @@ class Plate:
 
     def _square(self, half: float) -> FloatArray:
         square = half * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
-        placed: FloatArray = square @ self.pose[:3, :3].T + self.pose[:3, 3]
-        return placed
+        return square @ self.pose[:3, :3].T + self.pose[:3, 3]
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,8 +139,7 @@ class Samples:
         least = np.maximum((left, top), 0.0)
         most = np.minimum((left + side, top + side), self._size)
         is_below, is_above = (points < least).any(axis=1), (points > most).any(axis=1)
-        found: FloatArray = points[~(is_below | is_above)]
-        return found
+        return points[~(is_below | is_above)]
 
 
 def face_picture(

@@ -115,8 +115,7 @@ class LineOfSight:
             self._tracer = _open(tracer, self._placed(mesh.vertices)[faces])
 
     def _placed(self, points: FloatArray) -> FloatArray:
-        placed: FloatArray = (points - self._centre) / self._diagonal
-        return placed
+        return (points - self._centre) / self._diagonal
 
     def hidden(
         self, points: FloatArray, pose: FloatArray, near: float, camera: Camera | None = None
@@ -167,8 +166,7 @@ class LineOfSight:
         vertices = np.unique(mesh.faces[wanted])
         hidden = np.zeros(mesh.n_vertices, dtype=bool)
         hidden[vertices] = self.hidden(mesh.vertices[vertices], pose, near, camera)
-        corners: BoolArray = hidden[mesh.faces]
-        return corners
+        return hidden[mesh.faces]
 
     @property
     def tracer(self) -> str:

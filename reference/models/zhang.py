@@ -131,8 +131,7 @@ def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: FaceGeometry
     cosine = np.maximum(-seen_normals(mesh, pose)[:, 2], 0.0)
     ahead: BoolArray = np.all(view.depth > 0, axis=1)
     nearness = (1.0 / np.where(ahead[:, None], view.depth, np.inf)).mean(axis=1)
-    resolution: FloatArray = min(camera.fx, camera.fy) * cosine * nearness
-    return resolution
+    return min(camera.fx, camera.fy) * cosine * nearness
 
 
 def _unhidden(
