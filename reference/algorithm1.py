@@ -36,15 +36,13 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import clip_near
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 Polygons = NDArray[Any]
 
 Reading = Literal["literal", "semi", "charitable"]
@@ -129,8 +127,7 @@ def self_occluding(
         towards = ((mesh.vertices[mesh.faces[:, 0]] - matrix[:3, 3]) * mesh.normals).sum(axis=1)
     else:
         raise ValueError(f"self_occlusion must be definition3, perspective or None, got {test!r}")
-    back: BoolArray = towards >= 0
-    return back
+    return towards >= 0
 
 
 def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool = True) -> Polygons:

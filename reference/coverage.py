@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
@@ -39,7 +40,7 @@ def figures_of_pose(
     mesh: Mesh,
     camera: Camera,
     task: Task,
-    pose: NDArray[np.float64],
+    pose: FloatArray,
     seen: Observation,
     row: int,
 ) -> dict[str, NDArray[Any]]:
@@ -71,8 +72,8 @@ def figures_of_pose(
 
 
 def pixels_per_m2(
-    mesh: Mesh, camera: Camera, pose: NDArray[np.float64], geometry: FaceGeometry
-) -> NDArray[np.float64]:
+    mesh: Mesh, camera: Camera, pose: FloatArray, geometry: FaceGeometry
+) -> FloatArray:
     """Pixels on a square metre of each face at its deepest vertex: fx fy h / z^3."""
     away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
     height = np.abs(np.einsum("fi,fi->f", away, mesh.normals))
@@ -84,11 +85,11 @@ def pixels_per_m2(
 def visible_fraction(
     mesh: Mesh,
     camera: Camera,
-    pose: NDArray[np.float64],
+    pose: FloatArray,
     geometry: FaceGeometry,
     seen: Observation,
     row: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
     """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
 
     Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
@@ -118,11 +119,11 @@ def visible_fraction(
 def in_doubt(
     mesh: Mesh,
     camera: Camera,
-    pose: NDArray[np.float64],
+    pose: FloatArray,
     geometry: FaceGeometry,
     seen: Observation,
     row: int,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[BoolArray, BoolArray]:
     """(F,) faces of which rounding may decide whether they are seen from the front, in the image.
 
     Their image is within its rounding; or their side is; or they are just outside the image. And
@@ -145,7 +146,7 @@ def in_doubt(
     drawn = seen.drawn_pixels[row]
     has_part = (geometry.in_view_fraction != 0) | geometry.in_view
     has_image = has_part | (drawn > 0)
-    doubt: NDArray[np.bool_] = has_image & (is_edge_on & ~(mesh.two_sided_mask & geometry.is_front))
+    doubt: BoolArray = has_image & (is_edge_on & ~(mesh.two_sided_mask & geometry.is_front))
     doubt |= has_image & ~has_part & geometry.is_front
     if any(seen.area_error.strides):
         is_small = (drawn <= seen.area_error[row]) & (seen.area_error[row] > 0)
@@ -155,9 +156,7 @@ def in_doubt(
     return doubt, surely_unseen(mesh, pose, is_edge_on & ~(drawn > 0))
 
 
-def surely_unseen(
-    mesh: Mesh, pose: NDArray[np.float64], is_edge_on: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def surely_unseen(mesh: Mesh, pose: FloatArray, is_edge_on: BoolArray) -> BoolArray:
     """(F,) of faces that are edge-on to rounding those that the camera is not before, exactly."""
     found = np.zeros(mesh.n_faces, np.bool_)
     eye = [Fraction(x) for x in pose[:3, 3].tolist()]
@@ -171,11 +170,11 @@ def surely_unseen(
     return found
 
 
-def _near(mesh: Mesh, camera: Camera, pose: NDArray[np.float64]) -> float:
+def _near(mesh: Mesh, camera: Camera, pose: FloatArray) -> float:
     return float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
 
 
-def _reach_image(points: NDArray[np.float64], camera: Camera, near: float) -> NDArray[np.bool_]:
+def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
     """True for faces (N, 3, 3), in camera axes, that reach into the image, a little larger."""
     width, height, fx, fy = (float(x) for x in (camera.width, camera.height, camera.fx, camera.fy))
     numbers = width + height + fx + fy + abs(camera.cx) + abs(camera.cy)
@@ -187,16 +186,15 @@ def _reach_image(points: NDArray[np.float64], camera: Camera, near: float) -> ND
     margin = BORDER_ROUNDING * np.maximum(numbers, largest)[:, None]
     sides = np.array((width, height))
     image = (image + margin[:, None]) * (sides / (sides + 2 * margin))[:, None]
-    reaches: NDArray[np.bool_] = clip_to_image(image, counts, camera)[1] > 0
-    return reaches
+    return clip_to_image(image, counts, camera)[1] > 0
 
 
 def judge(
     task: Task,
-    is_degenerate: NDArray[np.bool_],
+    is_degenerate: BoolArray,
     geometry: FaceGeometry,
     figures: Mapping[str, NDArray[Any]],
-) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+) -> tuple[FloatArray, NDArray[np.uint8]]:
     """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 
     `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`; and for a task

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit, pinholes
@@ -23,10 +23,6 @@ from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,13 +171,11 @@ def _turned(vectors: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 def _sum3(rows: FloatArray) -> FloatArray:
-    total: FloatArray = rows[0] + rows[1] + rows[2]
-    return total
+    return rows[0] + rows[1] + rows[2]
 
 
 def _all3(rows: BoolArray) -> BoolArray:
-    every: BoolArray = rows[0] & rows[1] & rows[2]
-    return every
+    return rows[0] & rows[1] & rows[2]
 
 
 def _pixel_density(
@@ -295,8 +289,7 @@ def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
     sides of a cube.
     """
     if len(pinholes(camera, np.eye(4)[None])) > 1:
-        greatest: FloatArray = np.abs(points).max(axis=-1)
-        return greatest
+        return np.abs(points).max(axis=-1)
     return points[..., 2]
 
 
@@ -316,5 +309,4 @@ def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertic
     if rule == "centroid":
         centre = (depth[:, 0] + depth[:, 1] + depth[:, 2]) / 3
         return (z_n <= centre) & (centre <= z_f)
-    every: BoolArray = np.all((z_n <= depth) & (depth <= z_f), axis=1)
-    return every
+    return np.all((z_n <= depth) & (depth <= z_f), axis=1)

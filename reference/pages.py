@@ -182,23 +182,8 @@ def line_plot(
             markeredgecolor=theme.paper,
             clip_on=not curve.has_markers,  # a marker on the border is whole
         )
-    for name, value, text in marks:
-        is_x = name == "x"
-        draw = axes.axvline if is_x else axes.axhline
-        draw(value, color=theme.ink, linewidth=1.0, linestyle=(0, (4, 4)))
-        # Beside the line at its end, on the side with more room.
-        is_left = is_x and across.share(value) > 0.5
-        axes.annotate(
-            text,
-            (value, 1) if is_x else (0, value),
-            (-4 if is_left else 4, -3),
-            axes.get_xaxis_transform() if is_x else axes.get_yaxis_transform(),
-            "offset points",
-            color=theme.ink,
-            fontsize=TICK,
-            ha="right" if is_left else "left",
-            va="top",
-        )
+    for mark in marks:
+        _mark(axes, across, mark, theme)
     if rows:
         legend = figure.legend(
             loc="outside lower left",
@@ -213,6 +198,26 @@ def line_plot(
         )
         legend.get_title().set_color(theme.soft)
     return figure
+
+
+def _mark(axes: "Axes", across: Axis, mark: tuple[str, float, str], theme: Theme) -> None:
+    """Draw a line across the plot, with its text at its end, on the side with more room."""
+    name, value, text = mark
+    is_x = name == "x"
+    draw = axes.axvline if is_x else axes.axhline
+    draw(value, color=theme.ink, linewidth=1.0, linestyle=(0, (4, 4)))
+    is_left = is_x and across.share(value) > 0.5
+    axes.annotate(
+        text,
+        (value, 1) if is_x else (0, value),
+        (-4 if is_left else 4, -3),
+        axes.get_xaxis_transform() if is_x else axes.get_yaxis_transform(),
+        "offset points",
+        color=theme.ink,
+        fontsize=TICK,
+        ha="right" if is_left else "left",
+        va="top",
+    )
 
 
 def image_of(figure: "Figure") -> Image.Image:

@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
 from rastercov.base.errors import RastercovError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
@@ -45,8 +46,6 @@ except ImportError:
 
 __all__ = ["PolygonError", "image_area", "visible_area", "visible_polygons"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Geometries = NDArray[np.object_]
 
 TIE = 1e-10
@@ -154,15 +153,14 @@ class Images:
     normal: FloatArray
     distance: FloatArray
     camera: Camera
-    is_target: NDArray[np.bool_]
+    is_target: BoolArray
 
     def inverse_depth(self, face: IntArray, points: FloatArray) -> FloatArray:
         """1/depth of faces at image points (..., 2): (n . r) / d on the ray r through a point."""
         camera = self.camera
         x, y = ((points - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).T
         n = self.normal[face].T
-        inverse: FloatArray = (n[0] * x + n[1] * y + n[2]) / self.distance[face]
-        return inverse
+        return (n[0] * x + n[1] * y + n[2]) / self.distance[face]
 
     @property
     def grid(self) -> float:
@@ -229,8 +227,7 @@ def _images(mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float
 def _project(points: FloatArray, camera: Camera) -> FloatArray:
     """Image points, in pixels, of points (..., 3) in camera axes with z > 0."""
     tangents = points[..., :2] / points[..., 2:]
-    image: FloatArray = tangents * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    return image
+    return tangents * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
 def _clip(points: FloatArray, values: FloatArray) -> FloatArray:
@@ -290,7 +287,7 @@ def _where_nearer(
     ours = images.inverse_depth(faces[which], points)
     theirs = images.inverse_depth(others[which], points)
 
-    def at_every_corner(holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def at_every_corner(holds: BoolArray) -> BoolArray:
         failures = np.bincount(which, ~holds, minlength=len(common))
         return np.asarray(failures == 0)
 

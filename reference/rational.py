@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
@@ -334,22 +335,20 @@ def reduced(line: Vector) -> Vector:
     return line[0] // divisor, line[1] // divisor, line[2] // divisor
 
 
-def _binary_places(values: NDArray[np.float64]) -> int:
+def _binary_places(values: FloatArray) -> int:
     """Digits behind the binary point that hold all of `values` exactly."""
     _, exponents = np.frexp(values[values != 0])
     return max(0, 53 - int(exponents.min(initial=53)))
 
 
-def _whole(values: NDArray[np.float64], scale: int) -> Vector:
+def _whole(values: FloatArray, scale: int) -> Vector:
     """Three floats times `scale`, which makes them whole, as whole numbers."""
     ratios = (value.as_integer_ratio() for value in values.tolist())
     x, y, z = (mpz(top * (scale // bottom)) for top, bottom in ratios)
     return x, y, z
 
 
-def _boxes(
-    mesh: Mesh, camera: Camera, pose: NDArray[np.float64], near: float
-) -> tuple[NDArray[np.float64], ...]:
+def _boxes(mesh: Mesh, camera: Camera, pose: FloatArray, near: float) -> tuple[FloatArray, ...]:
     """Bounds of each face's image and 1/depth, in floats but wider than any rounding.
 
     Pixels low, high (F, 2), the whole plane for faces that reach nearer than `near`; 1/depth (F,).

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
@@ -21,10 +22,6 @@ from rastercov.coverage.area.sensors import tasks_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
@@ -165,8 +162,7 @@ def meets_criteria(
         jacobians = jacobian(camera, local[rows], normal[rows])
         worst = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
         meets[rows] &= worst >= task.min_pixel_density
-    found: BoolArray = meets
-    return found
+    return meets
 
 
 def _through_pinhole(
@@ -204,8 +200,7 @@ def _is_wide(camera: Camera) -> bool:
 
 def _depth(local: FloatArray, *, is_wide: bool) -> FloatArray:
     """Depth that the near plane cuts, of points in camera axes."""
-    depth: FloatArray = np.abs(local).max(axis=1) if is_wide else local[:, 2]
-    return depth
+    return np.abs(local).max(axis=1) if is_wide else local[:, 2]
 
 
 def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
@@ -216,13 +211,11 @@ def jacobian(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArra
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     tangents = np.stack([first, np.cross(normal, first)], axis=2)
     if not camera.is_pinhole:
-        through_lens: FloatArray = lens_of(camera).jacobian(local) @ tangents
-        return through_lens
+        return lens_of(camera).jacobian(local) @ tangents
     projection = np.zeros((len(local), 2, 3))
     projection[:, 0, 0], projection[:, 0, 2] = camera.fx / z, -camera.fx * x / z**2
     projection[:, 1, 1], projection[:, 1, 2] = camera.fy / z, -camera.fy * y / z**2
-    found: FloatArray = projection @ tangents
-    return found
+    return projection @ tangents
 
 
 def _find_hidden(

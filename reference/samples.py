@@ -23,10 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 TIE = 1e-10
 """Relative difference up to which two depths are equal."""
@@ -54,12 +53,12 @@ class SampledView:
         Samples that each face would own alone.
     """
 
-    face: NDArray[np.int32]
+    face: Int32Array
     depth: FloatArray
     edge_distance: FloatArray
     depth_gap: FloatArray
-    visible: NDArray[np.int64]
-    drawn: NDArray[np.int64]
+    visible: IntArray
+    drawn: IntArray
 
 
 def render(
@@ -89,7 +88,7 @@ def count(
     supersample: int = 1,
     near: float | None = None,
     roll: float = 0.0,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[IntArray, IntArray]:
     """Samples of each face, (F,) visible and (F,) drawn.
 
     Arguments as for `render`, and the roll of the samples as for `grid_points`.
@@ -117,8 +116,7 @@ def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> Floa
     y = (np.arange(n_across) - (n_across - 1) / 2) / supersample
     points = size / 2 + x[:, None] * along + y[:, None, None] * across
     points = points.reshape(-1, 2)
-    inside: FloatArray = points[((points >= 0) & (points <= size)).all(axis=1)]
-    return inside
+    return points[((points >= 0) & (points <= size)).all(axis=1)]
 
 
 def at_points(
@@ -197,11 +195,10 @@ def _half_planes(
     yield from zip(np.abs(volumes).tolist(), normals, horizons, lines, strict=True)
 
 
-def _is_before(p: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
+def _is_before(p: FloatArray, q: FloatArray) -> BoolArray:
     """Lexical order of points (F, 3)."""
     less, same = p < q, p == q
-    is_less: NDArray[np.bool_] = less[:, 0] | same[:, 0] & (less[:, 1] | same[:, 1] & less[:, 2])
-    return is_less
+    return less[:, 0] | same[:, 0] & (less[:, 1] | same[:, 1] & less[:, 2])
 
 
 def _meet(

@@ -6,10 +6,8 @@ A triangle is its corners, `places` (..., 3, 2), in whole steps, STEPS to a samp
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import IntArray
+from rastercov.base.memory import BoolArray, IntArray
 from rastercov.native.engine_raster import STEPS, TIE_REL
-
-BoolArray = NDArray[np.bool_]
 
 
 def covers(places: IntArray, column: IntArray, row: IntArray) -> BoolArray:

@@ -8,18 +8,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.coverage.reasons import Reason
 from rastercov.raster.observation import BoundKind
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 def covered_faces(
     covers: BoolArray,
     eyes: FloatArray,
     centroids: FloatArray,
-    need: NDArray[np.int64],
+    need: IntArray,
     min_cosine: float,
 ) -> BoolArray:
     """(F,) faces that `need`, (F,), of K cameras cover, two of them with rays that differ enough.
@@ -53,7 +51,7 @@ def candidate_bounds(
     drawn: FloatArray,
     reason: NDArray[np.uint8],
     edge_on: float,
-) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Bounds of the greatest visible fraction of each face, (F,), and how many poses cover it.
 
     Figures of a `Coverage` are (P, F). An image of `edge_on` square pixels or less shows nothing,

@@ -21,7 +21,7 @@ from typing_extensions import Doc
 
 from rastercov.base.checks import finite_number, share_meant, shown
 from rastercov.base.errors import ConfigError, RastercovError, ResourceError
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import FloatArray, check_memory
 
 MOST_POSES = 10_000_000
 """Poses on a sphere: 1.3 GB of matrices."""
@@ -82,7 +82,7 @@ def finite_points(
     shape: tuple[int, ...],
     wanted: str,
     error: type[RastercovError] = ConfigError,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Finite coordinates of that shape, -1 for any length, within LARGEST_COORDINATE.
 
     Anything else is an error; `wanted` says what they must be.

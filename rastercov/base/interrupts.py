@@ -93,7 +93,7 @@ AGAIN_S = 0.05
 _again: list[threading.Timer] = []
 
 
-def come_again(lost: Any) -> None:
+def come_again(lost: "sys.UnraisableHookArgs") -> None:
     """Raise an interrupt anew that a callback of a library swallowed, as `sys.unraisablehook`."""
     if lost.exc_type is KeyboardInterrupt and _came:
         for earlier in _again:  # one is enough, and a second would meet the report of the first

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array
@@ -41,6 +41,7 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
+from rastercov.base.memory import FloatArray
 from rastercov.camera.catalogue import entries_of, is_name
 from rastercov.camera.models import MODELS, checked_model
 
@@ -229,7 +230,7 @@ CENTRES = {"cx": "width", "cy": "height"}
 """Fields that are the half of others unless given."""
 
 
-def border_of(width: float, height: float, n: int) -> NDArray[np.float64]:
+def border_of(width: float, height: float, n: int) -> FloatArray:
     """Points (4, n, 2) on the borders of an image of that size, px: top, right, bottom and left.
 
     Each border has its ends, at equal steps, in the order in which they go around the image.
@@ -507,12 +508,12 @@ class Camera:
             raise CameraError(f"{what}, got {lens}; {instead}")
 
     @property
-    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
+    def K(self) -> FloatArray:  # noqa: N802 - the field's name for it
         """Intrinsic matrix, (3, 3): (3.5) with f/s_u and f/s_v on the diagonal."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     @property
-    def opencv_K(self) -> NDArray[np.float64]:  # noqa: N802 - the same
+    def opencv_K(self) -> FloatArray:  # noqa: N802 - the same
         """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 

@@ -139,16 +139,18 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
     return Catalogue(**tables)
 
 
-def is_name(text: Any) -> bool:
+def is_name(text: object) -> bool:
     """True for a text that may be a name in the catalogue, and is no file."""
-    is_word = isinstance(text, str) and re.fullmatch(r"[A-Za-z][\w+-]*", text)
-    return bool(is_word) and not os.path.exists(text)  # noqa: PTH110 - of a text
+    if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z][\w+-]*", text):
+        return False
+    return not os.path.exists(text)  # noqa: PTH110 - of a text
 
 
-def is_head(text: Any, file: StrPath | None = None) -> bool:
+def is_head(text: object, file: StrPath | None = None) -> bool:
     """True for a text that names a head of the catalogue, and is no file."""
-    is_word = isinstance(text, str) and re.fullmatch(r"[A-Za-z][\w-]*(:[^:/]*){0,2}", text)
-    if not is_word or os.path.exists(text):  # noqa: PTH110 - of a text
+    if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z][\w-]*(:[^:/]*){0,2}", text):
+        return False
+    if os.path.exists(text):  # noqa: PTH110 - of a text
         return False
     return text.split(":")[0] in catalogue(file).heads
 
@@ -179,7 +181,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, float]:
     return str(others[1] if len(others) > 1 else camera), baseline
 
 
-def entries_of(name: Any, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:
+def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = None) -> Entries:
     """Entries of a camera file for a camera with its lens, changed by others.
 
     With `focus_distance` alone the lens is open, at its least f-number.

@@ -11,25 +11,23 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import number, positive, shown
 from rastercov.base.errors import CameraError, MeshError, errors_as
 from rastercov.base.files import UnknownNames
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.gltf import nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
-    Y_UP,
-    chunks,
-    json_header,
+    WORLD,
+    header_of,
     json_list,
     json_object,
     unknown_names,
+    world_node,
 )
 from rastercov.mesh.formats.polygons import broken_files_refused
 
 EXTENSION = "KHR_lights_punctual"
-WORLD = "rastercov_world"
-"""Entry in `extras` of the node whose frame is the world, as of files of cameras."""
 FORWARDS = np.diag([1.0, -1.0, -1.0, 1.0])
 """node_from_lamp: a lamp looks along z, a light along -z."""
 
@@ -43,7 +41,7 @@ class Light(NamedTuple):
     """A light: name, world_from_lamp, intensity, cd, and the angle of its cone, 180 for a point."""
 
     name: str
-    place: NDArray[np.float64]
+    place: FloatArray
     intensity: float
     half_angle_deg: float
 
@@ -51,7 +49,7 @@ class Light(NamedTuple):
 def read_lights(data: bytes) -> list[Light]:
     """Lights of a scene; CameraError for a file without any, or with a directional one."""
     with errors_as(CameraError, caught=MeshError), broken_files_refused():
-        header = chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
+        header = header_of(data)
         unknown_names(header, CameraError)  # an error for a slip
         slips = UnknownNames(CameraError)
         for owner in (header, *json_list(header, "nodes")):
@@ -77,7 +75,7 @@ def _extension(owner: dict[str, Any]) -> dict[str, Any]:
     return own if isinstance(own, dict) else {}
 
 
-def _light(entries: dict[str, Any], name: str, place: NDArray[np.float64]) -> Light:
+def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
     kind = entries.get("type")
     if kind not in ("point", "spot"):
         raise CameraError(
@@ -99,9 +97,7 @@ def _light(entries: dict[str, Any], name: str, place: NDArray[np.float64]) -> Li
 
 def scene_of(lights: Sequence[Light], first_node: int) -> tuple[list[dict[str, Any]], Any]:
     """Nodes of lights, of which the first is that of the world, and the extension of the scene."""
-    children = list(range(first_node + 1, first_node + 1 + len(lights)))
-    world = {"name": "lamps", "matrix": Y_UP.T.ravel().tolist(), "children": children}
-    nodes: list[dict[str, Any]] = [world | {"extras": {WORLD: True}}]
+    nodes = [world_node("lamps", range(first_node + 1, first_node + 1 + len(lights)))]
     entries: list[dict[str, Any]] = []
     for row, light in enumerate(lights):
         matrix = (light.place @ FORWARDS).T.ravel().tolist()

@@ -22,7 +22,7 @@ from rastercov.base.files import (
     StrPath,
 )
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light
@@ -405,7 +405,7 @@ class Lamps(InOneLine):
         return UNITS[self.lamps[0].unit]
 
     @property
-    def lamp_of_point(self) -> NDArray[np.int64]:
+    def lamp_of_point(self) -> IntArray:
         """(K,) lamp of each point."""
         return np.repeat(np.arange(len(self)), [lamp.points for lamp in self.lamps])
 
@@ -427,7 +427,7 @@ class Lamps(InOneLine):
         own |= {"exposure": self.exposure}
         return Lamps(self.lamps, places, self.names, **own)
 
-    def carried_by(self, cameras: Sequence[str]) -> NDArray[np.bool_]:
+    def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) lamps that ride on cameras, by the names of these: "camera" or "rig/camera".
 
         CameraError for a lamp on a camera that is not there.
@@ -462,7 +462,7 @@ class Lamps(InOneLine):
         }
 
 
-def points_of(lamps: Lamps, chosen: NDArray[np.bool_], world: FloatArray | None = None) -> Poses:
+def points_of(lamps: Lamps, chosen: BoolArray, world: FloatArray | None = None) -> Poses:
     """Poses of the points of some lamps, (N,) bool, of `Lamps.eyes`; in each of (R, 4, 4)."""
     own = chosen[lamps.lamp_of_point]
     places, lamp = lamps.point_places[own], lamps.lamp_of_point[own]
@@ -492,14 +492,12 @@ def intensities_of(lamp: Lamp, cosine: FloatArray) -> FloatArray:
     return lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent
 
 
-def bits_of(sets: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
+def bits_of(sets: IntArray, n: int) -> BoolArray:
     """(n, S) whether each of n points is in sets (S,), which are bits."""
     return (sets >> np.arange(n)[:, None]) & 1 > 0
 
 
-def are_lit(
-    lamps: Lamps, sees: NDArray[np.bool_], lamp: NDArray[np.integer[Any]]
-) -> NDArray[np.bool_]:
+def are_lit(lamps: Lamps, sees: BoolArray, lamp: NDArray[np.integer[Any]]) -> BoolArray:
     """(N,) places that one lamp or more lights, from the points (K, N), of lamps (K,), they see."""
     counts = np.zeros((len(lamps), sees.shape[1]), np.int64)
     np.add.at(counts, lamp, sees)
@@ -508,7 +506,7 @@ def are_lit(
 
 
 def illuminances(
-    lamps: Lamps, poses: Poses, sees: NDArray[np.bool_], points: FloatArray, normals: FloatArray
+    lamps: Lamps, poses: Poses, sees: BoolArray, points: FloatArray, normals: FloatArray
 ) -> FloatArray:
     """(N,) illuminance of places with normals, (N, 3), by the points of lamps seen, (K, N).
 

@@ -92,8 +92,7 @@ def _weights(around: FloatArray) -> FloatArray:
             "horizontal angles must ascend over 90, 180 or 360 degrees, each "
             f"{LEAST_STEP:g} degrees or more above the last"
         )
-    shares: FloatArray = (gaps[1:] + gaps[:-1]) / (gaps[1:] + gaps[:-1]).sum()
-    return shares
+    return (gaps[1:] + gaps[:-1]) / (gaps[1:] + gaps[:-1]).sum()
 
 
 def are_angles(degrees: FloatArray) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov.base.errors import PoseError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields
 from rastercov.mesh.arrays import matrices_of
 from rastercov.native import camera_pose
@@ -88,10 +88,10 @@ class Poses(InOneLine):
     """
 
     world_from_camera: FloatArray
-    ids: NDArray[np.int64]
+    ids: IntArray
     given: FloatArray
     rejected: Mapping[int, str] = field(default_factory=dict)
-    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    camera: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
         arrays = (self.world_from_camera, self.ids, self.given, self.camera)
@@ -149,7 +149,7 @@ class Poses(InOneLine):
         matrices, ids, camera = self.world_from_camera[rows], self.ids[rows], self.camera[rows]
         return Poses(matrices, ids, self.given, {}, camera)
 
-    def by_camera(self) -> "Iterator[tuple[int, slice | NDArray[np.int64]]]":
+    def by_camera(self) -> "Iterator[tuple[int, slice | IntArray]]":
         """Index of each camera that is used, and rows of its poses; a slice where it has all."""
         used = np.unique(self.camera)
         if len(used) == 1:
@@ -173,7 +173,7 @@ class Poses(InOneLine):
         return np.array(self.world_from_camera, dtype, copy=copy)
 
 
-def _camera_indices(camera: ArrayLike, n_poses: int) -> NDArray[np.int32]:
+def _camera_indices(camera: ArrayLike, n_poses: int) -> Int32Array:
     """(P,) indices of cameras; one number serves all poses."""
     indices = checked_array(
         "camera", camera, "iu", f"{n_poses} indices, one for each pose", PoseError

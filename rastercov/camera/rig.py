@@ -23,6 +23,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
@@ -76,7 +77,7 @@ class Rig(InOneLine):
 
     cameras: tuple[Camera, ...]
     names: tuple[str, ...]
-    rig_from_camera: NDArray[np.float64]
+    rig_from_camera: FloatArray
     rule: Rule
     tasks: Mapping[str, Any]
     fixed: tuple[str, ...]
@@ -150,16 +151,16 @@ class Rig(InOneLine):
         camera = np.tile(np.arange(n), len(rigs))
         return Poses.of(self._placed(np.repeat(rigs, n, axis=0), camera), camera=camera)
 
-    def _placed(self, world_from_rig: NDArray[Any], camera: NDArray[Any]) -> NDArray[np.float64]:
+    def _placed(self, world_from_rig: NDArray[Any], camera: NDArray[Any]) -> FloatArray:
         """(M, 4, 4) world_from_camera of cameras, (M,), each in a pose of the rig, (M, 4, 4)."""
         places = self.rig_from_camera[camera]
-        matrices: NDArray[np.float64] = world_from_rig @ places
+        matrices: FloatArray = world_from_rig @ places
         is_still = self.is_fixed[camera]
         matrices[is_still] = places[is_still]
         return matrices
 
     @property
-    def is_fixed(self) -> NDArray[np.bool_]:
+    def is_fixed(self) -> BoolArray:
         """(N,) cameras that do not move with the rig."""
         return np.isin(self.names, self.fixed)
 
@@ -351,7 +352,7 @@ def with_places(cameras: Cameras, rig_from_camera: ArrayLike | None) -> Rig:
     return cameras._with(rig_from_camera=placed.rig_from_camera)
 
 
-def shared_rows(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
+def shared_rows(cameras: Cameras, poses: Poses) -> IntArray:
     """(P,) row of the first pose of the same fixed camera at the same place; otherwise its own."""
     found = np.arange(len(poses))
     if not isinstance(cameras, Rig) or not cameras.fixed:
@@ -364,7 +365,7 @@ def shared_rows(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
     return found
 
 
-def rows_of_result(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
+def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
     """(P,) row of the result that each pose belongs to: its own, or one with others of its rig.
 
     Raises
@@ -397,7 +398,7 @@ def rows_of_result(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
     return np.repeat(np.arange(len(leads)), size[leads])
 
 
-def led_by(cameras: Cameras, poses: Poses) -> NDArray[np.int64]:
+def led_by(cameras: Cameras, poses: Poses) -> IntArray:
     """(R,) the first pose of each row of the result; PoseError as of `rows_of_result`."""
     return np.flatnonzero(np.diff(rows_of_result(cameras, poses), prepend=-1))
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
+from rastercov.base.memory import BoolArray, IntArray
 
 MOST_DEVICES = 64
 """Devices of a rig with a rule."""
@@ -117,12 +118,12 @@ class Gate(NamedTuple):
         """True where the standard deviation of a point is limited."""
         return self.most_deviation > 0
 
-    def holds(self, sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def holds(self, sees: BoolArray) -> BoolArray:
         """(...) whether the rule holds where each of the devices sees, (n, ...)."""
-        found: NDArray[np.bool_] = np.count_nonzero(sees, axis=0) >= self.k
+        found: BoolArray = np.count_nonzero(sees, axis=0) >= self.k
         return found & sees[list(self.needs)].all(axis=0)
 
-    def failing(self, reason: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    def failing(self, reason: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], IntArray]:
         """Reason of the device that is missed most, (...), and the device, from (n, ...) of each.
 
         It is the lowest that must rise for the rule to hold; where that is "covered", it holds.

@@ -6,11 +6,10 @@ The first compares them with a reference, the second predictions with a marker d
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -72,12 +71,12 @@ def compare(
     """
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
-    eye, matrices = eyes.camera(), eyes.poses.world_from_camera
-    warn([*eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
+    viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
+    warn([*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2]))])
     if models:
         if method != COMPARED or against != "exact":
             raise ConfigError("--models takes neither --method nor --against; leave them out")
-        _compare_models(mesh, eye, matrices, out, as_json)
+        _compare_models(*viewed, out, as_json)
         return
     from rastercov.base.output import json_text
     from rastercov.reference.methods import compare as compared
@@ -88,17 +87,10 @@ def compare(
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
-                mesh,
-                eye,
-                matrices,
-                method,
-                against,
-                worst=faces,
-                convergence=convergence,
-                progress=progress,
+                *viewed, method, against, worst=faces, convergence=convergence, progress=progress
             )
         with progress_bar() as progress:
-            path = report.write_comparison(folder, found, mesh, eye, matrices, progress)
+            path = report.write_comparison(folder, found, *viewed, progress)
     if as_json:
         print(json_text(found))
     else:
@@ -106,15 +98,14 @@ def compare(
         print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
-        done = found.poses_done
-        warn([f"it covers the {done} of {found.poses} poses that were done"])
+        warn([f"it covers the {found.poses_done} of {found.poses} poses that were done"])
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)
 
 
 def _compare_models(
-    mesh: Mesh, camera: Camera, poses: NDArray[np.float64], out: Path, as_json: bool
+    mesh: Mesh, camera: Camera, poses: FloatArray, out: Path, as_json: bool
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
     from rastercov.base.output import json_text

@@ -10,7 +10,7 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from importlib import import_module
@@ -210,6 +210,16 @@ def warn(lines: Iterable[str]) -> None:
     """Print warnings, a line each."""
     for line in lines:
         say(f"warning: {line}")
+
+
+def print_network(summary: Mapping[str, Any], level: int | None) -> None:
+    """Print tables of the surface that cameras cover, and of the cameras."""
+    from rastercov.report.tables import camera_table, summary_table
+
+    console = Console()
+    console.print(summary_table(summary, level))
+    if (table := camera_table(summary)) is not None:
+        console.print(table)
 
 
 def size_line(mesh: "Mesh") -> str:

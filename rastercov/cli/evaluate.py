@@ -7,7 +7,7 @@ pose.
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -22,11 +22,23 @@ from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of, names_of_poses, with_lamps
 from rastercov.cli import options
-from rastercov.cli.console import Console, out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import (
+    Console,
+    out_option,
+    print_network,
+    progress_bar,
+    say,
+    size_line,
+    warn,
+)
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
+
+if TYPE_CHECKING:
+    from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.report.coverage import Options
 
 
 class ReportOptions(NamedTuple):
@@ -143,21 +155,17 @@ def run_and_print(
     poses: FloatArray | Poses,
     task: Task,
     out: Path,
-    settings: Any,
+    settings: "Options",
     as_json: bool,
     workers: "Workers | None" = None,
     level: int | None = None,
     names: tuple[str, ...] = (),
-    moving: Any = None,
+    moving: "PlanMotion | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
     from rastercov.cluster import Staff
-    from rastercov.coverage.area.network import missed_lines
-    from rastercov.coverage.area.over_time import time_lines
-    from rastercov.coverage.area.zones import zone_lines
     from rastercov.report.coverage import run
-    from rastercov.report.tables import camera_table, run_table, summary_table
 
     accepted, tally = Poses.of(poses), Tally()
     warn(mesh.warnings)
@@ -181,13 +189,7 @@ def run_and_print(
     if as_json:
         print(json_text(summary))
     else:
-        console = Console()
-        console.print(summary_table(summary, level))
-        if (table := camera_table(summary)) is not None:
-            console.print(table)
-        console.print(run_table(summary))
-        for line in (*time_lines(summary), *missed_lines(summary), *zone_lines(summary)):
-            print(line)
+        _print_tables(summary, level)
         page = out / "report.html"
         print(page if page.exists() else out / "network.glb")
         for line in tally.lines():
@@ -206,6 +208,19 @@ def run_and_print(
         )
         if not settings.skip_bad_poses:
             raise typer.Exit(1)
+
+
+def _print_tables(summary: dict[str, Any], level: int | None) -> None:
+    """Print the summary of an evaluation as tables and lines."""
+    from rastercov.coverage.area.network import missed_lines
+    from rastercov.coverage.area.over_time import time_lines
+    from rastercov.coverage.area.zones import zone_lines
+    from rastercov.report.tables import run_table
+
+    print_network(summary, level)
+    Console().print(run_table(summary))
+    for line in (*time_lines(summary), *missed_lines(summary), *zone_lines(summary)):
+        print(line)
 
 
 def demo(

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import is_file, is_same_file, seen_from
+from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import is_head, is_name
@@ -185,7 +185,7 @@ def _entries(text: str) -> dict[str, Any]:
     return tomllib.loads(f"table = {{ {inside} }}")["table"]
 
 
-def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:
+def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     """Poses of sphere:N or turntable:N@DEG, at the distance where the mesh fills the image.
 
     The first are N around the mesh, the others N in a ring that many degrees above its middle, and

@@ -14,7 +14,15 @@ from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.cli.console import Console, out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import (
+    Console,
+    out_option,
+    print_network,
+    progress_bar,
+    say,
+    size_line,
+    warn,
+)
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
@@ -93,14 +101,8 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
-        from rastercov.report.tables import camera_table, summary_table
-
-        console = Console()
-        console.print(report.cameras_table(placed))
-        network = report.summary(placed)["network"]
-        console.print(summary_table(network, level))
-        if (by_camera := camera_table(network)) is not None:
-            console.print(by_camera)
+        Console().print(report.cameras_table(placed))
+        print_network(report.summary(placed)["network"], level)
         left = report.left_lines(placed)
         print("\n".join([size_line(prepared.mesh), *report.lines(placed), *left]))
         page = folder / "page.html"  # a second interrupt may have left it out

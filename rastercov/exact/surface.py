@@ -17,9 +17,8 @@ from typing import Any
 from weakref import ref
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import once_each
 from rastercov.camera.near_plane import hides_its_back
 from rastercov.mesh import Mesh
@@ -90,7 +89,7 @@ class Targets:
     vertices: FloatArray
     faces: Int32Array
     blocks: Blocks
-    source: NDArray[np.int64]
+    source: IntArray
 
 
 class Surface:

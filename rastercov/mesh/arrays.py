@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, owned
 from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
@@ -18,19 +19,19 @@ LEAST_SINE = 8 * float(np.finfo(np.float64).eps)
 """Sine of the angle between two edges below which the normal is only rounding."""
 
 
-def some(mask: NDArray[np.bool_]) -> str:
+def some(mask: BoolArray) -> str:
     """Text with the first few indices where `mask` is True, and their number."""
     found = np.flatnonzero(mask)
     more = ", ..." if len(found) > 5 else ""
     return f"[{', '.join(map(str, found[:5]))}{more}], {len(found)} in all"
 
 
-def unusable_points(vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
+def unusable_points(vertices: FloatArray) -> BoolArray:
     """(V,) points with a coordinate that is not finite or exceeds `LARGEST_COORDINATE`."""
     return ~np.all(np.abs(vertices) <= LARGEST_COORDINATE, axis=1)
 
 
-def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     """Raise MeshError if a vertex is unusable, with the faces that use it."""
     unusable = unusable_points(vertices)
     if unusable.any():
@@ -41,14 +42,14 @@ def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
         )
 
 
-def checked_vertices(vertices: ArrayLike) -> NDArray[np.float64]:
+def checked_vertices(vertices: ArrayLike) -> FloatArray:
     """(V, 3) float64 copy, or MeshError, or ResourceError."""
     points = checked_array("vertices", vertices, "iuf", "real numbers", MeshError)
     _check_rows("vertices", "V", points, "pass x, y, z rows")
     return owned("vertices", points, np.float64)
 
 
-def checked_faces(faces: ArrayLike) -> NDArray[np.int64]:
+def checked_faces(faces: ArrayLike) -> IntArray:
     """(F, 3) int64 copy with F in 1 ... 2^31 - 1, or MeshError, or ResourceError."""
     corners = checked_array("faces", faces, "iu", "integers", MeshError)
     if corners.size == 0:
@@ -64,7 +65,7 @@ def _check_rows(name: str, letter: str, rows: NDArray[Any], advice: str) -> None
         raise ResourceError(f"a mesh holds at most {MOST_FACES} {name}, got {len(rows)}; split it")
 
 
-def bounds_of(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+def bounds_of(vertices: FloatArray, faces: NDArray[Any]) -> FloatArray:
     """(2, 3) lowest and highest coordinates of the vertices that faces use."""
     is_used = np.zeros(len(vertices), dtype=bool)
     is_used[faces] = True
@@ -72,7 +73,7 @@ def bounds_of(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.
     return np.stack([used.min(axis=0), used.max(axis=0)])
 
 
-def face_labels(name: str, values: ArrayLike, n_faces: int) -> NDArray[np.int64]:
+def face_labels(name: str, values: ArrayLike, n_faces: int) -> IntArray:
     """(F,) int64 copy of one label per face, or of one label for all faces, or MeshError."""
     labels = checked_array(name, values, "iu", "integers", MeshError)
     if labels.shape not in ((), (n_faces,)):
@@ -94,8 +95,8 @@ def blocks(n: int) -> Iterator[slice]:
 
 
 def normals_and_areas(
-    vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    vertices: FloatArray, faces: NDArray[np.integer[Any]]
+) -> tuple[FloatArray, FloatArray, float]:
     """(F, 3) unit normals by the right-hand rule, (F,) areas; 0 where they are only rounding.
 
     And the least sine of the angle between two edges of the others, up to 1.
@@ -117,7 +118,7 @@ def normals_and_areas(
     return normals, areas, least
 
 
-def unit(vectors: ArrayLike) -> NDArray[np.float64]:
+def unit(vectors: ArrayLike) -> FloatArray:
     """Vectors (..., n) of length 1 along others, which are finite and not 0, of any length."""
     array = np.asarray(vectors, np.float64)
     # Powers of two, which change no digit: squares of 1e160 would overflow.
@@ -125,7 +126,7 @@ def unit(vectors: ArrayLike) -> NDArray[np.float64]:
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
 
 
-def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+def rotation_about(axis: ArrayLike, angle: float) -> FloatArray:
     """(3, 3) rotation by radians, counter-clockwise seen against an axis of length above 0."""
     x, y, z = unit(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -133,7 +134,7 @@ def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> NDArray[np.float64]:
+def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> FloatArray:
     """(..., 4, 4) of linear parts (..., 3, 3), such as rotations, and translations (..., 3)."""
     given = np.asarray(linear, np.float64)
     found = np.zeros((*given.shape[:-2], 4, 4))
@@ -141,7 +142,7 @@ def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> NDArray[np.f
     return found
 
 
-def rotations_of_quaternions(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotations_of_quaternions(quaternions: FloatArray) -> FloatArray:
     """(N, 3, 3) rotations of unit quaternions (N, 4), x y z w."""
     x, y, z, w = quaternions.T
     rows = [
@@ -152,9 +153,7 @@ def rotations_of_quaternions(quaternions: NDArray[np.float64]) -> NDArray[np.flo
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def encloses_volume(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], part: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> BoolArray:
     """(C,) True for parts of a closed mesh with a signed volume greater than rounding.
 
     The volume of a part is computed about its own centre: an offset would cancel its digits.

@@ -5,18 +5,17 @@ is the product of vertices and poses, and contacts between bodies, which are kep
 Vertices of two bodies are never welded, even where they coincide: edges between bodies are borders.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, matrices_of
 from rastercov.mesh.contacts import (
@@ -67,8 +66,8 @@ class Rest:
     """
 
     mesh: Mesh
-    body: NDArray[np.int32]
-    vertex_body: NDArray[np.int32]
+    body: Int32Array
+    vertex_body: Int32Array
     n_bodies: int
     whole: Mesh
     kept: IntArray
@@ -196,7 +195,7 @@ class Part(NamedTuple):
 
     rows: IntArray
     points: FloatArray
-    faces: NDArray[np.int32]
+    faces: Int32Array
     flat: BoolArray
 
 
@@ -225,20 +224,20 @@ class Within:
     vertices: FloatArray
     faces: IntArray
     degenerate_mask: BoolArray
-    body: NDArray[np.int32]
+    body: Int32Array
     boxes: FloatArray
     _known: dict[Any, Once[Any]] = field(default_factory=dict, init=False)
     _last: dict[tuple[int, int, float], tuple[bytes, Between]] = field(
         default_factory=dict, init=False
     )
 
-    def _once(self, key: Any, make: Any) -> Any:
+    def _once(self, key: Hashable, make: Callable[[], object]) -> Any:
         once: Once[Any] = self._known.setdefault(key, Once())
         return once.get(make)
 
     def touching(self, tolerance: float) -> BoolArray:
         """(F,) faces in contact with another one of their body."""
-        found: BoolArray = self._once(
+        return self._once(
             ("touching", tolerance),
             lambda: touching_faces(
                 self.vertices,
@@ -248,7 +247,6 @@ class Within:
                 labels=self.body,
             ),
         )
-        return found
 
     def of_components(self, tolerance: float, components: Callable[[], Any]) -> BoolArray:
         """(F,) faces in contact with another one of their component, of numbers (F,)."""

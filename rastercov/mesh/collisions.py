@@ -12,13 +12,13 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.robot import Robot
@@ -169,7 +169,7 @@ class Collisions(InOneLine):
         found[self._is_inside(frames, found > 0)] = 0.0
         return found
 
-    def _is_inside(self, frames: dict[str, Any], rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _is_inside(self, frames: dict[str, Any], rows: BoolArray) -> BoolArray:
         """(N,) True where a part of a link is in matter, or a part of the scene is in a link."""
         found = np.zeros(len(rows), np.bool_)
         chosen = np.flatnonzero(rows)
@@ -184,7 +184,7 @@ class Collisions(InOneLine):
             found[chosen] |= self._swallows(link, poses)
         return found
 
-    def _swallows(self, link: str, poses: FloatArray) -> NDArray[np.bool_]:
+    def _swallows(self, link: str, poses: FloatArray) -> BoolArray:
         """(N,) True where a part of the scene is in a link under N poses."""
         found = np.zeros(len(poses), np.bool_)
         low, high = self.robot.shapes[link].bounds

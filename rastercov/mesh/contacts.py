@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import Once, thread_count
 from rastercov.mesh.arrays import normals_and_areas
 from rastercov.native import engine_contacts, mesh_tree
@@ -138,7 +138,7 @@ class Partners(NamedTuple):
     """
 
     starts: IntArray
-    faces: NDArray[np.int32]
+    faces: Int32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class Contacts:
 
     vertices: FloatArray
     faces: NDArray[np.integer[Any]]
-    degenerate_mask: NDArray[np.bool_]
+    degenerate_mask: BoolArray
     diagonal: float
     components: Callable[[], NDArray[np.integer[Any]]]
     _known: dict[tuple[int, str], Once[Any]] = field(default_factory=dict, init=False)
@@ -171,7 +171,7 @@ class Contacts:
         """Distance of cameras up to which one answer is valid for all, metres."""
         return REACH * self.diagonal
 
-    def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
+    def faces_for(self, distance: float = 0.0) -> BoolArray:
         """(F,) faces in contact, for cameras with no surface beyond `distance`, metres."""
         return self._once("all", distance, self._touching)
 
@@ -185,7 +185,7 @@ class Contacts:
             ),
         )
 
-    def faces_within_components(self, distance: float = 0.0) -> NDArray[np.bool_]:
+    def faces_within_components(self, distance: float = 0.0) -> BoolArray:
         """(F,) faces in contact with one of their own edge-connected component; see `faces_for`."""
         any_contact = self.faces_for(distance)
         if not any_contact.any():
@@ -196,7 +196,7 @@ class Contacts:
 
     def _touching(
         self, tolerance: float, labels: NDArray[np.integer[Any]] | None = None
-    ) -> NDArray[np.bool_]:
+    ) -> BoolArray:
         return touching_faces(
             self.vertices,
             self.faces,
@@ -217,10 +217,10 @@ def touching_faces(
     faces: NDArray[np.integer[Any]],
     tolerance: float,
     *,
-    degenerate_mask: NDArray[np.bool_] | None = None,
+    degenerate_mask: BoolArray | None = None,
     labels: NDArray[np.integer[Any]] | None = None,
     threads: int | None = None,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Faces with another face within `tolerance`, except where the two are joined.
 
     Two faces are joined at corners with the same position, whatever their indices. Depending on the
@@ -282,7 +282,7 @@ def contact_partners(
     vertices: FloatArray,
     faces: NDArray[np.integer[Any]],
     tolerance: float,
-    touching: NDArray[np.bool_],
+    touching: BoolArray,
 ) -> Partners:
     """Faces in contact with each of the `touching_faces`.
 

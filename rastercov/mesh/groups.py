@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, flag, members
 from rastercov.base.errors import MeshError, errors_as
 from rastercov.base.files import StrPath, is_same_file
 from rastercov.base.format import shortened
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.mesh.arrays import face_labels
 
 Value = TypeVar("Value")
@@ -254,7 +255,7 @@ class Names:
 
 
 def refuse_twice(
-    parts: Iterable[tuple[str, NDArray[np.float64], NDArray[np.int64]]],
+    parts: Iterable[tuple[str, FloatArray, IntArray]],
 ) -> None:
     """MeshError where two meshes are the same, in the same place.
 
@@ -322,7 +323,7 @@ class Group:
 
 def checked_groups(
     groups: Iterable[Group] | None, face_group: ArrayLike | None, n_faces: int
-) -> tuple[tuple[Group, ...], NDArray[np.int32]]:
+) -> tuple[tuple[Group, ...], Int32Array]:
     """Groups of a mesh, by default one, and the (F,) index of each face's group, or MeshError."""
     default = (Group("mesh"),)
     wanted = 'Group values such as [Group("part")]'

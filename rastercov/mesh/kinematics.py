@@ -18,9 +18,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.formats.urdf import Joint
 
 MET = 1e-6
@@ -144,7 +143,7 @@ class Kinematics:
         return np.maximum(low, middle - far), np.minimum(high, middle + far)
 
     @cached_property
-    def _is_turning(self) -> NDArray[np.bool_]:
+    def _is_turning(self) -> BoolArray:
         """(J,) True for joints that a turn brings back to where they are."""
         kinds = [{e.kind for e in self.joints if e.column == j} for j in range(len(self.limits))]
         factors = [[e.factor for e in self.joints if e.column == j] for j in range(len(kinds))]
@@ -159,7 +158,7 @@ class Kinematics:
 
     def _within_reach(
         self, poses: FloatArray, chain: Sequence[Joint], link_from_tip: FloatArray
-    ) -> NDArray[np.bool_]:
+    ) -> BoolArray:
         """(N,) False for poses whose distance from the first joint is longer than all links."""
         moving = [row for row, each in enumerate(chain) if each.column >= 0]
         if not moving:
@@ -202,7 +201,7 @@ class Kinematics:
         chain: Sequence[Joint],
         link_from_tip: FloatArray,
         seeds: FloatArray,
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, BoolArray]:
         """(N, S, J) angles after the descent from S starts, and which meet their poses."""
         joints = np.tile(seeds, (len(poses), 1))
         goals, live = np.repeat(poses, len(seeds), axis=0), np.arange(len(joints))

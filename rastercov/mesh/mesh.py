@@ -12,13 +12,14 @@ from itertools import filterfalse, pairwise
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, finite_points, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath, is_file, printable, suffix_of
 from rastercov.base.format import InNotebook, plural, shortened, size_in_words
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
     blocks,
@@ -106,11 +107,11 @@ class Mesh(InNotebook):
         2^31 faces or more.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: FloatArray
+    faces: IntArray
     groups: tuple[Group, ...]
-    face_group: NDArray[np.int32]
-    source_face: NDArray[np.int64]
+    face_group: Int32Array
+    source_face: IntArray
     sources: tuple[MeshSource, ...]
     notes: tuple[str, ...]
     spaces: tuple[tuple[Any, "Mesh"], ...]
@@ -389,7 +390,7 @@ class Mesh(InNotebook):
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 
-    def _with_vertices(self, vertices: NDArray[np.float64], **derived: object) -> Self:
+    def _with_vertices(self, vertices: FloatArray, **derived: object) -> Self:
         """Mesh of the same faces with other vertices, which are not checked, and derived values."""
         other = object.__new__(type(self))
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
@@ -459,25 +460,25 @@ class Mesh(InNotebook):
         return len(self.vertices)
 
     @cached_property
-    def task_mask(self) -> NDArray[np.bool_]:
+    def task_mask(self) -> BoolArray:
         """(F,) faces that are scored, of the task or a target: all but the occluders."""
         scored = np.array([not group.is_occluder for group in self.groups])
         return frozen(scored[self.face_group])
 
     @cached_property
-    def two_sided_mask(self) -> NDArray[np.bool_]:
+    def two_sided_mask(self) -> BoolArray:
         """(F,) faces that count as covered from either side."""
         two_sided = np.array([group.is_two_sided for group in self.groups])
         return frozen(two_sided[self.face_group])
 
     @cached_property
-    def target_mask(self) -> NDArray[np.bool_]:
+    def target_mask(self) -> BoolArray:
         """(F,) faces that are scored but hide nothing."""
         transparent = np.array([group.is_target for group in self.groups])
         return frozen(transparent[self.face_group])
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> FloatArray:
         """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
         return frozen(bounds_of(self.vertices, self.faces))
 
@@ -493,7 +494,7 @@ class Mesh(InNotebook):
         return size_in_words(np.ptp(self.bounds, axis=0))
 
     @cached_property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> FloatArray:
         """(F, 3) mean of each face's vertices, metres."""
         centroids = np.empty((self.n_faces, 3))
         for block in blocks(self.n_faces):
@@ -501,22 +502,22 @@ class Mesh(InNotebook):
         return frozen(centroids)
 
     @cached_property
-    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def _normals_and_areas(self) -> tuple[FloatArray, FloatArray, float]:
         normals, areas, least_sine = normals_and_areas(self.vertices, self.faces)
         return frozen(normals), frozen(areas), least_sine
 
     @property
-    def normals(self) -> NDArray[np.float64]:
+    def normals(self) -> FloatArray:
         """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
         return self._normals_and_areas[0]
 
     @cached_property
-    def plane_offsets(self) -> NDArray[np.float64]:
+    def plane_offsets(self) -> FloatArray:
         """(F,) scalar product of the normal and the centroid of each face, metres."""
         return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
 
     @property
-    def areas(self) -> NDArray[np.float64]:
+    def areas(self) -> FloatArray:
         """(F,) areas, m^2; exactly 0 for degenerate faces."""
         return self._normals_and_areas[1]
 
@@ -526,18 +527,18 @@ class Mesh(InNotebook):
         return self._normals_and_areas[2]
 
     @cached_property
-    def degenerate_mask(self) -> NDArray[np.bool_]:
+    def degenerate_mask(self) -> BoolArray:
         """(F,) faces without area, to within rounding, or with a repeated vertex."""
         return frozen(~np.any(self.normals, axis=1))
 
     @cached_property
-    def welded_faces(self) -> NDArray[np.int64]:
+    def welded_faces(self) -> IntArray:
         """(F, 3) vertex indices like `faces`, the same one for all vertices at one point."""
         same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
         return frozen(same[self.faces])
 
     @cached_property
-    def duplicate_mask(self) -> NDArray[np.bool_]:
+    def duplicate_mask(self) -> BoolArray:
         """(F,) later copies of a face: the same three positions, in any order."""
         same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
         return frozen(same != np.arange(self.n_faces))
@@ -648,12 +649,12 @@ class Mesh(InNotebook):
         )
 
     @property
-    def self_contact_mask(self) -> NDArray[np.bool_]:
+    def self_contact_mask(self) -> BoolArray:
         """(F,) faces that touch or cut another face of their own edge-connected component."""
         return self.contacts.faces_within_components()
 
     @cached_property
-    def inside_out_mask(self) -> NDArray[np.bool_]:
+    def inside_out_mask(self) -> BoolArray:
         """(C,) components of a closed, consistently wound mesh without positive volume."""
         part = self.topology.components()
         has_edges = np.zeros(int(part.max()) + 1, bool)
@@ -736,12 +737,12 @@ def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
 
 
 def moved_points(
-    points: NDArray[np.float64],
+    points: FloatArray,
     scale: float,
     axis: ArrayLike,
     angle_deg: float,
     translation: ArrayLike,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Points (N, 3) of `Mesh.moved`: scaled, then turned, then translated."""
     factor, angle = finite_number(scale), np.radians(finite_number(angle_deg))
     wanted = "three finite numbers"

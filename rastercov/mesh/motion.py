@@ -19,7 +19,7 @@ from rastercov.base.arguments import checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, rotation_about, unit
 from rastercov.mesh.bodies import Rest, moved_boxes
@@ -77,9 +77,9 @@ class Motion(InOneLine):
 
     mesh: Mesh
     names: tuple[str, ...]
-    body: NDArray[np.int64]
+    body: IntArray
     world_from_body: FloatArray
-    present: NDArray[np.bool_]
+    present: BoolArray
     durations: FloatArray
     _rests: dict[bytes, Once[Rest]]
 
@@ -136,7 +136,7 @@ class Motion(InOneLine):
     def __len__(self) -> int:
         return len(self.world_from_body)
 
-    def _of_frames(self, rows: NDArray[np.bool_]) -> "Motion":
+    def _of_frames(self, rows: BoolArray) -> "Motion":
         """Some of the frames, (T,) bool, of the same bodies."""
         tables = (self.world_from_body[rows], self.present[rows], self.durations[rows])
         return Motion._made(self.mesh, self.names, self.body, *tables)
@@ -151,11 +151,11 @@ class Motion(InOneLine):
         return other
 
     @cached_property
-    def units(self) -> NDArray[np.int64]:
+    def units(self) -> IntArray:
         """(T,) durations in the greatest unit that all are multiples of."""
         return frozen(_units(self.durations))
 
-    def _needed(self, over: str | float) -> NDArray[np.int64]:
+    def _needed(self, over: str | float) -> IntArray:
         """(F,) units of time in which a point is covered, of those in which its body is there.
 
         `over` is "some", "all", or a share of these, (0, 1]; ConfigError for another.
@@ -166,7 +166,7 @@ class Motion(InOneLine):
         if share is None or not (0 < share <= 1 or is_one_of(over, ("some",))):
             raise ConfigError(f'over must be "some", "all" or a share above 0, got {shown(over)}')
         there = self.units @ self.present
-        least: NDArray[np.int64] = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
+        least: IntArray = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
         return least[self.body]
 
     def __getstate__(self) -> dict[str, Any]:  # locks of what is kept stay here
@@ -178,14 +178,14 @@ class Motion(InOneLine):
             raise ConfigError(f"there is no body {shown(body)}; bodies are {', '.join(self.names)}")
         return self.world_from_body[:, self.names.index(body)]
 
-    def frame(self, row: int) -> tuple[Mesh, NDArray[np.int64]]:
+    def frame(self, row: int) -> tuple[Mesh, IntArray]:
         """The mesh as it is in a frame, and the face of the rest pose of each of its faces."""
         number = finite_number(row)
         if not number.is_integer() or not 0 <= number < len(self):
             raise ConfigError(f"row must be a whole number below {len(self)}, got {shown(row)}")
         return self._at(int(number), of_occluders=True)
 
-    def _at(self, row: int, *, of_occluders: bool) -> tuple[Mesh, NDArray[np.int64]]:
+    def _at(self, row: int, *, of_occluders: bool) -> tuple[Mesh, IntArray]:
         """See `frame` and `Rest.at`."""
         if self._is_still:
             return self.mesh, np.arange(self.mesh.n_faces)
@@ -193,15 +193,15 @@ class Motion(InOneLine):
         return self._placed(poses, is_there, of_occluders=of_occluders)
 
     def _placed(
-        self, poses: FloatArray, is_there: NDArray[np.bool_], *, of_occluders: bool = True
-    ) -> tuple[Mesh, NDArray[np.int64]]:
+        self, poses: FloatArray, is_there: BoolArray, *, of_occluders: bool = True
+    ) -> tuple[Mesh, IntArray]:
         """See `frame`, by poses (B, 4, 4) of bodies, of which (B,) are there."""
         if not is_there[self.body].any():
             raise ConfigError("no body is there in this frame; show another one")
         rest = self._rest_of(is_there)
         return rest.at(poses, self._diagonal, of_occluders=of_occluders), rest.kept
 
-    def _rest_of(self, is_there: NDArray[np.bool_]) -> Rest:
+    def _rest_of(self, is_there: BoolArray) -> Rest:
         """Bodies that are there, (B,) bool, at rest."""
         key = is_there.tobytes()
         once: Once[Rest] = self._rests.setdefault(key, Once())
@@ -240,7 +240,7 @@ def _durations(given: ArrayLike, n: int) -> FloatArray:
     return found.copy()
 
 
-def _units(durations: FloatArray) -> NDArray[np.int64]:
+def _units(durations: FloatArray) -> IntArray:
     """(T,) durations in the greatest unit that all are multiples of, within `ROUNDING`.
 
     Shares of the shortest have denominators up to `MOST_UNITS`, and are 1e-8 of it apart.

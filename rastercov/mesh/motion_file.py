@@ -11,6 +11,7 @@ those left out is 0, no turn, and there.
 
 import csv
 import io
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -166,7 +167,7 @@ def _of_json(content: object) -> dict[str, Any]:
     return {"bodies": bodies, "present": present} | durations_of(content)
 
 
-def durations_of(content: Any) -> dict[str, Any]:
+def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
     """`durations` of a table that has some, or from its `times`, at which frames begin."""
     if "times" not in content:
         return {"durations": content["durations"]} if "durations" in content else {}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, check_seed, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
@@ -23,7 +23,7 @@ from rastercov.base.files import (
     printable,
 )
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.formats import FREE_FACES, MEMORY_BUDGET, urdf
@@ -355,7 +355,7 @@ def _check_size(shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> None:
 
 def _link_of(name: str, shapes: Sequence[Shape], files: Mapping[str, Mesh]) -> Mesh:
     """Shapes in the frame of their link."""
-    points, faces, n_points = list[FloatArray](), list[NDArray[np.int64]](), 0
+    points, faces, n_points = list[FloatArray](), list[IntArray](), 0
     for shape in shapes:
         mesh = _mesh_of(shape, files)
         is_mirrored = shape.kind == "mesh" and np.prod(shape.sizes) < 0

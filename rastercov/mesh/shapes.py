@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group
 from rastercov.mesh.mesh import BUILT_IN, Mesh
@@ -290,7 +291,7 @@ def _positive(**lengths: float) -> None:
             raise MeshError(f"{name} must be {wanted}, got {length}")
 
 
-def _weld(lattice: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+def _weld(lattice: IntArray) -> tuple[IntArray, NDArray[np.intp]]:
     """(V, 3) distinct points of a (..., 3) integer array, and the index (...) of each."""
     points, index = np.unique(lattice.reshape(-1, 3), axis=0, return_inverse=True)
     return points, index.reshape(lattice.shape[:-1])
@@ -306,7 +307,7 @@ def _triangulated(corners: NDArray[Any]) -> NDArray[Any]:
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
 
 
-def _subdivided_icosahedron(times: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def _subdivided_icosahedron(times: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Vertices and faces of an icosahedron with edges of length 1, each face split 4^times."""
     if not 0 <= times <= 9:
         raise MeshError(f"subdivisions must lie in 0 ... 9, got {times}; 9 give 5,242,880 faces")

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import MeshError
 from rastercov.base.format import area, shortened
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, listed, named
 from rastercov.mesh.mesh import Mesh, names_of
@@ -231,7 +231,7 @@ def box_grid(
 
 
 @typed
-def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> NDArray[np.int64]:
+def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> IntArray:
     """(3,) fewest cells along each axis of a volume that are no longer than `spacing`, metres.
 
     MeshError for a spacing of 0 or less; ConfigError as for `box_grid`.

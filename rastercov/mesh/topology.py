@@ -11,11 +11,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, IntArray
 from rastercov.mesh.arrays import blocks, frozen
 from rastercov.native import engine_surface
 
 
-def first_equal_row(rows: NDArray[np.uint64]) -> NDArray[np.int64]:
+def first_equal_row(rows: NDArray[np.uint64]) -> IntArray:
     """(N,) index of the first of (N, 2) or (N, 3) rows that equals each row; its own if none does.
 
     The rows may have any bits; floats viewed as integers, for example.
@@ -48,10 +49,10 @@ class EdgeTable:
 
     key: NDArray[np.uint64]
     n_vertices: int
-    first: NDArray[np.int64]
-    n_uses: NDArray[np.int64]
+    first: IntArray
+    n_uses: IntArray
     uses: NDArray[Any]
-    is_forward: NDArray[np.bool_]
+    is_forward: BoolArray
 
     @property
     def vertices(self) -> NDArray[np.uint64]:
@@ -59,7 +60,7 @@ class EdgeTable:
         return np.stack(np.divmod(self.key, np.uint64(self.n_vertices)), axis=1)
 
     @property
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> IntArray:
         """(U,) face of each use."""
         return (self.uses // 3).astype(np.int64)
 
@@ -124,10 +125,10 @@ class Topology:
     n_shared_edges: int
     n_nonmanifold_edges: int
     n_inconsistent_edges: int
-    neighbours: NDArray[np.int64]
+    neighbours: IntArray
 
     @classmethod
-    def of(cls, faces: NDArray[np.int64], n_vertices: int) -> Self:
+    def of(cls, faces: IntArray, n_vertices: int) -> Self:
         """Topology of `faces`, (F, 3) indices below `n_vertices`.
 
         A face with a repeated vertex does not count: its neighbours share an edge without it. A
@@ -158,12 +159,12 @@ class Topology:
         """True if there are edges, each with exactly two faces."""
         return self.n_shared_edges > 0 and not (self.n_boundary_edges or self.n_nonmanifold_edges)
 
-    def components(self) -> NDArray[np.int64]:
+    def components(self) -> IntArray:
         """(F,) number of each face's edge-connected component, from 0 in order of first face."""
         return components_of(self.n_faces, self.neighbours)
 
 
-def components_of(count: int, pairs: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+def components_of(count: int, pairs: NDArray[np.integer[Any]]) -> IntArray:
     """(N,) number of the component of each of N things, (M, 2) pairs of which are neighbours.
 
     From 0, in the order of the first of each component.

@@ -12,8 +12,8 @@ A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import once_each
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree, touching_faces
@@ -31,7 +31,7 @@ ROUNDING_REL = 1e-9
 
 
 @once_each
-def unseeable_areas(mesh: Mesh) -> NDArray[np.float64]:
+def unseeable_areas(mesh: Mesh) -> FloatArray:
     """(F,) area of each scored face of which it is proved, m^2: 0, or all of it but its margin.
 
     Two-sided faces count as seeable. Computed at the first call.
@@ -39,7 +39,7 @@ def unseeable_areas(mesh: Mesh) -> NDArray[np.float64]:
     return frozen(_computed(mesh))
 
 
-def unseeable_where_seen(mesh: Mesh, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+def unseeable_where_seen(mesh: Mesh, seen: FloatArray) -> FloatArray:
     """The same where cameras see a share, (F,), of each face: 0 of all if they see into a body.
 
     That is more than twice the margin of a face, which perspective may enlarge: the camera is
@@ -51,7 +51,7 @@ def unseeable_where_seen(mesh: Mesh, seen: NDArray[np.float64]) -> NDArray[np.fl
     return np.zeros_like(areas) if is_seen[areas > 0].any() else areas
 
 
-def _computed(mesh: Mesh) -> NDArray[np.float64]:
+def _computed(mesh: Mesh) -> FloatArray:
     found = np.zeros(mesh.n_faces)
     bodies = _bodies(mesh)
     if not len(bodies):
@@ -81,7 +81,7 @@ def _computed(mesh: Mesh) -> NDArray[np.float64]:
     return found
 
 
-def _bodies(mesh: Mesh) -> NDArray[np.int64]:
+def _bodies(mesh: Mesh) -> IntArray:
     """Faces of closed opaque components: as many run along each edge in one direction as the other.
 
     None of a single component with two faces an edge, which encloses none of its own faces unless

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import flag
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, IntArray, check_memory
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
 from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
@@ -93,19 +93,19 @@ class FaceCounts(InOneLine):
 
     visible: CountArray
     drawn: CountArray | None
-    background: NDArray[np.int64]
-    clipped: NDArray[np.bool_]
+    background: IntArray
+    clipped: BoolArray
     supersample: int
     info: RasterizerInfo
     roll: float = 0.0
 
     @property
-    def visible_pixels(self) -> NDArray[np.float64]:
+    def visible_pixels(self) -> FloatArray:
         """`visible` in pixels, (P, F)."""
         return self.visible / self.supersample**2
 
     @property
-    def drawn_pixels(self) -> NDArray[np.float64]:
+    def drawn_pixels(self) -> FloatArray:
         """`drawn` in pixels, (P, F)."""
         if self.drawn is None:
             raise ConfigError("drawn was not counted; use count(poses, drawn=True)")
@@ -125,7 +125,7 @@ class VisibilityBuffer(InOneLine):
         for one ideal plane, `rastercov.camera.lenses.planes`, the distance along the ray.
     """
 
-    face: NDArray[np.int32]
+    face: Int32Array
     depth: NDArray[np.float32]
 
 
@@ -200,15 +200,15 @@ class Rasterizer(Closing):
     def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts: ...
 
     @abstractmethod
-    def _drawn(self, poses: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
         """Face of the opaque part and depth at each pixel centre in one pose, (1, 4, 4)."""
 
-    def _named(self, face: NDArray[np.int32], depth: NDArray[np.float32]) -> VisibilityBuffer:
+    def _named(self, face: Int32Array, depth: NDArray[np.float32]) -> VisibilityBuffer:
         """Image by the faces of the mesh, from that by the faces of its opaque part."""
         return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
 
     def _result(
-        self, visible: Any, drawn: Any, background: NDArray[np.int64], clipped: NDArray[np.bool_]
+        self, visible: Any, drawn: Any, background: IntArray, clipped: BoolArray
     ) -> FaceCounts:
         sampling = self.supersample, self.info, self.roll
         return FaceCounts(visible, drawn, background, clipped, *sampling)

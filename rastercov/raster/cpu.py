@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.memory import FloatArray, Int32Array
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.base.threads import thread_count
 from rastercov.base.versions import version_of
 from rastercov.camera.camera import Camera
@@ -54,7 +54,7 @@ from rastercov.raster.contract import (
 from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.tie_order import in_one_order
 
-Looks = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
+Looks = tuple[FloatArray, FloatArray, BoolArray]
 """Poses (V, P, 4, 4) of V canvases, the depths of their near planes, and whether back faces are
 hidden, (P,)."""
 

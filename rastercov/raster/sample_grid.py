@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 
 Box = tuple[int, int, int, int]
@@ -98,7 +98,7 @@ class SampleGrid:
         return np.int32 if self.n_samples < 1 << 31 else np.int64
 
     @cached_property
-    def runs(self) -> NDArray[np.int32]:
+    def runs(self) -> Int32Array:
         """First sample of each row inside the image, and the one after the last; (2, height)."""
         c, s = self._c, self._s
         x = self._middle[0]
@@ -176,7 +176,7 @@ class SampleGrid:
         first, last = self._of(box)
         return values[(column >= first[:, None]) & (column < last[:, None])]
 
-    def _of(self, box: Box) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    def _of(self, box: Box) -> tuple[Int32Array, Int32Array]:
         """First and last sample inside the image of each row of a part, from its left edge."""
         left, top, width, height = box
         first, last = (self.runs[:, top : top + height] - left).clip(0, width)

@@ -6,8 +6,8 @@ the two poses differ, so that a stale image is detected.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 
@@ -18,7 +18,7 @@ CAMERA = Camera(width=WIDTH, height=HEIGHT, fx=16, fy=16)
 _RECTANGLES = ((3, 3, 8, 7, 1.0), (1, 2, 12, 10, 2.0), (5, 5, 8, 7, 4.0))
 
 
-def _corners() -> NDArray[np.float64]:
+def _corners() -> FloatArray:
     """Corners (6, 3, 3) of the faces: two triangles a rectangle, facing a camera at the origin."""
     faces = []
     for left, top, right, bottom, z in _RECTANGLES:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.mesh import Mesh
 from rastercov.native import engine_raster as kernels
 from rastercov.raster.sample_grid import Box, SampleGrid
 
-CountArray = NDArray[np.int32] | IntArray
+CountArray = Int32Array | IntArray
 Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
 """Tiles of one pose that together hold the rows from a first one up to a last one, each with the
 depth of the nearest surface at its samples: metres, inf for none."""
@@ -84,7 +84,7 @@ class TargetFaces:
                 kernels.count_targets(view, rows, tile, runs, depth, visible, drawn)
         return visible, drawn
 
-    def face_of(self, face: NDArray[np.int32]) -> NDArray[np.int32]:
+    def face_of(self, face: Int32Array) -> Int32Array:
         """Faces of the mesh for faces of its opaque part; -1 stays."""
         names = np.append(self.opaque, -1).astype(np.int32)
         return names[face]

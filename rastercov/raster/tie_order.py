@@ -1,9 +1,8 @@
 """Order of a face's corners that makes coincident faces come out at equal depth."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import IntArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Mesh
 
 
@@ -23,7 +22,7 @@ def in_one_order(mesh: Mesh) -> IntArray:
     return np.take_along_axis(mesh.faces, order, axis=1)
 
 
-def corners_of(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def corners_of(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     """Corners (F, 3, 3) of the faces in that order, from the centre of the mesh, and the centre."""
-    centre: NDArray[np.float64] = mesh.bounds.mean(axis=0)
+    centre: FloatArray = mesh.bounds.mean(axis=0)
     return (mesh.vertices - centre)[in_one_order(mesh)], centre

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -30,17 +30,17 @@ WHOLE_REL = 1e-6
 """Area, relative, that a face may lack and count as whole here: as covered, or as dead."""
 
 
-def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> NDArray[np.bool_]:
+def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> BoolArray:
     """Pixels of a face image of a scene, (H, W), whose centre is covered by some regions."""
     area = regions.areas().max(axis=0, initial=0.0)
     is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * scene.mesh.areas)
     # Only faces that are covered in part have to be asked point by point.
     partly = np.append((area > 0) & ~is_whole, False)[face]
 
-    def is_covered(faces: NDArray[np.int32], points: FloatArray) -> NDArray[np.bool_]:
+    def is_covered(faces: Int32Array, points: FloatArray) -> BoolArray:
         return np.asarray(covering_poses(regions, faces, points).any(axis=1))
 
-    covered: NDArray[np.bool_] = np.append(is_whole, False)[face]
+    covered: BoolArray = np.append(is_whole, False)[face]
     covered |= scene.at_points(face, is_covered, False, partly)
     return covered
 
@@ -60,7 +60,7 @@ class CameraImage:
     """
 
     scene: Scene
-    hidden: NDArray[np.bool_]
+    hidden: BoolArray
     surface: NDArray[np.uint8]
     targets: NDArray[np.uint8]
 
@@ -95,7 +95,7 @@ def by_points(
     """
     opened = remembered(_opened, scene.mesh)
 
-    def why(faces: NDArray[np.int32], points: FloatArray) -> NDArray[np.uint8]:
+    def why(faces: Int32Array, points: FloatArray) -> NDArray[np.uint8]:
         (found,) = first_failures(
             opened, camera, task, scene.pose[None], points, faces.astype(np.int64)
         )

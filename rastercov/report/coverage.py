@@ -24,6 +24,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,6 +151,24 @@ class Options:
         return Engine(self.method, self.device, self.supersample)
 
 
+def _open_table(
+    folder: ReportFolder,
+    mesh: Mesh,
+    camera: Cameras,
+    poses: Poses,
+    by_area: bool,
+    header: Mapping[str, Any],
+) -> "CoverageTable":
+    """Table of all pairs of pose and face, in the folder of a report."""
+    from rastercov.report.parquet import CoverageTable
+
+    of_poses = np.zeros(len(poses.given), np.int32)
+    of_poses[poses.ids] = poses.camera
+    cameras = (names_of(camera), of_poses) if len(cameras_of(camera)) > 1 else None
+    path = folder.file("coverage.parquet")
+    return CoverageTable(path, mesh, header, by_area=by_area, cameras=cameras)
+
+
 def run(
     mesh: Mesh,
     camera: Cameras,
@@ -218,20 +237,7 @@ def run(
         if has_groups:
             check_groups(options.engine)
             pairs = "none"
-
-        def open_table(header: Mapping[str, Any]) -> "CoverageTable":
-            from rastercov.report.parquet import CoverageTable
-
-            of_poses = np.zeros(len(accepted.given), np.int32)
-            of_poses[accepted.ids] = accepted.camera
-            return CoverageTable(
-                folder.file("coverage.parquet"),
-                mesh,
-                header,
-                by_area=query.by_area,
-                cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
-            )
-
+        table = partial(_open_table, folder, mesh, camera, accepted, query.by_area)
         n_pictures = len(accepted) * (1 if moving is None else len(moving.motion))
         is_kept = staff.workers is not None or is_long(n_pictures, mesh.n_faces)
         is_kept |= moving is not None and n_pictures > MOST_PICTURES
@@ -239,7 +245,7 @@ def run(
             query,
             pairs=pairs,
             options=asdict(options),
-            open_table=None if pairs == "none" else open_table,
+            open_table=None if pairs == "none" else table,
             folder=kept_in(folder.path) if is_kept else None,
             staff=staff,
         )
@@ -450,7 +456,13 @@ def network_of(
     )
 
 
-def _page_of(shown: NetworkPage, summary: Mapping[str, Any], images: Any, *, has_view: bool) -> str:
+def _page_of(
+    shown: NetworkPage,
+    summary: Mapping[str, Any],
+    images: Mapping[str, Image.Image],
+    *,
+    has_view: bool,
+) -> str:
     return shown.page(
         "network.html",
         images,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import write_bytes, write_json
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.gltf_lights import Light, scene_of
@@ -128,7 +128,7 @@ def _glb(
     mesh: Mesh,
     triangles: FloatArray,
     group_of: NDArray[Any],
-    entry: NDArray[np.int64],
+    entry: IntArray,
     motion: Motion | None = None,
     lights: Sequence[Light] = (),
 ) -> bytes:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.coverage.reasons import REASONS
@@ -222,7 +222,7 @@ def target_key() -> Key:
     return replace(key, pixels=key.pixels[:, ::-1])
 
 
-def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
+def facing(mesh: Mesh, pose: ArrayLike) -> tuple[BoolArray, FloatArray]:
     """Mask of faces that show the camera a valid side, and |cos| of their incidence in [0, 1]."""
     ray = np.asarray(pose, np.float64)[:3, 3] - mesh.centroids
     reach = np.sqrt(np.einsum("fi,fi->f", ray, ray))
@@ -237,7 +237,7 @@ def greys(levels: ArrayLike) -> Pixels:
     return np.repeat(grey[..., None], 3, axis=-1)
 
 
-def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.bool_]:
+def stripes(shape: tuple[int, int], width: int, period: int = 2) -> BoolArray:
     """Mask of diagonal stripes: `width` pixels each, one in `period` of them set."""
     diagonals = np.arange(sum(shape) - 1) // width % period == 1
     return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1]).copy()
@@ -259,7 +259,7 @@ def hatched(pixels: Pixels, hatch: NDArray[np.uint8], width: int) -> Pixels:
 
 
 def draw_lines(
-    pixels: Pixels, face: NDArray[np.int32], mesh: Mesh, depth: NDArray[np.float32] | None = None
+    pixels: Pixels, face: Int32Array, mesh: Mesh, depth: NDArray[np.float32] | None = None
 ) -> None:
     """Feature edges between neighbouring pixels of two faces, in place; never the triangulation.
 
@@ -457,7 +457,7 @@ def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> V
 
 def targets_in_view(
     mesh: Mesh, camera: Camera, pose: ArrayLike, depth: NDArray[np.float32]
-) -> NDArray[np.int32] | None:
+) -> Int32Array | None:
     """(H, W) nearest target at each pixel, -1 where there is none or a surface is in front of it.
 
     None for a mesh without targets. `depth`, (H, W), is that of the surfaces, as in a
@@ -473,7 +473,7 @@ def targets_in_view(
 
 def layers(
     mesh: Mesh, camera: Camera, pose: ArrayLike, buffer: VisibilityBuffer, task: IntArray
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+) -> tuple[Int32Array, Int32Array]:
     """Targets over an image, (H, W), and those of some task faces behind occluders; -1 for none."""
     found = targets_in_view(mesh, camera, pose, buffer.depth)
     nothing = np.full_like(buffer.face, -1)
@@ -485,7 +485,7 @@ def layers(
     return targets, np.where(is_occluder, behind, np.int32(-1))
 
 
-def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, width: int) -> None:
+def hatch_over(pixels: Pixels, targets: Int32Array, colours: Pixels, width: int) -> None:
     """Hatch targets (H, W) over an image, in place, every other stripe in their own colours.
 
     `colours` are those of faces, (F, 3), or of pixels, (H, W, 3); stripes are `width` pixels wide,
@@ -497,7 +497,7 @@ def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, widt
     pixels[outlines(np.minimum(targets, 0))] = OUTLINE_3D  # never the triangulation
 
 
-def outlines(rows: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+def outlines(rows: NDArray[np.integer[Any]]) -> BoolArray:
     """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
     padded = np.pad(rows, 1, mode="edge")
     around = padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]

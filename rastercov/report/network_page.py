@@ -9,11 +9,10 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from rastercov.base.format import area, length, percent, plural, signed, verb, with_bound
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of, names_of, short_names
@@ -120,16 +119,16 @@ class NetworkPage:
     noun: str
     names: Sequence[str]
     network: Network
-    covered: NDArray[np.bool_]
-    need: NDArray[np.int64]
+    covered: BoolArray
+    need: IntArray
     figures: Mapping[str, Any]
     areas: AreaNetwork | None = None
     zones: DeadZones | None = None
     parts: Regions | None = None
-    covers: NDArray[np.bool_] | None = None
+    covers: BoolArray | None = None
     unit: str = "m"
     level: int | None = None
-    together: NDArray[np.int64] | None = None
+    together: IntArray | None = None
     uncertainty_um: FloatArray | None = None
     serves_goals: bool = False
 
@@ -522,7 +521,7 @@ class NetworkPage:
         return found
 
 
-def lost_without(parts: Regions, need: NDArray[np.int64]) -> FloatArray:
+def lost_without(parts: Regions, need: IntArray) -> FloatArray:
     """(P,) area that too few cameras cover without each one; `need`, (F,), are those wanted."""
     covered = unite(parts, int(need.max(initial=1)) + 1)
     tight = np.flatnonzero(covered.views == need[covered.face])

@@ -1,5 +1,6 @@
 """Pictures of coverage over time: the share of time, and frames side by side."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -57,7 +58,7 @@ def frames_picture(found: OverTime) -> Image.Image:
     return framed(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
 
 
-def curve_points(summary: Any, width: float, height: float) -> str:
+def curve_points(summary: Mapping[str, Any], width: float, height: float) -> str:
     """Points of the curve of area by time of a summary, for SVG; none without figures over time.
 
     It is a step for each unit of time.

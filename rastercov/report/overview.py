@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.format import area, percent, plural, signed
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
@@ -228,7 +228,7 @@ def _of_blocks(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def nearest_covering(
-    regions: Regions, eyes: FloatArray, face: NDArray[np.int32], points: FloatArray
+    regions: Regions, eyes: FloatArray, face: Int32Array, points: FloatArray
 ) -> IntArray:
     """(N,) pose whose eye, of (P, 3), is nearest to points (N, 3) of faces (N,) that it covers.
 
@@ -456,7 +456,7 @@ def _with_zones(
     part = zones.piece_area < (1 - WHOLE_REL) * mesh.areas[zones.face]
     known[zones.face[part]] = ASKED
 
-    def zone_of(face: NDArray[np.int32], points: FloatArray) -> IntArray:
+    def zone_of(face: Int32Array, points: FloatArray) -> IntArray:
         return zones_at(zones, face, points, n)
 
     def own(face: FaceImage) -> Pixels:

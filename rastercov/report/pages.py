@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
 from rastercov.base.format import area, length, number, percent, plural, sampling, verb
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -202,7 +203,7 @@ def view_page(
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
-    cameras, eyes = names_of(camera), poses.world_from_camera[:, :3, 3]
+    eyes = poses.world_from_camera[:, :3, 3]
     scene = described_mesh(mesh, poses.world_from_camera) | {
         "title": title,
         "version": rastercov.__version__,
@@ -214,50 +215,51 @@ def view_page(
         "notes": [],
         "unit": unit,
     }
-    state = {
-        "revision": 0,
-        "stations": [
-            {
-                "id": row,
-                "name": names[row],
-                "camera": cameras[index],
-                "is_on": True,
-                "place": "allowed",
-                "pose": pose.ravel().tolist(),
-            }
-            for row, (index, pose) in enumerate(
-                zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
-            )
-        ],
-        "cameras": {
-            name: described_camera(each)
-            for name, each in zip(cameras, cameras_of(camera), strict=True)
-        },
-        "task": {},
-    }
-    frames = {}
-    for name, each in values.items():
-        painted = MODES[name].paint(mesh, each)
-        frames[name] = described_frame(name, painted) | {"summary": summary}
-        frames[name] |= levels_of(painted.levels)
+    frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
     if timed is not None:
         scene["motion"] = described_motion(timed.motion)
         if len(timed.motion) * mesh.n_faces <= MOST_LEVELS:
             scene["modes"].append(described_mode("now", MODES["now"]))
             covered = timed.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
             for row, share in enumerate(covered):
-                painted = MODES["now"].paint(mesh, share)
-                frames[f"now@{row}"] = described_frame("now", painted) | {"summary": summary}
-                frames[f"now@{row}"] |= levels_of(painted.levels)
+                frames[f"now@{row}"] = _frame(mesh, "now", share, summary)
+    state = _still_state(camera, poses, names)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
+
+
+def _frame(mesh: Mesh, name: str, values: object, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """What a page shows of the values of a mode."""
+    painted = MODES[name].paint(mesh, values)
+    return described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
+
+
+def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[str, Any]:
+    """Cameras and poses as the state of a viewer, in which nothing can be changed."""
+    cameras = names_of(camera)
+    stations = [
+        {
+            "id": row,
+            "name": names[row],
+            "camera": cameras[index],
+            "is_on": True,
+            "place": "allowed",
+            "pose": pose.ravel().tolist(),
+        }
+        for row, (index, pose) in enumerate(
+            zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
+        )
+    ]
+    lenses = map(described_camera, cameras_of(camera))
+    known = dict(zip(cameras, lenses, strict=True))
+    return {"revision": 0, "stations": stations, "cameras": known, "task": {}}
 
 
 def values_of(
     network: Network,
-    covered: NDArray[np.bool_],
+    covered: BoolArray,
     names: Sequence[str],
     areas: Covered | None,
-    need: NDArray[np.int64],
+    need: IntArray,
 ) -> dict[str, Any]:
     """Values of the modes that a network has.
 
@@ -289,8 +291,8 @@ def values_of(
 def figures_of(
     summary: Mapping[str, Any],
     faces: ArrayLike,
-    seen_m2: NDArray[np.float64] | None = None,
-    alone_m2: NDArray[np.float64] | None = None,
+    seen_m2: FloatArray | None = None,
+    alone_m2: FloatArray | None = None,
     total_m2: float = 0.0,
     stations: Sequence[int] = (),
 ) -> dict[str, Any]:
@@ -311,7 +313,7 @@ def figures_of(
     """
     counts = np.asarray(faces, np.int64).tolist()
 
-    def share(part: NDArray[np.float64] | None, row: int) -> float | None:
+    def share(part: FloatArray | None, row: int) -> float | None:
         return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
 
     return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
@@ -442,7 +444,7 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[
     return found
 
 
-def soup_of(mesh: Mesh) -> tuple[NDArray[np.float64], bytes]:
+def soup_of(mesh: Mesh) -> tuple[FloatArray, bytes]:
     """Origin (3,), and corners of each face relative to it, F x 9 float32."""
     origin = np.asarray(mesh.bounds).mean(axis=0)
     return origin, (mesh.vertices[mesh.faces] - origin).astype("<f4").tobytes()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import box_corners, rays_of, to_camera, to_image
 from rastercov.camera.viewpoints import look_at, upwards
@@ -44,11 +44,11 @@ from rastercov.report.theme import (
     Setting,
 )
 
-FaceImage = NDArray[np.int32]
+FaceImage = Int32Array
 """(H, W) face at each pixel, -1 for none."""
 OwnColours = Callable[[FaceImage], Pixels]
 """Colours (H, W, 3) of the points of a face image."""
-OfPoints = Callable[[NDArray[np.int32], FloatArray], NDArray[Any]]
+OfPoints = Callable[[Int32Array, FloatArray], NDArray[Any]]
 """Values (N, ...) of points (N, 3) of faces (N,)."""
 
 WIDTH, HEIGHT = 720, 560
@@ -454,9 +454,9 @@ def points_of_pixels(
     mesh: Mesh,
     camera: Camera,
     pose: FloatArray,
-    face: NDArray[np.int32],
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
+    face: Int32Array,
+    rows: IntArray,
+    columns: IntArray,
 ) -> FloatArray:
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
     rotation, eye = pose[:3, :3], pose[:3, 3]

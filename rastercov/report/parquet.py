@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.output import json_bytes, named, replacing, writing
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.table import Regions
@@ -80,7 +81,7 @@ class CoverageTable:
         header: Mapping[str, Any] | None = None,
         *,
         by_area: bool = False,
-        cameras: tuple[Sequence[str], NDArray[np.int32]] | None = None,
+        cameras: tuple[Sequence[str], Int32Array] | None = None,
     ) -> None:
         self.path, self.mesh = Path(path), mesh
         names = pa.dictionary(pa.int32(), pa.string())
@@ -195,14 +196,14 @@ def _names(names: Iterable[str]) -> Any:
     return pa.array(list(names), pa.string())
 
 
-def group_names(mesh: Mesh, faces: NDArray[np.int64]) -> Any:
+def group_names(mesh: Mesh, faces: IntArray) -> Any:
     """Arrow column of the names of the groups of some faces."""
     names = _names(group.name for group in mesh.groups)
     return pa.DictionaryArray.from_arrays(mesh.face_group[faces].astype(np.int32), names)
 
 
 def write_areas(
-    path: Path, mesh: Mesh, covered: Covered, uncertainty_um: NDArray[np.float64] | None = None
+    path: Path, mesh: Mesh, covered: Covered, uncertainty_um: FloatArray | None = None
 ) -> None:
     """Write a table of the task faces: Parquet, a row for each face and number of views.
 

@@ -4,12 +4,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.format import area, percent, plural, size_in_words, with_bound
+from rastercov.base.memory import FloatArray
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.area.over_time import time_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
@@ -104,7 +103,7 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     return table
 
 
-def heading_and_tilt(pose: NDArray[np.float64]) -> tuple[float, float]:
+def heading_and_tilt(pose: FloatArray) -> tuple[float, float]:
     """Direction of a camera in degrees, z up: counter-clockwise from +x, and down from level.
 
     The heading of a camera that looks straight up or down has no meaning.

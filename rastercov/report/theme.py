@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import IntArray
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 
@@ -123,7 +124,7 @@ def coverage_colours() -> Pixels:
     return np.rint(np.vstack((ZERO_COVERAGE, OCCLUDER_3D, scale))).astype(np.uint8)
 
 
-def colour_rows(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
+def colour_rows(mesh: Mesh, values: ArrayLike) -> IntArray:
     """(F,) row of `coverage_colours` for each face."""
     levels = np.asarray(values, np.float64)
     if levels.shape != (mesh.n_faces,):
@@ -131,7 +132,7 @@ def colour_rows(mesh: Mesh, values: ArrayLike) -> NDArray[np.int64]:
     return np.where(mesh.task_mask, level_rows(levels), OCCLUDER_ROW)
 
 
-def level_rows(values: ArrayLike) -> NDArray[np.int64]:
+def level_rows(values: ArrayLike) -> IntArray:
     """(N,) row of `coverage_colours` for each level of coverage, [0, 1]."""
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
     entry = 2 + np.rint(levels * (PALETTE - 3)).astype(np.int64)

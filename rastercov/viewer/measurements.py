@@ -368,7 +368,7 @@ class NetworkFigures:
 
 
 def exact_area(
-    mesh: Mesh, state: RigState, progress: Any = lambda done, total: None
+    mesh: Mesh, state: RigState, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> AreaNetwork:
     """Exact area that the stations that are on cover; `progress` gets poses done and the total.
 

@@ -13,11 +13,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, valid_poses
@@ -270,7 +269,7 @@ class RigState:
         """Largest number of cameras that a face needs."""
         return self.task.views if self.needed is None else max([1, *self.needed.values()])
 
-    def need(self, mesh: Mesh) -> NDArray[np.int64]:
+    def need(self, mesh: Mesh) -> IntArray:
         """(F,) cameras that must cover each face."""
         return views_of(mesh, self.task.views if self.needed is None else self.needed)
 

@@ -20,14 +20,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
 from rastercov.camera.projection import to_image
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.markers.detect import detect
 from rastercov.reference.markers.render import SHARP, Box, MarkerRenderer, sensor
@@ -49,8 +50,6 @@ from rastercov.reference.markers.scene import (
     plate_pose,
 )
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Model = Callable[..., FloatArray]
 
 OURS = "image_space, marker"
@@ -73,9 +72,8 @@ def models() -> dict[str, Model]:
     # Ramps become steps at the thresholds of the requirement.
     steps = MavrinacParameters(ideal_blur=1e6, ideal_incidence_deg=90.0)
 
-    def mavrinac(mesh: Mesh, camera: Camera, poses: ArrayLike, task: Any) -> FloatArray:
-        found: FloatArray = MODELS["mavrinac"](mesh, camera, poses, task, parameters=steps)
-        return found
+    def mavrinac(mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task) -> FloatArray:
+        return MODELS["mavrinac"](mesh, camera, poses, task, parameters=steps)
 
     return {**MODELS, "mavrinac": mavrinac}
 

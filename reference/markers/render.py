@@ -144,8 +144,7 @@ class MarkerRenderer(Closing):
                 batch = bundles[first : first + columns * rows]
                 across = min(columns, len(batch))
                 total += self._draw(gl, vertices, batch, across, values, wall)
-        shape: FloatArray = total / len(bundles)
-        return shape
+        return total / len(bundles)
 
     def _vertices(self, gl: moderngl.Context, corners: FloatArray, scene: PlateScene) -> Any:
         first, second, third = np.moveaxis(corners, 1, 0)
@@ -267,5 +266,4 @@ def sensor(
     level = FULL_SCALE * light
     spread = np.sqrt(read_noise**2 + level * 255 / full_well)
     noisy = level + spread * rng.standard_normal(light.shape)
-    grey: NDArray[np.uint8] = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-    return grey
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

@@ -17,8 +17,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import Coverage
@@ -26,8 +26,6 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, PlateScene
-
-FloatArray = NDArray[np.float64]
 
 CLEAR = 0.1
 """Least slack of a clear case, see `PlateFigures.slack`."""
@@ -201,5 +199,4 @@ def blur_of(camera: Camera, depth: FloatArray) -> FloatArray:
     assert camera.pixel_size is not None
     f, z_s = camera.focal_length, camera.focus_distance
     size = camera.aperture * f / (z_s - f) / min(camera.pixel_size)
-    blur: FloatArray = size * np.abs(depth - z_s) / depth
-    return blur
+    return size * np.abs(depth - z_s) / depth

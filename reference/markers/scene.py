@@ -13,12 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Group, Mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MARKER_SIDE = 0.30
 """Side of a marker with its black border, metres."""
@@ -52,8 +49,7 @@ class Plate:
 
     def _square(self, half: float) -> FloatArray:
         square = half * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
-        placed: FloatArray = square @ self.pose[:3, :3].T + self.pose[:3, 3]
-        return placed
+        return square @ self.pose[:3, :3].T + self.pose[:3, 3]
 
 
 @dataclass(frozen=True, eq=False)

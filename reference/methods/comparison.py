@@ -13,13 +13,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.engine import Engine
@@ -48,9 +50,6 @@ from rastercov.reference.methods.error_statistics import (
     Score,
 )
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 CANDIDATES = ("certified", "sampled", "sampled@4")
 """Methods that are compared by default."""
 MIN_FACES = 1000
@@ -72,7 +71,6 @@ def compare(
     *,
     worst: int = 6,
     convergence: bool = True,
-    batch: int = POSES_A_BATCH,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Comparison:
     """Errors of several visibility methods, and checks of their bounds.
@@ -95,8 +93,6 @@ def compare(
         Faces with the greatest errors to keep for each candidate.
     convergence : bool
         Measure errors over the density of samples, too.
-    batch : int
-        Most poses observed at a time; it changes no result.
     progress : callable
         Called with the poses done and the poses in all, those of `convergence` among them.
 
@@ -111,58 +107,47 @@ def compare(
     named = [Engine.parse(c) if isinstance(c, str) else c for c in candidates]
     matrices = valid_poses(poses)
     _check_arguments(named, against, matrices)
-    swept = list(
-        {c.device: replace(c, supersample=1) for c in named if c.method == "sampled"}.values()
-    )
+    swept = {c.device: replace(c, supersample=1) for c in named if c.method == "sampled"}.values()
     chosen = np.unique(np.linspace(0, len(matrices) - 1, SWEPT_POSES).astype(int)).tolist()
     sweeps = [(c, sweep) for c in swept for sweep in SWEEPS if convergence]
     total = len(matrices) + len(chosen) * sum(len(levels(sweep, camera)) for _, sweep in sweeps)
     done, interrupted = 0, False
     known: list[KnownFaces] = []
-    found: list[Convergence] = []
     with ExitStack() as stack:
         reference = stack.enter_context(open_reference(against, mesh, camera))
         contenders = [
             stack.enter_context(open_contender(c, mesh, camera, matrices, worst)) for c in named
         ]
-        at_once = max(1, min(batch, PAIRS_A_BATCH // max(1, mesh.n_faces)))
+        at_once = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // max(1, mesh.n_faces)))
         try:
             progress(0, total)
             for start in range(0, len(matrices), at_once):
                 of_batch = matrices[start : start + at_once]
-                for contender in contenders:
-                    contender.run(of_batch)
-                reference.run(of_batch)
+                for observed in (*contenders, reference):
+                    observed.run(of_batch)
                 for row, pose in enumerate(of_batch):
-                    view = face_geometry(mesh, camera, pose)
-                    face = np.flatnonzero(view.is_front & (view.in_view_fraction > 0))
-                    visible, area, error = reference.areas(row, face)
+                    face = _in_view(mesh, camera, pose)
+                    areas = reference.areas(row, face)
                     with interrupts_held():
                         for contender in contenders:
-                            contender.add_pose(start + row, row, face, visible, area, error)
+                            contender.add_pose(start + row, row, face, *areas)
                         if start + row in chosen and sweeps:
-                            known.append(_partly_hidden(pose, face, visible, area, error))
+                            known.append(_partly_hidden(pose, face, *areas))
                         done += 1
                     progress(done, total)
         except KeyboardInterrupt:
             if not done:
                 raise
             interrupted = True
-    counter = iter(range(done + 1, total + 1))
-    try:
-        for engine, sweep in sweeps if not interrupted else ():
-            step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
-            found.append(
-                converge(
-                    str(engine), partial(open_engine, engine), sweep, mesh, camera, known, step
-                )
-            )
-    except KeyboardInterrupt:
-        interrupted = True
+    found: list[Convergence] = []
+    if not interrupted:
+        counter = count(done + 1)
+        step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
+        interrupted = _converge(sweeps, mesh, camera, known, step, found)
     scores = tuple(contender.score() for contender in contenders)
     if not any(score.all_sizes.figures for score in scores):
         raise ConfigError("no face is in view from the front in any pose: nothing to compare")
-    checks = tuple(check for score in scores for check in _checks(score))
+    checks = [check for score in scores for check in _checks(score)]
     return Comparison(
         against=against,
         truth_error=reference.error,
@@ -171,12 +156,36 @@ def compare(
         poses=len(matrices),
         poses_done=done,
         passed=all(check.passed is not False for check in checks),
-        checks=checks,
+        checks=tuple(checks),
         scores=scores,
         convergence=tuple(found),
         interrupted=interrupted,
         run=_provenance(mesh, camera, matrices),
     )
+
+
+def _in_view(mesh: Mesh, camera: Camera, pose: FloatArray) -> IntArray:
+    """Faces that are seen from the front, in part at least."""
+    view = face_geometry(mesh, camera, pose)
+    return np.flatnonzero(view.is_front & (view.in_view_fraction > 0))
+
+
+def _converge(
+    sweeps: Sequence[tuple[Engine, str]],
+    mesh: Mesh,
+    camera: Camera,
+    known: Sequence[KnownFaces],
+    step: Callable[[], None],
+    found: list[Convergence],
+) -> bool:
+    """Add the errors of each sweep to `found`; True after an interrupt, which ends it."""
+    try:
+        for engine, sweep in sweeps:
+            opener = partial(open_engine, engine)
+            found.append(converge(str(engine), opener, sweep, mesh, camera, known, step))
+    except KeyboardInterrupt:
+        return True
+    return False
 
 
 def _check_arguments(candidates: Sequence[Engine], against: str, poses: FloatArray) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -24,9 +25,6 @@ from rastercov.reference.methods.error_statistics import (
     PoseFigures,
     Score,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 REFERENCES = {"exact": 0.0, "polygons": 1e-7, "rational": 0.0}
 """References and the error of their areas, px^2; "exact" gives its own bounds, too."""

@@ -17,15 +17,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import arrays_for
 from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.coverage.observer import Observer
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SWEEPS = {"supersampling": (1.0, 2.0, 4.0, 8.0), "resolution": (0.5, 1.0, 2.0, 4.0)}
 """Samples a side of a pixel of the camera: S, or the scale of its width and height."""

@@ -12,12 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.methods.convergence import Convergence
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 MUST_HOLD = 0.999
 """Share of partly hidden faces for which a statistical bound must hold."""
@@ -172,35 +169,29 @@ class PoseFigures:
     @property
     def truth(self) -> FloatArray:
         """True visible fraction."""
-        fraction: FloatArray = np.minimum(self.visible / self.area, 1.0)
-        return fraction
+        return np.minimum(self.visible / self.area, 1.0)
 
     @property
     def error(self) -> FloatArray:
         """|value - truth|; 1 for a figure that is no number."""
-        error: FloatArray = np.nan_to_num(np.abs(self.value - self.truth), nan=1.0)
-        return error
+        return np.nan_to_num(np.abs(self.value - self.truth), nan=1.0)
 
     @property
     def least(self) -> FloatArray:
         """Area that cannot be distinguished from rounding, px^2."""
-        limit: FloatArray = np.maximum(ROUNDING, self.truth_error) + ROUNDING * self.area
-        return limit
+        return np.maximum(ROUNDING, self.truth_error) + ROUNDING * self.area
 
     def is_partly_hidden(self) -> BoolArray:
         """Mask of faces neither wholly visible nor hidden."""
-        partly: BoolArray = (self.visible > self.least) & (self.visible < self.area - self.least)
-        return partly
+        return (self.visible > self.least) & (self.visible < self.area - self.least)
 
     def is_missed(self) -> BoolArray:
         """Mask of visible faces whose figure is 0."""
-        missed: BoolArray = (self.value == 0) & (self.visible > self.least)
-        return missed
+        return (self.value == 0) & (self.visible > self.least)
 
     def is_false_positive(self) -> BoolArray:
         """Mask of hidden faces whose figure is above 0."""
-        positive: BoolArray = (self.value * self.area > self.least) & (self.visible <= self.least)
-        return positive
+        return (self.value * self.area > self.least) & (self.visible <= self.least)
 
     def is_held(self) -> BoolArray:
         """Mask of figures within their bound plus the error of the truth.

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.errors import RastercovError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_camera, to_image
@@ -23,7 +23,6 @@ from rastercov.reference.methods.error_statistics import FaceError
 from rastercov.report.images import stripes
 from rastercov.report.theme import INK, PAPER
 
-FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float]
 """Square part of the image: left, top, side, px."""
 SEEN, SEEN_EDGE = (20, 163, 127), (10, 90, 70)
@@ -140,8 +139,7 @@ class Samples:
         least = np.maximum((left, top), 0.0)
         most = np.minimum((left + side, top + side), self._size)
         is_below, is_above = (points < least).any(axis=1), (points > most).any(axis=1)
-        found: FloatArray = points[~(is_below | is_above)]
-        return found
+        return points[~(is_below | is_above)]
 
 
 def face_picture(

@@ -43,15 +43,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
-    BoolArray,
     Criteria,
-    FloatArray,
     check_number,
     coverage_model,
     each_pose,

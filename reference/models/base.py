@@ -11,11 +11,11 @@ from inspect import cleandoc
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import BoolArray, FloatArray, check_memory
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS as LENSES
 from rastercov.camera.near_plane import near_limit
@@ -24,8 +24,6 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import FaceGeometry, in_focus
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 P = TypeVar("P")
 P_contra = TypeVar("P_contra", contravariant=True)
 
@@ -219,8 +217,7 @@ def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
     )
     greatest = np.sqrt((a + b + np.hypot(a - b, 2 * c)) / 2)
     product = np.linalg.norm(np.cross(across, down), axis=-1)  # of both singular values
-    least: FloatArray = np.divide(product, greatest, out=np.zeros_like(a), where=greatest > 0)
-    return least
+    return np.divide(product, greatest, out=np.zeros_like(a), where=greatest > 0)
 
 
 def focus_depth(points: FloatArray, camera: Camera) -> FloatArray:
@@ -230,16 +227,14 @@ def focus_depth(points: FloatArray, camera: Camera) -> FloatArray:
     """
     if LENSES[camera.model].is_planar:
         return points[..., 2]
-    distance: FloatArray = np.linalg.norm(points, axis=-1)
-    return distance
+    return np.linalg.norm(points, axis=-1)
 
 
 def seen_normals(mesh: Mesh, pose: FloatArray) -> FloatArray:
     """Normals in camera axes, (F, 3); for two-sided groups the normal of the side that is seen."""
     ray = pose[:3, 3] - mesh.centroids
     is_back = mesh.two_sided_mask & (np.einsum("fi,fi->f", mesh.normals, ray) < 0)
-    normals: FloatArray = np.where(is_back, -1.0, 1.0)[:, None] * (mesh.normals @ pose[:3, :3])
-    return normals
+    return np.where(is_back, -1.0, 1.0)[:, None] * (mesh.normals @ pose[:3, :3])
 
 
 def ramp(value: FloatArray, acceptable: ArrayLike, ideal: ArrayLike) -> FloatArray:
@@ -252,8 +247,7 @@ def ramp(value: FloatArray, acceptable: ArrayLike, ideal: ArrayLike) -> FloatArr
         between = np.clip((limit - value) / (limit - best), 0.0, 1.0)
     # Between a finite ideal value and no limit at all the line is flat.
     between = np.where(np.isinf(limit) & (limit > 0), 1.0, between)
-    graded: FloatArray = np.where(value <= best, 1.0, np.where(value >= limit, 0.0, between))
-    return graded
+    return np.where(value <= best, 1.0, np.where(value >= limit, 0.0, between))
 
 
 def check_number(name: str, value: Any, low: float, high: float, words: str) -> None:

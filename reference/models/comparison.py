@@ -15,9 +15,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.coverage import Coverage, evaluate_batches
@@ -29,8 +30,6 @@ from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.models import MODELS, zhang
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Values = dict[str, FloatArray]
 """Coverage by the name of the model."""
 

@@ -21,12 +21,13 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.coverage.engine import METHODS
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.reference.models.base import Criteria, FloatArray, coverage_model
+from rastercov.reference.models.base import Criteria, coverage_model
 
 
 @dataclass(frozen=True, kw_only=True)

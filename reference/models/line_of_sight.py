@@ -18,17 +18,14 @@ I. Wald et al. Embree: A Kernel Framework for Efficient CPU Ray Tracing. 2014.
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import BOX_MARGIN, TriangleTree
 from rastercov.reference.criteria import depth_from_near
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MARGIN = 1e-4
 """Distance from the point, in diagonals of the mesh, up to which a surface hides nothing. With a
@@ -118,8 +115,7 @@ class LineOfSight:
             self._tracer = _open(tracer, self._placed(mesh.vertices)[faces])
 
     def _placed(self, points: FloatArray) -> FloatArray:
-        placed: FloatArray = (points - self._centre) / self._diagonal
-        return placed
+        return (points - self._centre) / self._diagonal
 
     def hidden(
         self, points: FloatArray, pose: FloatArray, near: float, camera: Camera | None = None
@@ -170,8 +166,7 @@ class LineOfSight:
         vertices = np.unique(mesh.faces[wanted])
         hidden = np.zeros(mesh.n_vertices, dtype=bool)
         hidden[vertices] = self.hidden(mesh.vertices[vertices], pose, near, camera)
-        corners: BoolArray = hidden[mesh.faces]
-        return corners
+        return hidden[mesh.faces]
 
     @property
     def tracer(self) -> str:

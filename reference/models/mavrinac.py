@@ -49,6 +49,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.task import Task
@@ -56,9 +57,7 @@ from rastercov.mesh import Mesh
 from rastercov.reference.criteria import depth_from_near
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
-    BoolArray,
     Criteria,
-    FloatArray,
     check_number,
     coverage_model,
     each_pose,
@@ -149,8 +148,7 @@ def coverage(
     Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `max_incidence_deg` of the task.
     """
     points = strength_of_points(mesh, camera, poses, task, parameters=parameters)
-    mean: FloatArray = points.mean(axis=2)
-    return mean
+    return points.mean(axis=2)
 
 
 @coverage_model(MavrinacParameters())
@@ -159,8 +157,7 @@ def network_coverage(
 ) -> FloatArray:
     """Coverage of each face by all poses together, (F,): `Task.views`-ocular, point by point."""
     points = strength_of_points(mesh, camera, poses, task, parameters=parameters)
-    mean: FloatArray = k_ocular(points, task.views).mean(axis=1)
-    return mean
+    return k_ocular(points, task.views).mean(axis=1)
 
 
 def k_ocular(strength: ArrayLike, k: int) -> FloatArray:
@@ -182,8 +179,7 @@ def k_ocular(strength: ArrayLike, k: int) -> FloatArray:
         raise ConfigError(f"k must be a whole number, 1 or more, got {k}")
     if k > len(values):
         return np.zeros(values.shape[1:])
-    kth: FloatArray = np.partition(values, len(values) - int(k), axis=0)[len(values) - int(k)]
-    return kth
+    return np.partition(values, len(values) - int(k), axis=0)[len(values) - int(k)]
 
 
 @coverage_model(MavrinacParameters())
@@ -257,8 +253,7 @@ def _cosine(corners: FloatArray, normals: FloatArray) -> FloatArray:
     """Cosine between the normal and the ray from each corner to the camera centre, (F, 3)."""
     reach = np.linalg.norm(corners, axis=2)
     against = -np.einsum("fci,fi->fc", corners, normals)
-    cosine: FloatArray = np.divide(against, reach, out=np.zeros_like(reach), where=reach > 0)
-    return cosine
+    return np.divide(against, reach, out=np.zeros_like(reach), where=reach > 0)
 
 
 def _cos(angle_deg: float) -> float:

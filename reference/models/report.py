@@ -22,6 +22,7 @@ from PIL import Image, ImageDraw
 from rich.table import Table
 
 from rastercov.base.format import number, plural
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.projection import image_boxes, to_camera, to_image
@@ -45,7 +46,6 @@ from rastercov.report.pages import Picture, rendered
 from rastercov.report.panorama import Scene, neutral, paint, scene_keys, seen
 from rastercov.report.theme import Pixels
 
-FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels of the camera's image."""
 
@@ -120,7 +120,7 @@ def _draw(
     comparison: ModelComparison,
     mesh: Mesh,
     camera: Camera,
-    pose: NDArray[np.float64],
+    pose: FloatArray,
     task: Task | None,
 ) -> dict[str, Image.Image]:
     """Both sheets of one pose."""

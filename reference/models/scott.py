@@ -29,6 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
@@ -36,7 +37,6 @@ from rastercov.mesh import Mesh
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
     Criteria,
-    FloatArray,
     ResolutionParameters,
     coverage_model,
     each_pose,

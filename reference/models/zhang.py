@@ -37,6 +37,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
@@ -44,9 +45,7 @@ from rastercov.mesh import Mesh
 from rastercov.reference.criteria import FaceGeometry, depth_from_near
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
-    BoolArray,
     Criteria,
-    FloatArray,
     ResolutionParameters,
     coverage_model,
     each_pose,
@@ -132,8 +131,7 @@ def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: FaceGeometry
     cosine = np.maximum(-seen_normals(mesh, pose)[:, 2], 0.0)
     ahead: BoolArray = np.all(view.depth > 0, axis=1)
     nearness = (1.0 / np.where(ahead[:, None], view.depth, np.inf)).mean(axis=1)
-    resolution: FloatArray = min(camera.fx, camera.fy) * cosine * nearness
-    return resolution
+    return min(camera.fx, camera.fy) * cosine * nearness
 
 
 def _unhidden(

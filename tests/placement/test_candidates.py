@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet
-from solids import tessellated_plane
 
 import rastercov as rc
 from rastercov.camera.viewpoints import look_at
@@ -39,7 +38,6 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.reference.convex_regions import per_convex_region
 from rastercov.reference.criteria import face_geometry
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)
@@ -179,29 +177,6 @@ def test_views_of_faces_leave_out_occluders_and_what_has_no_area():
     mesh = Mesh(points, faces, (Group("part"), Group("clamp", is_occluder=True)), [0, 0, 1])
     for chosen, wanted in ((None, [0]), (np.array([True, True, True]), [0, 2]), ([], [])):
         assert per_face(mesh, CAMERA, faces=chosen).index.tolist() == wanted
-
-
-def test_a_convex_corner_is_seen_along_its_diagonal_however_its_sides_are_divided():
-    for n in (1, 3):
-        found = per_convex_region(shapes.box(n=n), CAMERA, least_bend_deg=45)
-        corners = np.abs(views_of(found)).min(axis=1) > 0.3
-        assert corners.sum() == 8
-        np.testing.assert_allclose(np.abs(views_of(found)[corners]), 3**-0.5, atol=1e-9)
-    assert len(found) == 8 + 12 * 2  # and those along the edges
-
-
-def test_hollow_open_and_smooth_corners_are_no_convex_regions():
-    box = shapes.box()
-    assert len(per_convex_region(Mesh(box.vertices, box.faces[:, ::-1]), CAMERA)) == 0
-    assert len(per_convex_region(tessellated_plane(), CAMERA)) == 0
-    assert len(per_convex_region(shapes.sphere(4), CAMERA)) == 0
-    assert len(per_convex_region(shapes.sphere(4), CAMERA, least_bend_deg=0)) == 2562
-    opened = Mesh(box.vertices, box.faces[2:])
-    assert len(per_convex_region(opened, CAMERA)) == 4
-    turned = Mesh(box.vertices, [box.faces[0, ::-1], *box.faces[1:]])
-    assert len(per_convex_region(turned, CAMERA)) == 8 - 3
-    folded = Mesh(box.vertices, [(0, 1, 2), (0, 2, 1)])
-    assert len(per_convex_region(folded, CAMERA)) == 0
 
 
 # Mounting.

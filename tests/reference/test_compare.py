@@ -307,9 +307,11 @@ def without_times(found):
     return re.sub(r'"[a-z_]*seconds[a-z_]*": (\[.*?\]|[^,}]*)', '""', text)
 
 
-def test_batches_change_nothing():
+def test_batches_change_nothing(monkeypatch):
     options = {"candidates": ["certified", "sampled"], "convergence": False}
-    whole, pieces = (compare(TEAPOT, CAMERA, around(5), **options, batch=n) for n in (5, 2))
+    whole = compare(TEAPOT, CAMERA, around(5), **options)
+    monkeypatch.setattr("rastercov.reference.methods.comparison.POSES_A_BATCH", 2)
+    pieces = compare(TEAPOT, CAMERA, around(5), **options)
     assert without_times(pieces) == without_times(whole)
 
 
@@ -327,9 +329,10 @@ class Stop:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 4, 6])
-def test_an_interrupt_keeps_the_poses_that_are_done(at):
+def test_an_interrupt_keeps_the_poses_that_are_done(at, monkeypatch):
     poses, names = around(7), ["certified", "sampled"]
-    found = compare(TEAPOT, CAMERA, poses, names, batch=3, progress=Stop(at))
+    monkeypatch.setattr("rastercov.reference.methods.comparison.POSES_A_BATCH", 3)
+    found = compare(TEAPOT, CAMERA, poses, names, progress=Stop(at))
     short = compare(TEAPOT, CAMERA, poses[:at], names, convergence=False)
     assert found.interrupted
     assert (found.poses, found.poses_done) == (7, at)

@@ -8,10 +8,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.format import size_in_words
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.camera.models import MODELS
@@ -86,7 +86,7 @@ def unit_doubts(
     return []
 
 
-def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> NDArray[np.bool_]:
+def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
     """(P,) cameras outside a sphere around a mesh that look at it, with a good part of the image.
 
     `half` is half of the angle of each image, radians.

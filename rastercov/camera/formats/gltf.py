@@ -13,10 +13,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
@@ -24,18 +23,16 @@ from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.gltf import nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
-    Y_UP,
+    WORLD,
     GlbBuffer,
-    chunks,
-    json_header,
+    header_of,
     json_list,
     json_object,
     unknown_names,
+    world_node,
 )
 from rastercov.mesh.formats.polygons import broken_files_refused
 
-WORLD = "rastercov_world"
-"""Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""
 MOST_ASPECT = 1.1
 """Largest ratio of fx and fy: a larger one is an image size that does not belong to the scene."""
 PARTS = 12
@@ -58,8 +55,7 @@ def is_mine(content: object) -> bool:
 def read(source: Source, border: Border) -> Views:
     """Perspective cameras of a scene, one pose for each node with a camera."""
     with errors_as(CameraError, caught=MeshError), broken_files_refused():
-        is_binary = source.data[:4] == b"glTF"
-        header = chunks(source.data)[0] if is_binary else json_header(source.data, "JSON")
+        header = header_of(source.data)
         notes = unknown_names(header, CameraError)
         nodes = nodes_below(header, root_nodes(header), WORLD)
         if len(nodes) < len(json_list(header, "nodes")):
@@ -143,10 +139,9 @@ def glb_of(views: Views) -> bytes:
         lens = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
         cameras.append({"name": name, "type": "perspective", "perspective": lens})
     n, matrices = len(poses), (poses @ OPENGL_AXES).transpose(0, 2, 1).reshape(-1, 16)
-    world = {"name": "rig", "matrix": Y_UP.T.ravel().tolist(), "children": list(range(1, n + 1))}
     # The camera is a node below: some programs drop the mesh of a node that has a camera.
     nodes: list[dict[str, Any]] = [
-        world | {"extras": {WORLD: True}},
+        world_node("rig", range(1, n + 1)),
         *(
             {"name": image, "matrix": matrix, "mesh": lens, "children": [n + 1 + row]}
             for row, (image, matrix, lens) in enumerate(
@@ -181,7 +176,7 @@ def _usual_length(centres: FloatArray) -> float:
     return LENGTH_REL * float(np.median(found)) if found else LENGTH_ALONE
 
 
-def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int64]]:
+def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, IntArray]:
     """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
     base = view_border(camera, PARTS)
     base *= length / float(np.linalg.norm(base, axis=1).max())

@@ -48,7 +48,7 @@ def is_mine(content: object) -> bool:
     )
 
 
-def read(content: Any, border: Border) -> Views:
+def read(content: Mapping[str, Any], border: Border) -> Views:
     """Cameras of a chain, with their places."""
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]

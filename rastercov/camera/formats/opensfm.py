@@ -12,10 +12,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rastercov.base.errors import CameraError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,
@@ -109,7 +107,7 @@ def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list
 
 def _places(
     entries: Entries, rig_cameras: Sequence[str], index: Sequence[int], n_cameras: int
-) -> NDArray[np.float64] | None:
+) -> FloatArray | None:
     """(N, 4, 4) rig_from_camera; None where a camera is at several places of a rig, or at none."""
     if "rig_cameras" not in entries:
         return None
@@ -122,7 +120,7 @@ def _places(
     return _poses(table[name] for names in on_rig for name in names)
 
 
-def _poses(tables: Iterable[Entries]) -> NDArray[np.float64]:
+def _poses(tables: Iterable[Entries]) -> FloatArray:
     """(N, 4, 4) inverse motions of rotation vectors and translations."""
     rows = [(each.array("rotation", (3,)), each.array("translation", (3,))) for each in tables]
     return inverse_of(from_vectors([row for row, _ in rows], [shift for _, shift in rows]))

@@ -65,7 +65,7 @@ def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
     return _views(matrices, border, Entries({}, "the file"), None, [])
 
 
-def read(content: Any, border: Border) -> Views:
+def read(content: Mapping[str, Any], border: Border) -> Views:
     """Views of a JSON or TOML table."""
     entries = Entries(content, "the file")
     if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     OPENGL_AXES,
@@ -105,7 +105,7 @@ def read(source: Source, border: Border) -> Views:
     )
 
 
-def _in_world(poses: NDArray[np.float64], content: Entries, border: Border) -> Any:
+def _in_world(poses: FloatArray, content: Entries, border: Border) -> Any:
     """Poses in the world that was asked for."""
     applied = np.eye(4)
     given = content.array("applied_transform", (3, 4), (4, 4))

@@ -18,10 +18,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
-from rastercov.base.memory import FloatArray, read_only
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.lenses import balls, formulas
 from rastercov.camera.lenses.planes import IdealPlane, around, keep
 from rastercov.camera.lenses.quadrature import EdgeBounds, EdgeTable
@@ -30,7 +29,7 @@ from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.native.lens_edges import MOST
 from rastercov.native.lens_rays import unproject_many
 
-Misses = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
+Misses = Callable[[FloatArray, FloatArray], BoolArray]
 
 PARTS = 64
 """Parts of a segment whose images are compared with the image, each with its bend."""
@@ -67,7 +66,7 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
     if plane.hole is not None or not bend < math.inf:
         return region
 
-    def misses(start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+    def misses(start: FloatArray, end: FloatArray) -> BoolArray:
         """True for segments of the plane whose images are outside the image."""
         t = np.linspace(0.0, 1.0, PARTS + 1)[:, None, None]
         u, v = _pixels(plane, (1 - t) * start + t * end)
@@ -139,7 +138,7 @@ def _is_elsewhere(plane: IdealPlane, u: float, v: float) -> bool:
     return bool(z <= 0 or (inner < 0).any())
 
 
-def _walk(first: int, farthest: NDArray[np.int64]) -> list[int]:
+def _walk(first: int, farthest: IntArray) -> list[int]:
     """Corners of the region that the longest good chords from one of them meet."""
     n, at, corners = len(farthest), first, [first]
     while (at := at + int(farthest[at % n])) < first + n:

@@ -30,11 +30,10 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import WIDEST_DEG, Camera, border_of
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses import formulas as lens
@@ -375,9 +374,9 @@ class IdealPlane:
         is_near = self.meets(x, y, half)
         return x[is_near], y[is_near], half
 
-    def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> NDArray[np.bool_]:
+    def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> BoolArray:
         """True for cells that may have a point of the region, by their centres."""
-        is_near: NDArray[np.bool_] = _distance(self.region, x, y) <= math.hypot(*half)
+        is_near: BoolArray = _distance(self.region, x, y) <= math.hypot(*half)
         if self.hole is not None:
             is_near &= _distance(self.hole, x, y) >= -math.hypot(*half)
         return is_near

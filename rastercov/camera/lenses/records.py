@@ -5,10 +5,9 @@ Their fields are in the order of the structs of `native/camera` and `native/lens
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 
 MOST_SIDES = 132
 """Room for the sides of a region: a polygon of 128 sides around a cone, cut by a square."""
@@ -96,12 +95,12 @@ class CurvedLens(NamedTuple):
     frames: FloatArray
     own_params: FloatArray
     regions: FloatArray
-    region_sides: NDArray[np.int64]
+    region_sides: IntArray
     holes: FloatArray
-    hole_sides: NDArray[np.int64]
+    hole_sides: IntArray
     longest: FloatArray
-    parts_of: NDArray[np.int64]
-    is_graded: NDArray[np.bool_]
+    parts_of: IntArray
+    is_graded: BoolArray
     bends: FloatArray
     arc_halves: FloatArray
     arc_bends: FloatArray

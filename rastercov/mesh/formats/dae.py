@@ -12,11 +12,10 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames, Vocabulary
-from rastercov.base.memory import IntArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats.polygons import (
     Assembly,
@@ -81,10 +80,10 @@ class _Scene:
             if (key := element.get("id")) is not None:
                 self._by_id.setdefault(key, []).append(element)
         self._shapes: dict[str, Shape] = {}
-        self._controlled: dict[Element, tuple[Element, NDArray[np.float64]]] = {}
-        self._points: dict[str, NDArray[np.float64]] = {}
-        self._sources: dict[str, NDArray[np.float64]] = {}
-        self._numbers: dict[Element, NDArray[np.float64]] = {}
+        self._controlled: dict[Element, tuple[Element, FloatArray]] = {}
+        self._points: dict[str, FloatArray] = {}
+        self._sources: dict[str, FloatArray] = {}
+        self._numbers: dict[Element, FloatArray] = {}
         self._n_lines = 0
         self._skinned: dict[str, None] = {}
         self._unknown = UnknownNames(MeshError)
@@ -129,7 +128,7 @@ class _Scene:
     def _node(self, node: Any) -> Part:
         """A node: the geometries and the nodes that it holds or names."""
         step = _parent_from_node(node)
-        pieces: list[tuple[NDArray[np.float64] | None, Any]] = []
+        pieces: list[tuple[FloatArray | None, Any]] = []
         name = _name(node)
         for each in node:
             kind, url = local_name(each), each.get("url", "")
@@ -149,7 +148,7 @@ class _Scene:
         why = "is placed by lookat or skew, which is not supported; export it with matrices"
         return Part(name, f"node {name!r}", pieces, why)
 
-    def _of_controller(self, controller: Element) -> tuple[Element, NDArray[np.float64]]:
+    def _of_controller(self, controller: Element) -> tuple[Element, FloatArray]:
         """Geometry of a controller, such as a skin of a morph, and its place; found once.
 
         One that is a part of itself is nested too deeply.
@@ -159,7 +158,7 @@ class _Scene:
         self._skinned[_name(controller)] = None
         (changed,) = children(controller, "skin", "morph")
         target = self._target(changed.attrib["source"], "geometry", "controller")
-        place: NDArray[np.float64] = np.eye(4)
+        place: FloatArray = np.eye(4)
         if local_name(target) == "controller":
             target, place = self._of_controller(target)
         for matrix in children(changed, "bind_shape_matrix"):
@@ -241,7 +240,7 @@ class _Scene:
             counts = np.full(len(indices) // 3, 3)
         return indices, counts, at[1]
 
-    def _positions(self, url: str) -> NDArray[np.float64]:
+    def _positions(self, url: str) -> FloatArray:
         """(V, 3) points of an element `vertices`, parsed once."""
         if url not in self._points:
             (entry,) = [
@@ -255,7 +254,7 @@ class _Scene:
             self._points[url] = self._sources[source]
         return self._points[url]
 
-    def _source(self, url: str) -> NDArray[np.float64]:
+    def _source(self, url: str) -> FloatArray:
         """(V, 3) numbers of a source, by its accessor."""
         source = self._target(url, "source")
         (accessor,) = below(source, "technique_common", "accessor")
@@ -303,14 +302,14 @@ def _name(element: Element) -> str:
     return (element.get("name") or element.get("id") or "")[:80]
 
 
-def _parent_from_node(node: Element) -> NDArray[np.float64] | None:
+def _parent_from_node(node: Element) -> FloatArray | None:
     """Product of the transforms of a node, in their order; None for lookat and skew."""
-    product: NDArray[np.float64] = np.eye(4)
+    product: FloatArray = np.eye(4)
     for each in children(node, *TRANSFORMS):
         kind = local_name(each)
         if kind in ("lookat", "skew"):
             return None
-        step: NDArray[np.float64] = np.eye(4)
+        step: FloatArray = np.eye(4)
         if kind == "matrix":
             step = _matrix(each.text)
         elif kind == "translate":
@@ -325,7 +324,7 @@ def _parent_from_node(node: Element) -> NDArray[np.float64] | None:
     return product
 
 
-def _matrix(text: str | None) -> NDArray[np.float64]:
+def _matrix(text: str | None) -> FloatArray:
     """(4, 4) matrix by rows; its last row must be 0 0 0 1."""
     matrix = transform_numbers(text, 16).reshape(4, 4)
     check_affine(matrix, "a node")

@@ -24,11 +24,11 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
@@ -219,15 +219,7 @@ def _scene_polygons(
     shapes = _Shapes(Accessors(header, buffers, budget))
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
-    own_names: list[str] = []
-    used: list[int] = []
-    for index, (node, *_) in enumerate(rows):
-        own_names.append(json_name(node))
-        if "mesh" in node:
-            of_mesh = json_name(json_object(header, "meshes", node["mesh"]))
-            own_names[index] = own_names[index] or of_mesh or f"node{len(used)}"
-            used.append(index)
-    paths = names_in_tree([each[-1] for each in rows], own_names, used, is_tree=by_cad_face)
+    used, own_names, paths = named_meshes(header, rows, is_tree=by_cad_face)
     n_vertices = 0
     for each in used:
         node, _, world_from_node, _ = rows[each]
@@ -250,12 +242,32 @@ def _scene_polygons(
             own = [f"{paths[each]}/face {face + 1}" for face in known.tolist()]
         labels.append(np.tile(len(names) + row, n))
         names += own
-    notes += _notes(header, [rows[i][0] for i in used], [own_names[i] for i in used])
+    notes += _notes(header, [rows[row][0] for row in used], own_names)
     notes += unread_data(header) + shapes.notes()
     label = np.concatenate(labels)
     return Polygons(
         np.concatenate(vertices), np.concatenate(faces), np.arange(len(label)), label, names, notes
     )
+
+
+Node = tuple[dict[str, Any], str, FloatArray, int]
+"""A node, its name or that above, world_from_node, and the row of the parent, -1 for none."""
+
+
+def named_meshes(
+    header: dict[str, Any], rows: Sequence[Node], *, is_tree: bool = False
+) -> tuple[list[int], list[str], list[str]]:
+    """Rows of the nodes with a mesh, their own names, and by row those by their place in the tree.
+
+    A node without a name has that of its mesh, or a number.
+    """
+    names = [json_name(node) for node, *_ in rows]
+    used = [row for row, (node, *_) in enumerate(rows) if "mesh" in node]
+    for number, row in enumerate(used):
+        of_mesh = json_name(json_object(header, "meshes", rows[row][0]["mesh"]))
+        names[row] = names[row] or of_mesh or f"node{number}"
+    paths = names_in_tree([each[-1] for each in rows], names, used, is_tree=is_tree)
+    return used, [names[row] for row in used], paths
 
 
 def roots_of_scene(header: dict[str, Any]) -> list[Any]:
@@ -271,15 +283,12 @@ def root_nodes(header: dict[str, Any]) -> list[int]:
     return [i for i in range(len(json_list(header, "nodes"))) if i not in below]
 
 
-def nodes_below(
-    header: dict[str, Any], roots: Sequence[Any], world: str = ""
-) -> list[tuple[dict[str, Any], str, NDArray[np.float64], int]]:
-    """Nodes of some trees, depth first: with the name or that above, world_from_node, the parent.
+def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -> list[Node]:
+    """Nodes of some trees, depth first.
 
-    The latter is a row of the result, -1 for none.
     The frame of a node with `world` among its `extras` is the world.
     """
-    found: list[tuple[dict[str, Any], str, NDArray[np.float64], int]] = []
+    found: list[Node] = []
     seen = set()
     stack = [(root, "", np.eye(4), -1) for root in reversed(roots)]
     while stack:
@@ -298,8 +307,8 @@ def nodes_below(
     return found
 
 
-def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
-    placed: NDArray[np.float64] = np.eye(4)
+def _parent_from_node(index: int, node: dict[str, Any]) -> FloatArray:
+    placed: FloatArray = np.eye(4)
     if not node.keys().isdisjoint(("translation", "rotation", "scale")):
         rotation = json_numbers(node, "rotation", (0, 0, 0, 1))[None]
         check_rotations(rotation, f"node {index}")
@@ -310,7 +319,7 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
         )
     if "matrix" not in node:
         return placed
-    matrix: NDArray[np.float64] = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
+    matrix: FloatArray = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
     check_affine(matrix, f"node {index}")
     check(
         np.array_equal(placed, np.eye(4)) or np.allclose(placed, matrix),
@@ -319,9 +328,7 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
     return matrix
 
 
-def affine(
-    translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def affine(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
     """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation.
 
     Quaternions were checked, see `check_rotations`; the rest is rounding.
@@ -331,7 +338,7 @@ def affine(
     return matrices_of(turns * scale[:, None, :], translation)
 
 
-def check_rotations(rotation: NDArray[np.float64], where: str, step: float = 0.0) -> None:
+def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None:
     """Error for quaternions (N, 4) that have not the length 1, of components `step` apart."""
     length = np.linalg.norm(rotation, axis=1)
     is_unit = np.abs(length - 1) <= max(QUATERNION_TOLERANCE, step)
@@ -366,7 +373,7 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
     return notes
 
 
-def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+def _triangles(corners: IntArray, mode: int) -> IntArray:
     """(F, 3) triangles of a primitive; odd ones of a strip are reversed, which unifies winding."""
     n = len(corners)
     if mode == TRIANGLES:
@@ -378,7 +385,7 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     return corners[np.roll(rows, -1, axis=1) if mode == FAN else rows]
 
 
-_Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
+_Shape = tuple[FloatArray, IntArray, IntArray]
 """Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
 _Surfaces = tuple[list[dict[str, Any]], tuple[float, ...], set[int]]
 """Primitives of a mesh with triangles, its weights, and the numbers of their morph targets."""
@@ -416,9 +423,7 @@ class _Shapes:
             self._known[index, own] = self._read(index, surfaces, weights)
         return self._known[index, own]
 
-    def instances(
-        self, node: dict[str, Any], n_points: int, n_triangles: int
-    ) -> NDArray[np.float64]:
+    def instances(self, node: dict[str, Any], n_points: int, n_triangles: int) -> FloatArray:
         """(N, 4, 4) node_from_instance, counted; the identity for a node without instances.
 
         Nothing is computed of instances without triangles: N is 0.
@@ -512,9 +517,7 @@ class _Shapes:
             cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
         return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
 
-    def _cad_faces(
-        self, index: int, primitive: dict[str, Any], n_triangles: int
-    ) -> NDArray[np.int64]:
+    def _cad_faces(self, index: int, primitive: dict[str, Any], n_triangles: int) -> IntArray:
         """(n_triangles,) CAD face of each triangle of a primitive, -1 where none is given."""
         extension = primitive.get("extensions", {}).get(CAD_FACES)
         if extension is None:
@@ -528,7 +531,7 @@ class _Shapes:
         )
         return values.astype(np.int64)
 
-    def _points(self, position: object, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
+    def _points(self, position: object, deltas: list[tuple[float, Any]]) -> FloatArray:
         points = self._accessors.read(position, "VEC3").astype(np.float64)
         n = len(points)
         for weight, target in deltas:
@@ -539,7 +542,7 @@ class _Shapes:
             points += weight * self._accessors.read(target, "VEC3")
         return points
 
-    def _corners(self, index: int, indices: object, n_points: int) -> NDArray[np.int64]:
+    def _corners(self, index: int, indices: object, n_points: int) -> IntArray:
         values = self._accessors.read(indices, "SCALAR")[:, 0]
         # The largest value of a type is the primitive restart index, which glTF forbids.
         limit = min(n_points, int(np.iinfo(values.dtype).max))

@@ -12,11 +12,16 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
-from rastercov.base.memory import FloatArray
-from rastercov.mesh.formats.gltf import affine, check_rotations, nodes_below, roots_of_scene
+from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.mesh.formats.gltf import (
+    affine,
+    check_rotations,
+    named_meshes,
+    nodes_below,
+    roots_of_scene,
+)
 from rastercov.mesh.formats.gltf_file import (
     Accessors,
     json_list,
@@ -25,7 +30,7 @@ from rastercov.mesh.formats.gltf_file import (
     json_object,
     unknown_names,
 )
-from rastercov.mesh.formats.polygons import check, names_in_tree
+from rastercov.mesh.formats.polygons import check
 
 REST: dict[str, tuple[float, ...]] = {
     "translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)
@@ -51,7 +56,7 @@ class Animated(NamedTuple):
 
     names: list[str]
     poses: FloatArray
-    present: NDArray[np.bool_]
+    present: BoolArray
 
 
 def read_animation(
@@ -78,20 +83,14 @@ def read_animation(
     ends = [keys[-1] for keys, *_ in channels.values()]
     times = np.linspace(min(starts), max(ends), steps) if steps > 1 else np.array(starts[:1])
     matrices: list[FloatArray] = []
-    there: list[NDArray[np.bool_]] = []
-    own_names: list[str] = []
-    used: list[int] = []
-    for row, (node, _, _, parent) in enumerate(rows):
+    there: list[BoolArray] = []
+    used, names, paths = named_meshes(header, rows)
+    for row, name in zip(used, names, strict=True):
+        check("skin" not in rows[row][0], f"node {shown(name)} has a skin, not read")
+    for node, _, _, parent in rows:
         local, is_there = _local(node, number[id(node)], channels, times)
         matrices.append(local if parent < 0 else matrices[parent] @ local)
         there.append(is_there if parent < 0 else is_there & there[parent])
-        own_names.append(json_name(node))
-        if "mesh" in node:
-            of_mesh = json_object(header, "meshes", node["mesh"])
-            own_names[row] = own_names[row] or json_name(of_mesh) or f"node{len(used)}"
-            check("skin" not in node, f"node {shown(own_names[row])} has a skin, not read")
-            used.append(row)
-    paths = names_in_tree([each[-1] for each in rows], own_names, used)
     at_rest = np.array([rows[row][2] for row in used]).reshape(-1, 1, 4, 4)
     check((np.linalg.det(at_rest) != 0).all(), "a node of the rest pose has no size")
     found = np.array([matrices[row] for row in used]).reshape(len(used), -1, 4, 4)
@@ -139,7 +138,7 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
 
 def _local(
     node: dict[str, Any], index: int, channels: dict[tuple[int, str], Channel], times: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """parent_from_node in each frame, and whether the node is there."""
     own = {path for path in REST if (index, path) in channels}
     check(not own or "matrix" not in node, f"node {index} has a matrix and is animated")

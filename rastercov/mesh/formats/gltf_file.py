@@ -26,6 +26,7 @@ from rastercov.base.files import (
     Vocabulary,
     parsed_json,
 )
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -85,6 +86,11 @@ def _no_number(text: str) -> None:
     raise ValueError(f"{text} is not JSON")
 
 
+def header_of(data: bytes) -> dict[str, Any]:
+    """JSON object of a .glb or .gltf file."""
+    return chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
+
+
 def json_list(owner: dict[str, Any], key: str) -> list[Any]:
     """List at a key, empty where there is none."""
     found = owner.get(key, [])
@@ -117,9 +123,7 @@ def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> i
     return value
 
 
-def json_numbers(
-    owner: dict[str, Any], key: str, default: tuple[float, ...]
-) -> NDArray[np.float64]:
+def json_numbers(owner: dict[str, Any], key: str, default: tuple[float, ...]) -> FloatArray:
     """Finite numbers at a key, as many as `default` has."""
     values = owner.get(key, default)
     is_list = isinstance(values, (list, tuple)) and len(values) == len(default)
@@ -192,7 +196,7 @@ class Accessors:
         kind = np.dtype(COMPONENTS[json_object(self.header, "accessors", index)["componentType"]])
         return 0.0 if kind.kind == "f" else 1 / float(np.iinfo(kind).max)
 
-    def read_times(self, index: object) -> NDArray[np.float64]:
+    def read_times(self, index: object) -> FloatArray:
         """(N,) float64 of an accessor of float32 scalars, such as times."""
         accessor = json_object(self.header, "accessors", index)
         is_right = (
@@ -358,8 +362,16 @@ def _used(each: object, has_accessors: bool = False) -> Iterator[int]:
 
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Turn from z up to glTF's y up."""
+WORLD = "rastercov_world"
+"""Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""
 COMPONENT_OF = {kind: number for number, kind in COMPONENTS.items()}
 KIND_OF_COLUMNS = {COLUMNS[kind]: kind for kind in ("SCALAR", "VEC2", "VEC3", "VEC4")}
+
+
+def world_node(name: str, children: range) -> dict[str, Any]:
+    """Node whose frame is the world, turned to y up."""
+    matrix = Y_UP.T.ravel().tolist()
+    return {"name": name, "matrix": matrix, "children": list(children), "extras": {WORLD: True}}
 
 
 class GlbBuffer:

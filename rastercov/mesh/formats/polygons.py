@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import OUT_OF_MEMORY, MeshError, RastercovError, ResourceError
-from rastercov.base.memory import FloatArray, IntArray, free_memory
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, free_memory
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
@@ -76,10 +76,10 @@ class Polygons:
         Spaces of a building: product, vertices, metres, and triangles of each.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    source_face: NDArray[np.int64]
-    face_group: NDArray[np.int64]
+    vertices: FloatArray
+    faces: IntArray
+    source_face: IntArray
+    face_group: IntArray
     group_names: Sequence[str | None] = (None,)
     notes: Sequence[str] = ()
     is_in_metres: bool = False
@@ -319,7 +319,7 @@ def _cut(
     start: IntArray,
     n_triangles: IntArray,
     normal: FloatArray,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Triangulate the fans that begin at rows `start`; True for polygons that are simple."""
     import shapely  # late: few files need it
 
@@ -334,7 +334,7 @@ def _cut(
 
     xy = _in_plane(vertices[corners], polygon, first, normal)
     areas = shapely.polygons(shapely.linearrings(xy, indices=polygon))
-    is_simple: NDArray[np.bool_] = shapely.is_valid(areas)
+    is_simple: BoolArray = shapely.is_valid(areas)
     for each in np.flatnonzero(~is_simple):  # 0.2 ms each
         areas[each] = _without_bridges(xy[first[each] : first[each] + n_corners[each]])
     parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(areas), return_index=True)

@@ -18,10 +18,10 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames, Vocabulary, printable
+from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.polygons import (
     Assembly,
     Part,
@@ -190,7 +190,7 @@ class _Model:
                 "which are not read",
                 "export its mesh in full resolution",
             )
-        pieces: list[tuple[NDArray[np.float64], Any]] = [(np.eye(4), _shape(m)) for m in meshes]
+        pieces: list[tuple[FloatArray, Any]] = [(np.eye(4), _shape(m)) for m in meshes]
         for each in below(owner, "components", "component"):
             pieces.append((_transform(each), self._key(each, path)))
         return Part(owner.get("name") or f"object {number}", title, pieces)
@@ -212,11 +212,11 @@ def _shape(mesh: Element) -> Shape:
     return Shape(points, faces.ravel(), np.full(len(faces), 3), len(faces))
 
 
-def _transform(owner: Element) -> NDArray[np.float64]:
+def _transform(owner: Element) -> FloatArray:
     """(4, 4) matrix of 12 numbers in rows of four, of which 3MF stores the transpose."""
     text = owner.get("transform")
     if text is None:
         return np.eye(4)
-    matrix: NDArray[np.float64] = np.eye(4)
+    matrix: FloatArray = np.eye(4)
     matrix[:3] = transform_numbers(text, 12).reshape(4, 3).T
     return matrix

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.files import UnknownNames, Vocabulary
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh.formats.polygons import broken, check_budget
 
 BYTES_PER_XML_BYTE = 12
@@ -164,12 +165,12 @@ def table(
     return np.array(_plain(words), dtype=dtype).reshape(-1, len(names))
 
 
-def floats(text: str | None) -> NDArray[np.float64]:
+def floats(text: str | None) -> FloatArray:
     """(N,) numbers of a text, including nan and inf."""
     return np.array(_plain((text or "").split()), dtype=np.float64)
 
 
-def transform_numbers(text: str | None, count: int) -> NDArray[np.float64]:
+def transform_numbers(text: str | None, count: int) -> FloatArray:
     """Numbers of a transform, finite and that many, or MeshError."""
     values = floats(text)
     if values.shape != (count,) or not np.isfinite(values).all():
@@ -178,7 +179,7 @@ def transform_numbers(text: str | None, count: int) -> NDArray[np.float64]:
     return values
 
 
-def integers(text: str | None) -> NDArray[np.int64]:
+def integers(text: str | None) -> IntArray:
     """(N,) integers of a text."""
     return np.array(_plain((text or "").split()), dtype=np.int64)
 

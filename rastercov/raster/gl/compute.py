@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.mesh import Mesh
@@ -150,7 +150,7 @@ class Compute(Strategy):
 
     def image(
         self, scene: ComputeScene, prepared: ComputePoses, tile: Box
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    ) -> tuple[Int32Array, NDArray[np.float32]]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         while True:
             self._draw(scene, 1, tile, drawn=False)
