@@ -19,7 +19,7 @@ from rastercov.coverage.area.failures import (
     illuminance_of_faces,
 )
 from rastercov.coverage.reasons import HIGHLIGHT, NAMES, TOO_BRIGHT, TOO_DARK, UNLIT, Reason
-from rastercov.reference.regions import covers_points, points_on
+from rastercov.reference.regions import covers_points, points_on, rig_covers_points
 from rastercov.report.modes import MODES, OfLight
 
 TASK = rc.Task(max_incidence_deg=75)
@@ -56,15 +56,7 @@ def reached(mesh, poses, eyes, points, face):
 
 def lit_points(mesh, lamps, camera, poses, points, face):
     """(P, N) points that are seen, and lit on the side of the camera, one by one."""
-    of_points = points_of(lamps, np.ones(len(lamps), bool))
-    sides = []
-    for sees in reached(mesh, of_points, lamps.eyes, points, face):
-        counts = [sees[of_points.camera == at].sum(axis=0) for at in range(len(lamps))]
-        enough = [n >= lamp.points_needed for n, lamp in zip(counts, lamps.lamps, strict=True)]
-        sides.append(np.any(enough, axis=0))
-    away = poses[:, None, :3, 3] - points
-    front = np.einsum("pni,ni->pn", away, mesh.normals[face]) > 0
-    return covers_points(mesh, camera, poses, TASK, points, face) & np.where(front, *sides)
+    return rig_covers_points(mesh, with_lamps(camera, lamps), poses, TASK, points, face)
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
