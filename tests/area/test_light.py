@@ -103,6 +103,21 @@ def test_lamp_and_camera_on_both_sides_of_a_sheet_light_nothing():
     assert lit.area.sum() == pytest.approx(1)
 
 
+def test_points_of_a_rig_around_a_sheet_are_lit_on_the_side_where_its_rule_holds():
+    """The first camera is above, the lamp and the second below: as by area, all is covered."""
+    mesh, below = sheet(two_sided=True), rc.look_at((0.5, 0.5, -2), (0.5, 0.5, 0), (0, 1, 0))
+    rig = rc.Rig([CAMERA] * 2, None, [ABOVE[0], below[0]], rule=rc.AtLeast(1))
+    lit, poses = (
+        with_lamps(rig, rc.Lamps([rc.Lamp.point(intensity=1)], below)),
+        rig.poses(np.eye(4)),
+    )
+    assert rc.regions(mesh, lit, poses).area.sum() == pytest.approx(1)
+    own = rc.cells(mesh, 0.5)
+    assert len(CentrePass(own, lit, rc.Task()).find(poses).row(0)) == len(own)
+    ((_, reason, _),) = failures_of_rows(mesh, lit, rc.Task(), poses, mesh.centroids, np.arange(2))
+    assert (reason == Reason.COVERED).all()
+
+
 def test_a_lamp_in_a_closed_box_lights_nothing_for_a_camera_outside():
     mesh = box((0, 0, 0), (1, 1, 1))
     inside = np.eye(4)
