@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamps
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
@@ -95,12 +96,13 @@ def rig_covers_points(
     points: FloatArray,
     face: IntArray,
 ) -> BoolArray:
-    """Mask of the points of faces that each pose of a rig covers by its rule, (R, N).
+    """Mask of the points of faces that each row of the result of a rig covers, (R, N).
 
-    Each camera by itself as in `covers_points`, and then those on either side of the face, counted.
+    Each camera by itself as in `covers_points`; then those on either side of the face, counted, and
+    the lamps of the rig on that side. A row is a pose of a rig with a rule, or of each camera.
     """
     placed = rig.poses(world_from_rig)
-    gate, n = rig.gates[0], len(rig)
+    gate, n = rig.gates.get(0), len(rig)
     sees = np.empty((n, len(placed) // n, len(points)), np.bool_)
     tasks = tasks_of(rig, task)
     for row, (camera, own) in enumerate(zip(rig.cameras, tasks, strict=True)):
@@ -108,12 +110,18 @@ def rig_covers_points(
         sees[row] = covers_points(mesh, camera, matrices, own, points, face)
     eyes = placed.world_from_camera[:, :3, 3].reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
     front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
+    lit = np.ones((2, *sees.shape[1:]), np.bool_)
+    if (lamps := rig.lamps) is not None:
+        lit = np.stack([lit_points(mesh, lamps, points, face, at) for at in world_from_rig], axis=1)
+    if gate is None:
+        alone = np.asarray(sees & np.where(front, *lit), np.bool_)
+        return alone.swapaxes(0, 1).reshape(-1, len(points))
     found = np.zeros(sees.shape[1:], np.bool_)
-    for side in (front, ~front):
+    for side, is_lit in zip((front, ~front), lit, strict=True):
         counts = (sees & side).sum(axis=0) >= gate.k
         for row in gate.needs:
             counts &= (sees & side)[row]
-        found |= counts
+        found |= counts & is_lit
     if gate.has_baseline:
         rays = eyes - points
         rays /= np.linalg.norm(rays, axis=3, keepdims=True)
@@ -121,6 +129,25 @@ def rig_covers_points(
         angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
         found &= (angles.max(axis=0) >= gate.least_deg) & (angles.max(axis=0) <= gate.most_deg)
     return found
+
+
+def lit_points(
+    mesh: Mesh, lamps: Lamps, points: FloatArray, face: IntArray, world_from_rig: FloatArray
+) -> BoolArray:
+    """Mask of the points of faces that lamps light from the front, and from the rear, (2, N).
+
+    A lamp that rides does so on the rig at (4, 4) `world_from_rig`. One lamp lights a point that
+    enough of its own points see.
+    """
+    lit = np.zeros((2, len(points)), np.bool_)
+    for lamp, place, rides in zip(lamps.lamps, lamps.places, lamps.rides, strict=True):
+        matrices = (world_from_rig @ place if rides else place) @ lamp.lamp_from_point
+        sees = covers_points(mesh, lamp.eye, matrices, Task(), points, face)
+        away = matrices[:, None, :3, 3] - points
+        front = np.einsum("kpi,pi->kp", away, mesh.normals[face]) > 0
+        for side, own in zip((front, ~front), lit, strict=True):
+            own |= (sees & side).sum(axis=0) >= lamp.points_needed
+    return lit
 
 
 def meets_criteria(

@@ -19,7 +19,7 @@ from rastercov.coverage.area.failures import (
     illuminance_of_faces,
 )
 from rastercov.coverage.reasons import HIGHLIGHT, NAMES, TOO_BRIGHT, TOO_DARK, UNLIT, Reason
-from rastercov.reference.regions import covers_points, points_on
+from rastercov.reference.regions import covers_points, points_on, rig_covers_points
 from rastercov.report.modes import MODES, OfLight
 
 TASK = rc.Task(max_incidence_deg=75)
@@ -56,15 +56,7 @@ def reached(mesh, poses, eyes, points, face):
 
 def lit_points(mesh, lamps, camera, poses, points, face):
     """(P, N) points that are seen, and lit on the side of the camera, one by one."""
-    of_points = points_of(lamps, np.ones(len(lamps), bool))
-    sides = []
-    for sees in reached(mesh, of_points, lamps.eyes, points, face):
-        counts = [sees[of_points.camera == at].sum(axis=0) for at in range(len(lamps))]
-        enough = [n >= lamp.points_needed for n, lamp in zip(counts, lamps.lamps, strict=True)]
-        sides.append(np.any(enough, axis=0))
-    away = poses[:, None, :3, 3] - points
-    front = np.einsum("pni,ni->pn", away, mesh.normals[face]) > 0
-    return covers_points(mesh, camera, poses, TASK, points, face) & np.where(front, *sides)
+    return rig_covers_points(mesh, with_lamps(camera, lamps), poses, TASK, points, face)
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
@@ -109,6 +101,21 @@ def test_lamp_and_camera_on_both_sides_of_a_sheet_light_nothing():
     assert rc.regions(mesh, CAMERA, ABOVE, lamps=rc.Lamps([lamp], below)).area.sum() == 0
     lit = rc.regions(mesh, CAMERA, ABOVE, lamps=rc.Lamps([lamp] * 2, [ABOVE[0], below[0]]))
     assert lit.area.sum() == pytest.approx(1)
+
+
+def test_points_of_a_rig_around_a_sheet_are_lit_on_the_side_where_its_rule_holds():
+    """The first camera is above, the lamp and the second below: as by area, all is covered."""
+    mesh, below = sheet(two_sided=True), rc.look_at((0.5, 0.5, -2), (0.5, 0.5, 0), (0, 1, 0))
+    rig = rc.Rig([CAMERA] * 2, None, [ABOVE[0], below[0]], rule=rc.AtLeast(1))
+    lit, poses = (
+        with_lamps(rig, rc.Lamps([rc.Lamp.point(intensity=1)], below)),
+        rig.poses(np.eye(4)),
+    )
+    assert rc.regions(mesh, lit, poses).area.sum() == pytest.approx(1)
+    own = rc.cells(mesh, 0.5)
+    assert len(CentrePass(own, lit, rc.Task()).find(poses).row(0)) == len(own)
+    ((_, reason, _),) = failures_of_rows(mesh, lit, rc.Task(), poses, mesh.centroids, np.arange(2))
+    assert (reason == Reason.COVERED).all()
 
 
 def test_a_lamp_in_a_closed_box_lights_nothing_for_a_camera_outside():

@@ -165,6 +165,22 @@ def assert_pointwise(mesh, camera, poses, task, n, seed=0, **options):
     return regions, truth
 
 
+NO_POINTS = np.zeros((0, 3)), np.zeros(0, np.int64)
+
+
+def moved(motion, row, points=NO_POINTS[0], face=NO_POINTS[1]):
+    """Mesh of the moved vertices of a frame, which knows nothing else of a motion, and its points.
+
+    All bodies are there, and no vertex is of two of them.
+    """
+    mesh, pose = motion.mesh, motion.world_from_body[row][motion.body]
+    vertices = mesh.vertices.copy()
+    corners = np.einsum("fij,fkj->fki", pose[:, :3, :3], mesh.vertices[mesh.faces])
+    vertices[mesh.faces] = corners + pose[:, None, :3, 3]
+    own = np.einsum("nij,nj->ni", pose[face, :3, :3], points) + pose[face, :3, 3]
+    return Mesh(vertices, mesh.faces, mesh.groups, mesh.face_group), own
+
+
 def turned(mesh, poses, seed=0):
     """Mesh and poses after one rigid motion of both."""
     rng = np.random.default_rng(seed)

@@ -123,8 +123,9 @@ def failures_of_rows(
         own, found = zip(*group, strict=True)
         at, reason, hider = _of_row(camera, poses, own, found, points, normals)
         if light is not None:
+            sees = np.array([each == Reason.COVERED for each, _ in found])
             seen = reason == Reason.COVERED
-            reason = np.where(seen, light.reasons(poses[np.array(own)]), reason)
+            reason = np.where(seen, light.reasons(poses[np.array(own)], sees), reason)
         yield at, reason, hider
 
 
@@ -237,6 +238,7 @@ class LightOfPoints:
         face: NDArray[np.integer[Any]],
     ) -> None:
         self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
+        self._gates = rig.gates
         self._normals = frames_of(mesh).normal[face]
         self._two_sided = mesh.two_sided_mask[face]
         self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
@@ -261,10 +263,6 @@ class LightOfPoints:
             return None
         return cls(mesh, camera, lamps, task, points, face)
 
-    def is_lit(self, own: Poses) -> NDArray[np.bool_]:
-        """(N,) points that are lit as the task asks, for the poses of a row of the result."""
-        return np.asarray(self.reasons(own) == Reason.COVERED)
-
     def of_cell(self) -> FloatArray:
         """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
         poses, reached = self._fixed
@@ -273,10 +271,11 @@ class LightOfPoints:
         sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
         return np.where(self._two_sided, np.maximum(*sides), sides[0])
 
-    def reasons(self, own: Poses) -> NDArray[np.uint8]:
+    def reasons(self, own: Poses, sees: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
         """(N,) reason of light, for the poses of a row of the result: `COVERED` where none is.
 
-        On the side of the face that the first pose is on.
+        On the side of the face that the first pose is on; or, of points that cameras of a rig with
+        a rule see, (n, N), on the side from which they meet it, the better of two.
         """
         poses, reached = self._fixed
         if self._rides.any():
@@ -287,8 +286,22 @@ class LightOfPoints:
             camera = np.concatenate([poses.camera, on_rig[0].camera])
             matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
             poses = Poses.of(matrices, camera=camera)
+        fronts = in_front(own.world_from_camera[:, :3, 3], self._points, self._normals)
+        gate = self._gates.get(int(own.camera[0]))
+        if gate is None or sees is None:
+            return self._on_side(own, poses, reached, fronts[0])
+        front, rear = (gate.holds(sees & side) for side in (fronts, ~fronts))
+        found = self._on_side(own, poses, reached, front | ~rear)
+        if (both := front & rear).any():
+            other = self._on_side(own, poses, reached, ~both)
+            found[both] = np.minimum(found, other)[both]  # reasons of light are above `COVERED`
+        return found
+
+    def _on_side(
+        self, own: Poses, poses: Poses, reached: NDArray[np.bool_], is_front: NDArray[np.bool_]
+    ) -> NDArray[np.uint8]:
+        """(N,) reason on a side of each point, by the points of lamps that reach it, (K, N)."""
         on, task, eyes = (self._points, self._normals), self.task, poses.world_from_camera[:, :3, 3]
-        is_front = in_front(own.world_from_camera[:1, :3, 3], *on)[0]
         sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
         found = np.full(len(self._points), Reason.COVERED, np.uint8)
         for centre, index in zip(own.world_from_camera[:, :3, 3], own.camera, strict=True):
@@ -390,9 +403,13 @@ class CentrePass:
 
         n_workers = max(1, min(self._threads, len(placed)))
         share_poses(len(placed), [worker() for _ in range(n_workers)])
-        found = gated_lists(found, self._camera, placed, *self._planes)
+        gated = gated_lists(found, self._camera, placed, *self._planes)
         if self._light is not None:
             rows = rows_of_result(self._camera, placed)
-            for row in range(len(found)):
-                found[row] = found[row][self._light.is_lit(placed[rows == row])[found[row]]]
-        return Lists.of(found)
+            for row, own in enumerate(gated):
+                sees = np.zeros((int((rows == row).sum()), self._n_cells), np.bool_)
+                for camera, pose in enumerate(np.flatnonzero(rows == row)):
+                    sees[camera, found[pose]] = True
+                reason = self._light.reasons(placed[rows == row], sees)
+                gated[row] = own[reason[own] == Reason.COVERED]
+        return Lists.of(gated)

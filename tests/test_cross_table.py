@@ -1,0 +1,285 @@
+"""The cross table: rules x lamps x motion, by area and by points, in memory and shards, any caller.
+
+Small random scenes are held against the judge of points in `rastercov.reference.regions`, and the
+callers against each other to the bit. A case of the test is a rule, a lamp and a motion; in each
+scene of it, every way to the same figures is taken.
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from nightly import examples
+from plans import write_obj
+from scenes import joined
+from surface_cases import NO_POINTS, in_regions, moved
+from timed import evaluate_over_time, regions_over_time
+
+import rastercov as rc
+from rastercov.camera.rig import Rig
+from rastercov.cluster import Staff
+from rastercov.coverage import shards
+from rastercov.coverage.area.cells import cells
+from rastercov.coverage.area.failures import CentrePass, failures_of_rows
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.table import joined as joined_regions
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.shards import EvaluationShards, Wanted, open_for
+from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Motion
+from rastercov.placement.plan.file import Plan, plan_of
+from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.placement.plan.scene import named_scene
+from rastercov.reference.regions import points_on, rig_covers_points
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session
+
+RULES, LAMPS, MOTIONS = ("any", "all", "at_least"), ("none", "fixed", "riding"), ("still", "moving")
+N_POINTS = 300
+PER_CASE, AT_NIGHT = 11, 278
+"""Scenes of each of 18 cases: some 200 by day, 5,000 at night."""
+ROUNDING_REL = 1e-12
+"""Of the area of a face, that unions in other batches may differ by."""
+MOST_BORDER_POINTS = 1
+"""Points that lie on a border to rounding, besides those within the bound."""
+
+
+class Case(NamedTuple):
+    """A scene as a plan has it, the places of its rig, and its motion where bodies move."""
+
+    plan: Plan
+    mesh: Mesh
+    places: np.ndarray
+    motion: Motion | None
+    over: str
+
+    @property
+    def rig(self) -> Rig:
+        """The rig alone: the first camera of the plan is the kind that it is made of."""
+        return self.plan.rig._only(range(1, len(self.plan.rig)))
+
+    @property
+    def placed(self):
+        """Poses of its cameras among those of the plan."""
+        poses = self.rig.poses(self.places)
+        return rc.Poses.of(poses.world_from_camera, camera=poses.camera + 1)
+
+    @property
+    def scene(self):
+        """Camera, poses and task, as the calls take them."""
+        return self.rig, self.rig.poses(self.places), self.plan.build_task()
+
+
+def rotation(rng):
+    found = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return found * np.sign(np.linalg.det(found))
+
+
+def parts(rng):
+    """A turned box, a sheet with two sides, often seen edge-on, and a plate before them."""
+    box = rc.shapes.box(rng.uniform(0.4, 1.2, 3))
+    sheet = Mesh([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    plate = rc.shapes.box((*rng.uniform(0.3, 1.2, 2), 0.02))
+    centres = rng.uniform(-0.6, 0.6, (2, 3)), rng.normal(size=3)
+    centres = [*centres[0], 1.6 * centres[1] / np.linalg.norm(centres[1])]
+    return [
+        Mesh(each.vertices @ rotation(rng).T + at, each.faces)
+        for each, at in zip((box, sheet, plate), centres, strict=True)
+    ]
+
+
+def table_of(rng, rule, lamps, motion):
+    """Entries of a plan: a rig of two or three cameras, lamps, and two or three frames."""
+    n = int(rng.integers(2, 4))
+    across = np.linspace(-0.5, 0.5, n) * rng.uniform(0.3, 2.5)
+    cameras = [
+        {"camera": "cam", "name": f"c{row}", "translation": [x, float(rng.uniform(-0.2, 0.2)), 0.0],
+         "angle_deg": -float(np.degrees(np.arctan2(x, 3.5)))}
+        for row, x in enumerate(across.tolist())
+    ]  # fmt: skip
+    own = {"k": int(rng.integers(1, n + 1))} if rule == "at_least" else {}
+    own |= {"needs": ["c1"]} if rule == "at_least" and rng.random() < 0.3 else {}
+    table = {
+        "meshes": [{"path": "cell.obj", "groups": ["part", "sheet"], "two_sided": ["sheet"]}],
+        "cameras": {"cam": {"width": 200, "height": 160, "fx": 190, "fy": 190}},
+        "rigs": {"head": {"rule": rule, "cameras": cameras, **own}},
+        "task": {"max_incidence_deg": 80.0, "resolution_of_result": 0.6, "by": "area"},
+        "candidates": [{"generator": "poses", "file": "rig.json", "cameras": ["head"]}],
+        "selection": {"goal": "best_coverage", "cameras": 2 * n},
+        "outputs": {"page": False},
+    }
+    if lamps != "none":
+        table["lamps"] = {f"lamp {row}": lamp(rng, lamps) for row in range(rng.integers(1, 3))}
+    if motion == "moving":
+        steps, (degrees, way) = int(rng.integers(2, 4)), rng.uniform((20, -2), (300, 2)).tolist()
+        table["task"]["over"] = str(rng.choice(["some", "all"]))
+        table["motion"] = {
+            "turntable": {"body": str(rng.choice(["part", "sheet"])), "steps": steps,
+                          "axis": rng.normal(size=3).tolist(), "degrees": degrees},
+            "conveyor": {"body": "plate", "steps": steps,
+                         "direction": rng.normal(size=3).tolist(), "distance": way},
+        }  # fmt: skip
+    return table
+
+
+def lamp(rng, kind):
+    """A point or a spot in the cell, or beside the cameras of the rig."""
+    own = {"kind": "point"}
+    if rng.random() < 0.5:
+        own = {"kind": "spot", "half_angle_deg": float(rng.uniform(10, 40))}
+    at = rng.normal(size=3)
+    place = {"position": (3 * at / np.linalg.norm(at)).tolist(), "aim": [0.0, 0.0, 0.0]}
+    if kind == "riding":
+        beside = rng.uniform(-1.5, 1.5, 2).tolist()
+        place = {"position": [*beside, 0.0], "aim": [0.0, 0.0, 3.5], "rig": "head"}
+    return {"intensity_cd": 50.0, **own, **place}
+
+
+def case_of(rng, folder, *kinds):
+    part, sheet, plate = parts(rng)
+    firsts = {"part": 0, "sheet": part.n_faces, "plate": part.n_faces + sheet.n_faces}
+    write_obj(folder / "cell.obj", joined(part, sheet, plate), firsts)
+    eyes = rng.normal(size=(2, 3))
+    eyes *= 3.5 / np.linalg.norm(eyes, axis=1)[:, None]
+    places = rc.look_at(eyes, rng.uniform(-0.2, 0.2, (2, 3)), up=(0.1, 0.2, 1))
+    rc.write_poses(folder / "rig.json", places)
+    plan = plan_of(table_of(rng, *kinds), folder / "plan.toml")
+    mesh, plan, _ = named_scene(plan)
+    return Case(plan, mesh, places, plan.build_motion(mesh), plan.task.over or "some")
+
+
+# The answer, once for all callers.
+
+
+def evaluated(case, scene, folder=None):
+    """Coverage over time, or of bodies at rest, as `rc` has it: its exact area."""
+    if case.motion is None:
+        return rc.evaluate(case.mesh, *scene, by="area", fields=()).areas
+    return evaluate_over_time(case.motion, *scene, case.over, folder=folder).areas
+
+
+def in_shards(case, folder):
+    """Regions of rows by way of shards of one pose of the rig, and their area in those batches."""
+    rig, poses, task = case.scene
+    wanted, areas, parts = Wanted(rc.Engine(), by_area=True), AreaNetwork(case.mesh, task), []
+    with open_for(case.mesh, rig, task, wanted) as observer:
+        found = EvaluationShards(folder, observer, poses, task, wanted)
+        for batch in found.parts(Staff()):
+            parts.append(gated(batch.regions, rig, batch.poses))
+            areas.add(parts[-1])
+    assert len(parts) == len(case.places)
+    return joined_regions(parts), areas
+
+
+def regions_of(case):
+    if case.motion is None:
+        return rc.regions(case.mesh, *case.scene)
+    return regions_over_time(case.motion, *case.scene)
+
+
+def pieces_of(regions):
+    """Rows, faces and polygons of pieces; their order is by sides of the faces in a batch."""
+    ends = zip(regions.pose, regions.face, regions.starts[:-1], regions.starts[1:], strict=True)
+    return sorted((row, face, regions.xy[at:end].tobytes()) for row, face, at, end in ends)
+
+
+def assert_same(one, other):
+    """Covered areas of faces, equal to the bit."""
+    assert one.covered.area.tobytes() == other.covered.area.tobytes()
+
+
+def assert_same_in_batches(one, other):
+    """The same where rows were united in other batches: corners of unions are rounded in turn."""
+    off = np.abs(one.covered.area - other.covered.area)
+    assert (off <= ROUNDING_REL * one.mesh.areas).all(), (off / one.mesh.areas).max()
+
+
+def frames_of(case, points, face):
+    """Mesh and points of each frame, moved by hand."""
+    if case.motion is None:
+        return [(case.mesh, points)]
+    return [moved(case.motion, row, points, face) for row in range(len(case.motion))]
+
+
+def assert_regions_are_as_judged(case):
+    points, face = points_on(case.mesh, N_POINTS)
+    rig, _, task = case.scene
+    found = regions_of(case)
+    truth = np.concatenate([
+        rig_covers_points(mesh, rig, case.places, task, own, face)
+        for mesh, own in frames_of(case, points, face)
+    ])  # fmt: skip
+    assert len(found.pose_ids) == len(truth)
+    bounds = found.bounds().sum(axis=1) / case.mesh.areas.sum() * N_POINTS
+    for row, (covered, expected) in enumerate(zip(truth, bounds, strict=True)):
+        wrong = int((in_regions(found, row, points, face) != covered).sum())
+        most = MOST_BORDER_POINTS + expected + 6 * np.sqrt(expected)
+        assert wrong <= most, f"row {row}: {wrong} points differ, {most:.2g} within the bound"
+
+
+def assert_points_are_as_judged(case):
+    """Centres of cells, which searches go by, and reasons of points, which reports go by."""
+    rig, poses, task = case.scene
+    for mesh, _ in frames_of(case, *NO_POINTS):
+        own = cells(mesh, 0.35)
+        points, face = own.vertices.reshape(-1, 3, 3).mean(axis=1), own.source_face
+        truth = rig_covers_points(mesh, rig, case.places, task, points, face)
+        found = CentrePass(own, rig, task).find(poses)
+        reasons = failures_of_rows(mesh, rig, task, poses, points, face)
+        for row, (covered, (_, reason, _)) in enumerate(zip(truth, reasons, strict=True)):
+            assert np.flatnonzero(covered).tolist() == found.row(row).tolist(), f"row {row}"
+            assert np.array_equal(reason == Reason.COVERED, covered), f"reasons of row {row}"
+
+
+def assert_callers_agree(case, folder):
+    found, checked = evaluated(case, case.scene), rc.check(case.plan, case.placed, min_coverage=0.5)
+    if case.motion is None:
+        regions, areas = in_shards(case, folder / "shards")
+        assert pieces_of(regions) == pieces_of(regions_of(case))
+        assert_same_in_batches(found, areas)
+        assert_same_in_batches(found, checked.cameras.areas)
+    else:
+        assert_same(found, evaluated(case, case.scene, folder / "shards"))
+        assert_same(found, checked.cameras.areas)
+    assert_viewer_agrees(case)
+    if checked.cameras.areas.summary()["m2"] > 0:
+        placed = rc.place(case.plan).cameras
+        again = rc.check(case.plan, placed.placed, min_coverage=0.5)
+        assert_same(placed.areas, again.cameras.areas)
+
+
+def assert_viewer_agrees(case):
+    """The page counts cameras one by one, whatever their rule, and in each frame by itself."""
+    rig, poses, task = case.scene
+    alone = rig._with(gates={})
+    state = RigState.of(rig, poses, task=task)
+    moving = PlanMotion.of(case.plan, case.mesh)
+    session = Session(Scene("cell", case.mesh, state, moving=moving))
+    for row in range(1 if case.motion is None else len(case.motion)):
+        mesh = case.mesh if case.motion is None else case.motion.frame(row)[0]
+        session.take_time(() if case.motion is None else (float(row),))
+        assert_same(session.areas(), rc.evaluate(mesh, alone, poses, task, by="area").areas)
+    session.close()
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("lamps", LAMPS)
+@pytest.mark.parametrize("rule", RULES)
+@settings(examples(PER_CASE, AT_NIGHT), phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@given(seed=st.integers(0, 2**32 - 1))
+def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, lamps, motion, seed):
+    with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch:
+        folder = Path(name)
+        case = case_of(np.random.default_rng(seed), folder, rule, lamps, motion)
+        # A shard has one pose of the rig, or one frame.
+        n_poses = len(case.rig) * (1 if case.motion is None else len(case.places))
+        patch.setattr(shards, "PAIRS_A_SHARD", n_poses * case.mesh.n_faces)
+        assert_regions_are_as_judged(case)
+        assert_points_are_as_judged(case)
+        assert_callers_agree(case, folder)
