@@ -13,6 +13,7 @@ from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamps import illuminances, intensities_of, lamps_of_json, points_of
 from rastercov.camera.rig import with_lamps
+from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import (
     CentrePass,
     failures_of_rows,
@@ -394,6 +395,31 @@ def test_a_rig_with_a_rule_sees_no_highlight_in_any_of_its_cameras():
         ]
         wrong = (in_regions(found, 0, points, face) != alone[0] & alone[1]).sum()
         assert wrong <= 3
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_a_camera_that_a_lamp_dazzles_leaves_the_others_of_its_rig(k):
+    """By area, and by points: the rule holds of the cameras that see no highlight there."""
+    mesh = sheet()
+    eyes = [(0.5, 0.5, 2), (2, 0.5, 2), (-1, 2, 2)]
+    rig = rc.Rig(
+        [CAMERA] * 3, ["a", "b", "c"], rc.look_at(eyes, (0.5, 0.5, 0), up=(0, 1, 0)),
+        rule=rc.AtLeast(k),
+    )  # fmt: skip
+    lamps = rc.Lamps([rc.Lamp.point(intensity=9)], rc.look_at((0.5, 0.5, 3), (0.5, 0.5, 0)))
+    task = rc.Task(max_highlight_deg=15)
+    found = rc.regions(mesh, rig, rig.poses(np.eye(4)[None]), task, lamps=lamps)
+    own = cells(mesh, 0.05)
+    by_points = CentrePass(own, with_lamps(rig, lamps), task).find(rig.poses(np.eye(4)[None]))
+    covered = np.zeros(len(own), np.bool_)
+    covered[by_points.row(0)] = True
+    centres = own.vertices.reshape(-1, 3, 3).mean(axis=1)
+    by_area = in_regions(found, 0, centres, own.source_face)
+    assert (covered != by_area).mean() < 0.01
+    if k < 3:
+        assert covered.mean() > 0.3
+    else:
+        assert covered.mean() < 0.9
 
 
 @pytest.mark.parametrize(

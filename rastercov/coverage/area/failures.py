@@ -30,6 +30,7 @@ from rastercov.camera.rig import (
     lamps_of,
     rows_of_result,
 )
+from rastercov.camera.rule import Gate
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.criteria import baseline_holds
 from rastercov.coverage.area.frames import frames_of
@@ -291,22 +292,41 @@ class LightOfPoints:
         if gate is None or sees is None:
             return self._on_side(own, poses, reached, fronts[0])
         front, rear = (gate.holds(sees & side) for side in (fronts, ~fronts))
-        found = self._on_side(own, poses, reached, front | ~rear)
+        is_front = front | ~rear
+        found = self._on_side(own, poses, reached, is_front, (gate, sees & (fronts == is_front)))
         if (both := front & rear).any():
-            other = self._on_side(own, poses, reached, ~both)
+            rest = gate, sees & (fronts == ~both)
+            other = self._on_side(own, poses, reached, ~both, rest)
             found[both] = np.minimum(found, other)[both]  # reasons of light are above `COVERED`
         return found
 
     def _on_side(
-        self, own: Poses, poses: Poses, reached: NDArray[np.bool_], is_front: NDArray[np.bool_]
+        self,
+        own: Poses,
+        poses: Poses,
+        reached: NDArray[np.bool_],
+        is_front: NDArray[np.bool_],
+        together: tuple[Gate, NDArray[np.bool_]] | None = None,
     ) -> NDArray[np.uint8]:
-        """(N,) reason on a side of each point, by the points of lamps that reach it, (K, N)."""
+        """(N,) reason on a side of each point, by the points of lamps that reach it, (K, N).
+
+        A camera that sees a lamp mirrored does not count; with a rule, and the points that each of
+        its cameras sees, (n, N), the others may be enough.
+        """
         on, task, eyes = (self._points, self._normals), self.task, poses.world_from_camera[:, :3, 3]
         sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
         found = np.full(len(self._points), Reason.COVERED, np.uint8)
-        for centre, index in zip(own.world_from_camera[:, :3, 3], own.camera, strict=True):
+        dazzled = np.zeros((len(own), len(self._points)), np.bool_)
+        for row, (centre, index) in enumerate(
+            zip(own.world_from_camera[:, :3, 3], own.camera, strict=True)
+        ):
             if degrees := self._dazzled[index]:
-                found[self._mirrored(centre, eyes, sees, degrees)] = HIGHLIGHT
+                dazzled[row] = self._mirrored(centre, eyes, sees, degrees)
+        is_lost = dazzled.any(axis=0)
+        if together is not None:
+            gate, covers = together
+            is_lost &= ~gate.holds(covers & ~dazzled)
+        found[is_lost] = HIGHLIGHT
         light = illuminances(self.lamps, poses, sees, *on)
         if task.max_illuminance is not None:
             found[light > task.max_illuminance] = TOO_BRIGHT
