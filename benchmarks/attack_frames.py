@@ -40,7 +40,10 @@ def exchanged(folder: Path, other: Path, rng: np.random.Generator) -> str:
 
 def foreign(folder: Path, other: Path, rng: np.random.Generator) -> str:
     """A file of another motion, every other time with its checksum."""
-    (own,), (theirs,) = folder.iterdir(), other.iterdir()
+    own, theirs = (  # the shards of frames, of which there are more than of poses
+        max(each.iterdir(), key=lambda found: len(damage.files_of(found)))
+        for each in (folder, other)
+    )
     path = rng.choice([each for each in damage.files_of(own) if each.suffix != ".sha256"])
     with_sum, into = bool(rng.integers(2)), path.relative_to(own)
     for each in (into, Path("sha256", f"{path.name}.sha256"))[: 1 + with_sum]:

@@ -130,7 +130,7 @@ def evaluate(
 
 
 class Sums:
-    """What is added up of the poses of a query: a batch counts everywhere or nowhere.
+    """Sums over the poses of a query: a batch counts everywhere or nowhere.
 
     Parameters
     ----------

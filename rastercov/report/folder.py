@@ -182,8 +182,8 @@ class ReportFolder:
                 with named(self.path / self.kind.manifest):
                     journal = self._begin_swap(files)
                 self._swap(journal)
-            self._files = files
-            self._clean()
+                self._files = files
+                self._clean()
 
     def _begin_swap(self, files: Files) -> Path:
         """Record on the disk that the new report replaces the old one; the file that says so."""

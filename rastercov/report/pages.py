@@ -228,7 +228,7 @@ def view_page(
 
 
 def _frame(mesh: Mesh, name: str, values: object, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """What a page shows of the values of a mode."""
+    """Values of a mode as a page shows them."""
     painted = MODES[name].paint(mesh, values)
     return described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
 

@@ -169,7 +169,7 @@ NO_POINTS = np.zeros((0, 3)), np.zeros(0, np.int64)
 
 
 def moved(motion, row, points=NO_POINTS[0], face=NO_POINTS[1]):
-    """Mesh of the moved vertices of a frame, which knows nothing else of a motion, and its points.
+    """Mesh of the moved vertices of a frame, and nothing else of a motion, and its points.
 
     All bodies are there, and no vertex is of two of them.
     """

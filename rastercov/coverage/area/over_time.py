@@ -84,7 +84,7 @@ class OverTime(InOneLine):
 
     @property
     def motion(self) -> Motion:
-        """That of the query."""
+        """Motion of the query."""
         return self.asked.motion
 
     @cached_property

@@ -285,7 +285,7 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
 
 
 def rule_lines(regions: Regions, camera: Cameras, poses: Poses) -> list[str]:
-    """What keeps rigs with a rule from measuring what their devices see: baseline, uncertainty.
+    """Limits of rigs with a rule that nothing their devices see meets: baseline, uncertainty.
 
     A line for each limit that no corner of a part that all devices see meets, with the best value
     and what would help; `regions` are those of each pose.

@@ -154,7 +154,13 @@ def refine(
     for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
         if value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
-    is_fixed = np.broadcast_to(np.asarray(fixed, np.bool_), len(start))
+    is_fixed = np.asarray(fixed)
+    if is_fixed.dtype != np.bool_ or is_fixed.shape not in ((), (len(start),)):
+        raise ConfigError(
+            f"fixed must be true or false, or {len(start)} of these, got {is_fixed.dtype} of shape "
+            f"{is_fixed.shape}"
+        )
+    is_fixed = np.broadcast_to(is_fixed, len(start))
     space.require(start[~is_fixed], "camera")
 
     search = _Search(objective, space, placed, budget, seed, is_fixed)

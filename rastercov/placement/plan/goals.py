@@ -217,7 +217,7 @@ class OpenGoal:
     of: Objectives
 
     def requirement(self, mounted: Poses) -> Requirement:
-        """What cameras or rigs in their places reach of the goal."""
+        """Requirement of the goal, by cameras or rigs in their places."""
         goal, plan = self.goal, self.goal.plan
         cameras = measured(self.of.faces, mounted)
         limits: dict[str | None, float] = {None: goal.limit}

@@ -203,7 +203,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What candidates are made for, measured and chosen.
+    """Plan and scene by which candidates are made, measured and chosen.
 
     Attributes
     ----------

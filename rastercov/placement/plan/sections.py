@@ -414,7 +414,7 @@ class RigCamera(Entry):
 
 
 def _with_file(value: object) -> object:
-    """The table of a file that stands for it."""
+    """A table as it is, or one with the file of that name."""
     return {"file": value} if isinstance(value, str) else value
 
 
