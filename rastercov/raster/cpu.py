@@ -28,14 +28,13 @@ two triangles that share an edge.
 """
 
 from typing import Any, ClassVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array
-from rastercov.base.threads import thread_count
+from rastercov.base.threads import once_each, thread_count
 from rastercov.base.versions import version_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
@@ -72,9 +71,6 @@ REGULAR = (
     np.empty((0, 2), np.float32),
 )
 """For a canvas: samples that are not scattered."""
-
-_SCENES: WeakKeyDictionary[Mesh, engine_raster.Scene] = WeakKeyDictionary()
-"""Of each mesh that is in use: most of the time of a small picture, of which a page wants many."""
 
 
 class CPURasterizer(Rasterizer):
@@ -187,14 +183,22 @@ class CPURasterizer(Rasterizer):
 
 
 def drawing_of(mesh: Mesh, threads: int) -> engine_raster.Rasterizer:
-    """Rasteriser of the opaque faces of a mesh, that keeps memory for some threads."""
-    mesh = mesh.opaque
-    if mesh not in _SCENES:
-        vertices, centre = np.ascontiguousarray(mesh.vertices), mesh.bounds.mean(axis=0)
-        faces = np.ascontiguousarray(in_one_order(mesh), np.int32)
-        is_wound = bool(mesh.can_cull_back_faces)
-        _SCENES[mesh] = engine_raster.Scene(vertices, faces, centre, is_wound)
-    return engine_raster.Rasterizer(_SCENES[mesh], threads)
+    """Rasteriser of the opaque faces of a mesh, that keeps memory for some threads.
+
+    It is of no use after the mesh, which keeps its scene.
+    """
+    return engine_raster.Rasterizer(_scene_of(mesh.opaque), threads)
+
+
+@once_each
+def _scene_of(mesh: Mesh) -> engine_raster.Scene:
+    """A mesh in clusters: most of the time of a small picture, of which a page wants many.
+
+    One for all threads: another would free what the first draws.
+    """
+    vertices, centre = np.ascontiguousarray(mesh.vertices), mesh.bounds.mean(axis=0)
+    faces = np.ascontiguousarray(in_one_order(mesh), np.int32)
+    return engine_raster.Scene(vertices, faces, centre, bool(mesh.can_cull_back_faces))
 
 
 def canvas_of(grid: SampleGrid, scattered: tuple[Any, ...] = REGULAR) -> engine_raster.Canvas:

@@ -284,7 +284,7 @@ def counts_agree(mesh, camera, poses, **options):
     with CPURasterizer(mesh, camera, threads=1, **options) as rasterizer:
         found = rasterizer.count(poses, drawn=False)
         drawn = rasterizer.count(poses)
-        scene = cpu._SCENES[mesh]
+        scene = cpu._scene_of(mesh)
         bounds = Clusters(*scene.clusters).bounds.copy()
         bounds[ALTITUDE] = 0  # nothing is turned away
         scene.set_bounds(bounds)

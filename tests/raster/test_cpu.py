@@ -3,9 +3,9 @@
 import _thread
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from solids import tessellated_plane
 
 from rastercov import native
 from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.base.threads import once_each
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -202,7 +203,7 @@ def test_every_processor_counts_alike(monkeypatch):
             continue
         module = native.load(f"_{level}")
         monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
-        monkeypatch.setattr(cpu, "_SCENES", WeakKeyDictionary())
+        monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))
         for one, other in zip(all_counts(), expected, strict=True):
             assert np.array_equal(one, other)
 
@@ -257,10 +258,10 @@ sys.modules["moderngl"] = None
 import rastercov as rc
 from rastercov import shapes
 scene = shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8)
-with rc.open_rasterizer(*scene, "cpu") as r:
+with open_rasterizer(*scene, "cpu") as r:
     print(int(r.count(rc.look_at((0, 0, 3), (0, 0, 0))).visible.sum()))
 try:
-    rc.open_rasterizer(*scene, device="surfaceless")
+    open_rasterizer(*scene, device="surfaceless")
 except rc.DeviceError as error:
     print(error)
 """
@@ -398,3 +399,25 @@ def test_small_faces_fill_a_rolled_image_to_its_rim():
             counts = rasterizer.count(np.eye(4))
         assert counts.background.tolist() == [0]
         assert np.array_equal(counts.visible, counts.drawn)
+
+
+def test_threads_that_open_a_mesh_at_once_share_one_scene(monkeypatch):
+    """A second one would free the first, which a rasteriser reads without holding it."""
+    made = []
+
+    def slow(*arguments):
+        made.append(arguments)
+        time.sleep(0.2)
+        return scene(*arguments)
+
+    scene = cpu.engine_raster.Scene
+    monkeypatch.setattr(cpu.engine_raster, "Scene", slow)
+    mesh, poses = shapes.torus(12, 10), sphere_of_poses((0, 0, 0), 4, 2)
+
+    def drawn(_):
+        with open_rasterizer(mesh, CAMERA, "cpu") as rasterizer:
+            return rasterizer.render(poses[0]).face.tobytes()
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(drawn, range(4)))) == 1
+    assert len(made) == 1

@@ -3,7 +3,6 @@
 import math
 from contextlib import ExitStack
 from itertools import product
-from weakref import WeakKeyDictionary
 
 import lens_cameras
 import lens_cases
@@ -27,6 +26,7 @@ from rastercov import (
     open_observer,
     open_rasterizer,
 )
+from rastercov.base.threads import once_each
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.viewpoints import sphere_of_poses
@@ -337,7 +337,7 @@ def test_counts_are_those_of_the_picture_bit_for_bit_on_all_levels_and_threads(l
     for level in set(native.built()) & set(native.runnable()):
         module = native.load(f"_{level}")
         monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
-        monkeypatch.setattr(cpu, "_SCENES", WeakKeyDictionary())
+        monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))
         views_of.cache_clear()
         for threads in (1, 3):
             with open_rasterizer(mesh, camera, "cpu", threads=threads) as rasterizer:
