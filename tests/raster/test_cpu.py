@@ -258,10 +258,10 @@ sys.modules["moderngl"] = None
 import rastercov as rc
 from rastercov import shapes
 scene = shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8)
-with open_rasterizer(*scene, "cpu") as r:
+with rc.open_rasterizer(*scene, "cpu") as r:
     print(int(r.count(rc.look_at((0, 0, 3), (0, 0, 0))).visible.sum()))
 try:
-    open_rasterizer(*scene, device="surfaceless")
+    rc.open_rasterizer(*scene, device="surfaceless")
 except rc.DeviceError as error:
     print(error)
 """
