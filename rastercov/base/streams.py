@@ -36,7 +36,7 @@ def own_output() -> None:
         )
         replaced.reconfigure(line_buffering=stdout.line_buffering)
         # Whoever asks for the width of the terminal asks the original one.
-        sys.stdout = sys.__stdout__ = replaced  # type: ignore[misc]
+        sys.stdout = sys.__stdout__ = replaced  # type: ignore[misc] # typeshed has it final
 
 
 @contextmanager

@@ -75,7 +75,7 @@ class Regions(FacePolygons):
     light: Any = None
     devices: IntArray | None = None
     columns: FloatArray | None = None
-    excess: FloatArray = None  # type: ignore[assignment]
+    excess: FloatArray = None  # type: ignore[assignment] # set below
     cut_short: float = 0.0
 
     def __post_init__(self) -> None:
