@@ -19,7 +19,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
-from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen

@@ -26,7 +26,7 @@ from rastercov.coverage import shards
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass, failures_of_rows
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import joined as joined_regions
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, open_for

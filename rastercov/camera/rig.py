@@ -10,7 +10,7 @@ the top-left pixel at (0.5, 0.5).
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, overload
@@ -401,6 +401,20 @@ def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
 def led_by(cameras: Cameras, poses: Poses) -> IntArray:
     """(R,) the first pose of each row of the result; PoseError as of `rows_of_result`."""
     return np.flatnonzero(np.diff(rows_of_result(cameras, poses), prepend=-1))
+
+
+def by_gate(camera: Cameras, poses: Poses) -> Iterator[tuple[Gate | None, IntArray, IntArray]]:
+    """Each rule, its poses (R, n) and their rows of the result (R,); None for single cameras."""
+    gates, rows = gates_of(camera), rows_of_result(camera, poses)
+    leads = np.flatnonzero(np.diff(rows, prepend=-1))
+    index = poses.camera[leads]
+    for gate in dict.fromkeys((None, *gates.values())):
+        firsts = [at for at, own in gates.items() if own == gate]
+        is_own = np.isin(index, firsts) if gate else ~np.isin(index, list(gates))
+        if is_own.any():
+            own = leads[is_own]
+            width = gate.n if gate else 1
+            yield gate, own[:, None] + np.arange(width), rows[own]
 
 
 def names_of(cameras: Cameras) -> tuple[str, ...]:

@@ -212,7 +212,7 @@ def run_and_print(
 
 def _print_tables(summary: dict[str, Any], level: int | None) -> None:
     """Print the summary of an evaluation as tables and lines."""
-    from rastercov.coverage.area.network import missed_lines
+    from rastercov.coverage.area.by_camera import missed_lines
     from rastercov.coverage.area.over_time import time_lines
     from rastercov.coverage.area.zones import zone_lines
     from rastercov.report.tables import run_table

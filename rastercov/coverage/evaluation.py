@@ -14,8 +14,9 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, led_by
+from rastercov.coverage.area.by_camera import ByCamera, light_doubts
 from rastercov.coverage.area.motion import MotionQuery, carriers
-from rastercov.coverage.area.network import AreaNetwork, ByCamera, light_doubts, unit_of_result
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.over_time import OverTime, TimeAreas, check_over_time
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import Coverage

@@ -14,7 +14,7 @@ from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, lamps_of
-from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

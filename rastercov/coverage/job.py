@@ -22,10 +22,11 @@ from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint, with_lamps
 from rastercov.cluster import ALONE, Staff, Workers
+from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of
-from rastercov.coverage.area.network import AreaNetwork, ByCamera
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import evaluate_over_time
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query

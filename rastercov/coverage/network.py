@@ -19,7 +19,7 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint, lamps_of, led_by, rows_of_result
-from rastercov.coverage.area.sensors import gated, gated_reasons
+from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.coverage import (
     Coverage,
     arrays_for,
@@ -188,7 +188,7 @@ def sums_of_rigs(
     folded["in_view_fraction"][rows] = figures["in_view_fraction"][rows]
     covered = (shares >= task.min_coverage) & (shares > 0)
     on = mesh.centroids, mesh.normals
-    reason = gated_reasons(figures["reason"], camera, poses, *on)[0]
+    reason = gated_reasons(figures["reason"], camera, poses, *on, has_limits=False)[0]
     # Each camera may cover most of the face, and together they cover less: one is in the shadow.
     left = Reason.OCCLUDED if lamps_of(camera) is None else UNLIT
     reason[~covered & (reason == Reason.COVERED)] = left

@@ -27,8 +27,9 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of
 from rastercov.cluster import Made, Staff, Workers
+from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for

@@ -50,7 +50,7 @@ from rastercov.cluster.store import SUMS, DamagedError, Note, contents, remove, 
 from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass

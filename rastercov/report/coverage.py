@@ -47,11 +47,11 @@ from rastercov.camera.rig import (
     names_of_poses,
 )
 from rastercov.cluster import ALONE, Staff
+from rastercov.coverage.area.by_camera import missed_lines
 from rastercov.coverage.area.motion import MOST_PICTURES, MotionQuery, regions
-from rastercov.coverage.area.network import missed_lines
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query

@@ -23,12 +23,12 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
-from rastercov.coverage.area.criteria import baseline_holds, deviations
 from rastercov.coverage.area.failures import LightOfPoints, illuminance_of_faces
 from rastercov.coverage.area.light import failing_lamp
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated_reasons, is_certain
+from rastercov.coverage.area.rows import gated_reasons
+from rastercov.coverage.area.sensors import deviations
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.engine import Engine
@@ -283,16 +283,11 @@ class NetworkFigures:
         own = np.array([self.rows[place[each.id]].reason for each in stations])
         found, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
         reason, device = found.astype(np.int64), poses.camera[row].astype(np.int64)
+        device[(reason == BASELINE) | (reason == UNCERTAIN)] = -1
         for at, lead in enumerate(led_by(rig, poses).tolist()):
             gate = rig.gates[int(poses.camera[lead])]
             placed = poses.world_from_camera[lead : lead + gate.n]
-            holds = baseline_holds(gate, placed[:, :3, 3], mesh.centroids)
-            reason[at, is_bad := (reason[at] == Reason.COVERED) & ~holds] = BASELINE
-            device[at, is_bad] = -1
             if gate.has_deviation:
-                holds = is_certain(gate, placed, mesh.centroids)
-                reason[at, is_bad := (reason[at] == Reason.COVERED) & ~holds] = UNCERTAIN
-                device[at, is_bad] = -1
                 faces = np.flatnonzero(reason[at] == Reason.COVERED)
                 corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
                 most = deviations(gate, placed[:, :3, 3], placed[:, :3, 1], corners)

@@ -21,7 +21,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import Rig, Views, names_of_poses, rows_of_result
-from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen

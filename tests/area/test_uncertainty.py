@@ -12,11 +12,10 @@ from surface_cases import hostile_scene, in_regions, room, whole
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera.rule import rule_of
-from rastercov.coverage.area.criteria import deviations
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.frames import frames_of, to_plane, to_world
-from rastercov.coverage.area.sensors import is_certain
+from rastercov.coverage.area.sensors import deviations, is_certain
 from rastercov.coverage.reasons import Reason
 from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run

@@ -19,7 +19,7 @@ from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.reasons import NAMES, Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, make, open_for
 from rastercov.placement import build_matrix

@@ -9,7 +9,7 @@ import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
-from rastercov.coverage.area.network import MOST_CAMERAS, cameras_apart
+from rastercov.coverage.area.by_camera import MOST_CAMERAS, cameras_apart
 from rastercov.mesh import shapes
 from rastercov.report.coverage import Options, run
 from rastercov.report.tables import camera_rows, camera_table

@@ -10,18 +10,19 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import combinations
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, finite_points, flag, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray
-from rastercov.camera.rule import MOST_DEVICES, Gate
+
+MOST_DEVICES = 64
+"""Devices of a criterion, and of a set of them."""
 
 
 class Cut(NamedTuple):
@@ -308,59 +309,6 @@ class PixelDensity(NamedTuple):
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `Criterion`."""
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
-
-
-def uncertainty_of(gate: Gate, eyes: FloatArray, columns: FloatArray) -> Uncertainty:
-    """Criterion of rigs with a limit of the deviation: centres and image columns (P, n, 3)."""
-    stripes = np.zeros_like(columns)
-    stripes[..., gate.stripes, :] = columns[..., gate.stripes, :]
-    return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
-
-
-def deviations(
-    gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatArray
-) -> NDArray[np.float64]:
-    """(N,) standard deviations of points (N, 3) in their worst direction, by all devices, m.
-
-    Infinite where devices fix no point.
-    """
-    away = points[:, None] - eyes
-    distance = np.linalg.norm(away, axis=2, keepdims=True)
-    tiny = np.finfo(float).tiny
-    u = away / np.maximum(distance, tiny)
-    m = np.cross(u, columns)
-    m /= np.maximum(np.linalg.norm(m, axis=2, keepdims=True), tiny)
-    is_stripe = np.isin(np.arange(gate.n), gate.stripes)[:, None, None]
-    own = np.where(
-        is_stripe, m[..., None] * m[..., None, :], np.eye(3) - u[..., None] * u[..., None, :]
-    )
-    scale = np.maximum(distance[..., None] * np.array(gate.noise)[:, None, None], tiny)
-    # Relative to the nearest device, so that nothing overflows.
-    nearest = scale.min(axis=1, keepdims=True)
-    least = np.linalg.eigvalsh((own * (nearest / scale) ** 2).sum(axis=1))[:, 0]
-    with np.errstate(divide="ignore"):
-        found: FloatArray = nearest[:, 0, 0, 0] / np.sqrt(np.maximum(least, 0.0))
-    return found
-
-
-def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
-    """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
-    if len(eyes) < 2:
-        return np.ones(len(points), np.bool_)
-    cosines = smallest_cosines(eyes, points)
-    found: NDArray[np.bool_] = cosines >= math.cos(math.radians(gate.most_deg))
-    if gate.least_deg > 0:
-        found &= cosines <= math.cos(math.radians(gate.least_deg))
-    return found
-
-
-def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
-    """(N,) least cosine of the rays from points (N, 3) to two cameras, (n, 3) or (N, n, 3)."""
-    rays = eyes - points[:, None]
-    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), np.finfo(float).tiny)
-    pairs = combinations(range(rays.shape[1]), 2)
-    cosines = [np.einsum("ni,ni->n", rays[:, a], rays[:, b]) for a, b in pairs]
-    return np.min(cosines, axis=0, initial=1.0)
 
 
 def _set(criterion: Any, **values: Any) -> None:

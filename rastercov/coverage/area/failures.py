@@ -26,28 +26,18 @@ from rastercov.camera.rig import (
     Cameras,
     Rig,
     cameras_of,
-    gates_of,
     lamps_of,
     rows_of_result,
 )
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.criteria import baseline_holds
-from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.regions import check_pointwise
-from rastercov.coverage.area.sensors import (
-    gated_lists,
-    gated_reasons,
-    in_front,
-    is_certain,
-    tasks_of,
-)
+from rastercov.coverage.area.rows import gated_lists, gated_reasons, tasks_of
 from rastercov.coverage.reasons import (
-    BASELINE,
     HIGHLIGHT,
     TOO_BRIGHT,
     TOO_DARK,
-    UNCERTAIN,
     UNLIT,
     Reason,
 )
@@ -146,13 +136,6 @@ def _of_row(
     fails, at = gated_reasons(reason, camera, some, points, normals)
     hidden_by = np.take_along_axis(hider, at, axis=0)[0]
     hidden_by[fails[0] != Reason.OCCLUDED] = -1
-    gate = gates_of(camera)[int(some.camera[0])]
-    if gate.has_baseline:
-        holds = baseline_holds(gate, some.world_from_camera[:, :3, 3], points)
-        fails[0][(fails[0] == Reason.COVERED) & ~holds] = BASELINE
-    if gate.has_deviation:
-        holds = is_certain(gate, some.world_from_camera, points)
-        fails[0][(fails[0] == Reason.COVERED) & ~holds] = UNCERTAIN
     return own[0] + at[0], fails[0], hidden_by
 
 

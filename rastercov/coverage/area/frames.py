@@ -170,3 +170,9 @@ def _build(mesh: Mesh) -> Frames:
     frames = Frames(*(np.zeros((n, *rest)) for rest in ((3,), (3,), (3,), (3,), (3, 2), ())))
     area_frames.build_frames(mesh.vertices, mesh.faces, mesh.degenerate_mask, frames)
     return Frames(*map(frozen, frames))
+
+
+def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+    """(n, N) cameras, by their centres (n, 3), in front of the planes of points (N, 3)."""
+    height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
+    return height >= 0

@@ -25,7 +25,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of, to_world
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated, tasks_of
+from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task

@@ -9,7 +9,7 @@ see a part, and cut where E = sum I(t) cos i / d^2 of this set, and the ambient 
 task asks. A highlight is cut from what each camera sees, for each lamp of the set.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,11 +21,12 @@ from rastercov.base.threads import Once
 from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
 from rastercov.camera.photometry import table_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Cameras, Rig
 from rastercov.coverage.area.criteria import Highlight, Illuminance
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.polygons import chosen, polygon_areas
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import HIGHLIGHT
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -97,15 +98,6 @@ class Lit(NamedTuple):
         return joined([regions, own]).at_least(2, row, one_side=False)
 
 
-def lit_within(regions: Regions, lit: Sequence[Lit], *, is_rear: bool) -> Regions:
-    """Parts of R rows of regions on one side of their faces that are lit by one of `Light.rows`."""
-    parts = [each.within(regions, is_rear=is_rear) for each in lit]
-    if len(parts) == 1:
-        return parts[0]
-    row = np.arange(len(regions.pose_ids))
-    return joined(parts).at_least(1, np.tile(row, len(parts)))
-
-
 class Light:
     """Parts of one mesh that lamps light, as a task asks; any number of threads may use it.
 
@@ -158,6 +150,47 @@ class Light:
         found = self._rows(leads)
         self._last = key, found  # asked for again by figures of the same poses
         return list(found)
+
+    def cut_of(self, leads: Poses) -> Callable[[Regions, bool], Regions]:
+        """Function that cuts rows on one side of their faces to what lamps light there.
+
+        Rows are those of a result, by the first pose of each.
+        """
+        lit = self.rows(leads)
+
+        def cut(regions: Regions, is_rear: bool) -> Regions:
+            parts = [each.within(regions, is_rear=is_rear) for each in lit]
+            if len(parts) == 1:
+                return parts[0]
+            row = np.arange(len(regions.pose_ids))
+            return joined(parts).at_least(1, np.tile(row, len(parts)))
+
+        return cut
+
+    def within(self, regions: Regions, leads: Poses) -> Regions:
+        """What lamps light of rows of single cameras."""
+        cut = regions._by_side(self.cut_of(leads))
+        return replace(cut, eyes=regions.eyes, columns=regions.columns)
+
+    def limits_highlights(self, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
+        """(P,) poses of cameras whose own task limits highlights."""
+        tasks = tasks_of(camera, self.task)
+        return np.array([task.max_highlight_deg > 0 for task in tasks])[poses.camera]
+
+    def without_highlights(self, regions: Regions, camera: Cameras, poses: Poses) -> Regions:
+        """Lit parts in which P poses see no lamp mirrored, of cameras that limit highlights."""
+        is_asked = self.limits_highlights(camera, poses)
+        if not is_asked.any():
+            return regions
+        some, limit = regions.of_poses(is_asked), self.task.max_highlight_deg
+        (lit,) = self.rows(poses[is_asked])
+        cut = some._by_side(
+            lambda part, is_rear: lit.without_highlights(part, limit, is_rear=is_rear)
+        )
+        cut = replace(cut, eyes=some.eyes, columns=some.columns)
+        both = joined([cut, regions.of_poses(~is_asked)])
+        order = np.argsort(np.concatenate([np.flatnonzero(is_asked), np.flatnonzero(~is_asked)]))
+        return taken(both, order)
 
     def _rows(self, leads: Poses) -> list[Lit]:
         n, rides, still = len(leads), self._rides, ~self._rides

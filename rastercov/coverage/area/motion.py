@@ -34,7 +34,7 @@ from rastercov.camera.rig import (
     with_lamps,
 )
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task

@@ -33,7 +33,7 @@ from rastercov.coverage.area.criteria import PixelDensity
 from rastercov.coverage.area.frames import frames_of, rows_at
 from rastercov.coverage.area.light import Light
 from rastercov.coverage.area.records import Criteria, LensCriteria, Planes
-from rastercov.coverage.area.sensors import gated, tasks_of
+from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine

@@ -6,34 +6,22 @@ of such a rig, and one for each pose of another camera: `rastercov.camera.rig.ro
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, errors_as
+from rastercov.base.errors import ConfigError
 from rastercov.base.format import distance
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, gates_of, led_by, names_of, rows_of_result
+from rastercov.base.memory import FloatArray
 from rastercov.camera.rule import Gate
-from rastercov.coverage.area.criteria import (
-    RayAngle,
-    baseline_holds,
-    deviations,
-    smallest_cosines,
-    uncertainty_of,
-)
+from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.light import Light, Lit, lit_within
 from rastercov.coverage.area.polygons import following
-from rastercov.coverage.area.table import Regions, joined, taken
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
+from rastercov.coverage.area.table import Regions, joined
+from rastercov.coverage.reasons import BASELINE, UNCERTAIN
 
 MOST_INFORMATION = 1e7
 """Largest limit of a deviation, in that of one ray at a diagonal of the mesh: its square is the
@@ -46,93 +34,15 @@ QUARTERS = np.array([
 ]) / 2  # fmt: skip
 """Corners of the quarters of a triangle by its corners."""
 
-
-def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
-    """Thresholds of each camera: its own where its rig has some, otherwise those of the task.
-
-    Raises
-    ------
-    ConfigError
-        For thresholds that are none, and for a number of views, which is of no single camera.
-    """
-    own = cameras.tasks if isinstance(cameras, Rig) else {}
-    found = {}
-    for name, given in own.items():
-        if not isinstance(given, Task | Mapping):
-            raise ConfigError(f"tasks of a rig: {shown(name)} must have a Task, got {shown(given)}")
-        with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
-            found[name] = given if isinstance(given, Task) else Task(**given)
-        if found[name].views > 1 or found[name].min_angle_deg > 0:
-            raise ConfigError(
-                f"tasks of a rig: {shown(name)} is one camera; leave out views and min_angle_deg"
-            )
-        if found[name].asks_for_light:
-            raise ConfigError(
-                f"tasks of a rig: light is the same for all; leave it out of {shown(name)}"
-            )
-    return tuple(found.get(name, task) for name in names_of(cameras))
+Cut = Callable[[Regions, bool], Regions]
+"""Cuts regions on the front of their faces, or on the rear where it is true."""
 
 
-def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
-    """Regions of rows of the result from those of each of P poses, in their order.
-
-    Where the cameras have lamps, they are what these light, too.
-    """
-    light: Light | None = regions.light
-    if not gates_of(camera) and light is None:
-        return regions
-    parts, rows = [], []
-    for gate, own, row in _by_gate(camera, poses):
-        chosen = np.zeros(len(poses), np.bool_)
-        chosen[own.ravel()] = True
-        part = without_highlights(regions.of_poses(chosen), camera, poses[chosen])
-        lit = () if light is None else light.rows(poses[own[:, 0]])
-        if gate is not None:
-            part = through(part, gate, lit=lit)
-        elif light is not None and not _limits_highlights(camera, light, poses[chosen]).all():
-            part = _lit(part, lit)
-        parts.append(part)
-        rows.append(row)
-    if len(parts) == 1:
-        return parts[0]
-    return taken(joined(parts), np.argsort(np.concatenate(rows))) if parts else regions
-
-
-def _lit(regions: Regions, lit: Sequence[Lit]) -> Regions:
-    """Parts of single cameras that lamps on the same side of the face light."""
-    found = regions._by_side(lambda part, is_rear: lit_within(part, lit, is_rear=is_rear))
-    return replace(found, eyes=regions.eyes, columns=regions.columns)
-
-
-def without_highlights(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
-    """Lit parts in which P poses see no lamp mirrored, of cameras whose task limits highlights."""
-    light: Light | None = regions.light
-    if light is None:
-        return regions
-    is_asked = _limits_highlights(camera, light, poses)
-    if not is_asked.any():
-        return regions
-    some = regions.of_poses(is_asked)
-    (lit,) = light.rows(poses[is_asked])
-    limit = light.task.max_highlight_deg
-    cut = some._by_side(lambda part, is_rear: lit.without_highlights(part, limit, is_rear=is_rear))
-    cut = replace(cut, eyes=some.eyes, columns=some.columns)
-    both = joined([cut, regions.of_poses(~is_asked)])
-    order = np.argsort(np.concatenate([np.flatnonzero(is_asked), np.flatnonzero(~is_asked)]))
-    return taken(both, order)
-
-
-def _limits_highlights(camera: Cameras, light: Light, poses: Poses) -> NDArray[np.bool_]:
-    """(P,) poses of cameras whose own task limits highlights."""
-    tasks = tasks_of(camera, light.task)
-    return np.array([task.max_highlight_deg > 0 for task in tasks])[poses.camera]
-
-
-def through(regions: Regions, gate: Gate, without: int = -1, lit: Sequence[Lit] = ()) -> Regions:
+def through(regions: Regions, gate: Gate, without: int = -1, lit: Cut | None = None) -> Regions:
     """Regions of rigs of one rule, whose cameras follow one another.
 
     With `without`, a camera, by the rule of the others: as if that camera covered everything. An
-    uncertainty is that by all of them. `lit` is what lamps light, of `Light.rows`.
+    uncertainty is that by all of them. `lit` cuts what lamps light, see `Light.cut_of`.
     """
     n_rigs = len(regions.pose_ids) // gate.n
     rig, device = np.divmod(np.arange(len(regions.pose_ids)), gate.n)
@@ -144,8 +54,7 @@ def through(regions: Regions, gate: Gate, without: int = -1, lit: Sequence[Lit] 
 
     def count(part: Regions, is_rear: bool) -> Regions:
         found = counted(part)
-        if lit:
-            found = lit_within(found, lit, is_rear=is_rear)
+        found = found if lit is None else lit(found, is_rear)
         found = _within_baseline(found, gate, eyes) if gate.has_baseline else found
         if not gate.has_deviation or regions.columns is None:
             return found
@@ -187,62 +96,57 @@ def _within_baseline(regions: Regions, gate: Gate, eyes: FloatArray) -> Regions:
     return joined(parts).at_least(1, np.tile(row, len(parts)))
 
 
-def gated_lists(
-    found: Sequence[NDArray[np.int32]],
-    camera: Cameras,
-    poses: Poses,
-    points: FloatArray,
-    normals: FloatArray,
-) -> list[NDArray[np.int32]]:
-    """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
-    if not gates_of(camera):
-        return list(found)
-    rows: dict[int, NDArray[np.int32]] = {}
-    for gate, own, row in _by_gate(camera, poses):
-        for at, of_rig in zip(row.tolist(), own, strict=True):
-            if gate is None:
-                rows[at] = found[of_rig[0]]
-                continue
-            sees = np.zeros((gate.n, len(points)), np.bool_)
-            for device, pose in enumerate(of_rig):
-                sees[device, found[pose]] = True
-            fronts = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
-            holds = gate.holds(sees & fronts) | gate.holds(sees & ~fronts)
-            if gate.has_baseline:
-                holds &= baseline_holds(gate, poses.world_from_camera[of_rig, :3, 3], points)
-            if gate.has_deviation:
-                holds &= is_certain(gate, poses.world_from_camera[of_rig], points)
-            rows[at] = np.flatnonzero(holds).astype(np.int32)
-    return [rows[at] for at in range(len(rows))]
+def uncertainty_of(gate: Gate, eyes: FloatArray, columns: FloatArray) -> Uncertainty:
+    """Criterion of rigs with a limit of the deviation: centres and image columns (P, n, 3)."""
+    stripes = np.zeros_like(columns)
+    stripes[..., gate.stripes, :] = columns[..., gate.stripes, :]
+    return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
 
 
-def gated_reasons(
-    reason: NDArray[np.uint8],
-    camera: Cameras,
-    poses: Poses,
-    points: FloatArray,
-    normals: FloatArray,
-) -> tuple[NDArray[np.uint8], IntArray]:
-    """(R, N) `Reason` of each row of the result and the pose that has it, from (P, N) of each pose.
+def deviations(
+    gate: Gate, eyes: FloatArray, columns: FloatArray, points: FloatArray
+) -> NDArray[np.float64]:
+    """(N,) standard deviations of points (N, 3) in their worst direction, by all devices, m.
 
-    Of a rig, that of the camera that is missed most, see `Gate.failing`; from one side of a face,
-    cameras on the other see it from behind.
+    Infinite where devices fix no point.
     """
-    n_rows = len(led_by(camera, poses))
-    found = np.empty((n_rows, reason.shape[1]), np.uint8)
-    pose = np.empty(found.shape, np.int64)
-    for gate, own, row in _by_gate(camera, poses):
-        if gate is None:
-            found[row], pose[row] = reason[own[:, 0]], own[:, :1]
-            continue
-        for at, of_rig in zip(row, own, strict=True):
-            front = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
-            behind = np.minimum(reason[of_rig], np.uint8(Reason.BACK_FACING))
-            best, device = gate.failing(np.where(front, reason[of_rig], behind))
-            other, of_other = gate.failing(np.where(front, behind, reason[of_rig]))
-            found[at] = np.maximum(best, other)
-            pose[at] = of_rig[np.where(other > best, of_other, device)]
-    return found, pose
+    away = points[:, None] - eyes
+    distance = np.linalg.norm(away, axis=2, keepdims=True)
+    tiny = np.finfo(float).tiny
+    u = away / np.maximum(distance, tiny)
+    m = np.cross(u, columns)
+    m /= np.maximum(np.linalg.norm(m, axis=2, keepdims=True), tiny)
+    is_stripe = np.isin(np.arange(gate.n), gate.stripes)[:, None, None]
+    own = np.where(
+        is_stripe, m[..., None] * m[..., None, :], np.eye(3) - u[..., None] * u[..., None, :]
+    )
+    scale = np.maximum(distance[..., None] * np.array(gate.noise)[:, None, None], tiny)
+    # Relative to the nearest device, so that nothing overflows.
+    nearest = scale.min(axis=1, keepdims=True)
+    least = np.linalg.eigvalsh((own * (nearest / scale) ** 2).sum(axis=1))[:, 0]
+    with np.errstate(divide="ignore"):
+        found: FloatArray = nearest[:, 0, 0, 0] / np.sqrt(np.maximum(least, 0.0))
+    return found
+
+
+def baseline_holds(gate: Gate, eyes: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
+    """(N,) points (N, 3) where the rays to cameras (n, 3) of a gate differ as it asks."""
+    if len(eyes) < 2:
+        return np.ones(len(points), np.bool_)
+    cosines = smallest_cosines(eyes, points)
+    found: NDArray[np.bool_] = cosines >= math.cos(math.radians(gate.most_deg))
+    if gate.least_deg > 0:
+        found &= cosines <= math.cos(math.radians(gate.least_deg))
+    return found
+
+
+def smallest_cosines(eyes: FloatArray, points: FloatArray) -> FloatArray:
+    """(N,) least cosine of the rays from points (N, 3) to two cameras, (n, 3) or (N, n, 3)."""
+    rays = eyes - points[:, None]
+    rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), np.finfo(float).tiny)
+    pairs = combinations(range(rays.shape[1]), 2)
+    cosines = [np.einsum("ni,ni->n", rays[:, a], rays[:, b]) for a, b in pairs]
+    return np.min(cosines, axis=0, initial=1.0)
 
 
 def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArray:
@@ -284,70 +188,47 @@ def worst_deviations(covered: Regions, regions: Regions, gate: Gate) -> FloatArr
     return found
 
 
-def rule_lines(regions: Regions, camera: Cameras, poses: Poses) -> list[str]:
-    """Limits of rigs with a rule that nothing their devices see meets: baseline, uncertainty.
-
-    A line for each limit that no corner of a part that all devices see meets, with the best value
-    and what would help; `regions` are those of each pose.
-    """
-    lines = []
-    for gate, own, _ in _by_gate(camera, poses):
-        if gate is None or not (gate.has_baseline or gate.has_deviation):
-            continue
-        is_own = np.zeros(len(poses), np.bool_)
-        is_own[own.ravel()] = True
-        free = gate._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
-        seen = through(regions.of_poses(is_own), free)
-        if not len(seen.xy):
-            continue
-        counts = np.diff(seen.starts)
-        row, face = (np.repeat(each, counts).astype(np.int64) for each in (seen.pose, seen.face))
-        points, placed = to_world(seen.mesh, face, seen.xy), poses.world_from_camera[own[row]]
-        rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
-        if gate.least_deg > 0:
-            least = float(smallest_cosines(placed[:, :, :3, 3], points).min())
-            widest = math.degrees(math.acos(min(max(least, -1.0), 1.0)))
-            if widest < gate.least_deg:
-                wider = math.tan(math.radians(gate.least_deg / 2)) / math.tan(
-                    math.radians(max(widest, 1e-6) / 2)
-                )
-                lines.append(
-                    f"rig {rig}: rays to its devices differ by {widest:.3g} degrees at most, "
-                    f"{gate.least_deg:g} wanted: a baseline {wider:.2g} times as wide"
-                )
-        if gate.has_deviation:
-            best = float(deviations(gate, placed[..., :3, 3], placed[..., :3, 1], points).min())
-            if best > gate.most_deviation:
-                times = best / gate.most_deviation
-                lines.append(
-                    f"rig {rig}: uncertainty {distance(best)} at best, "
-                    f"{distance(gate.most_deviation)} wanted: a baseline {times:.2g} times as "
-                    f"wide, noise {1 / times:.2g} times as large, or less distance"
-                )
-    return lines
-
-
 def is_certain(gate: Gate, placed: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
     """(N,) points (N, 3) whose deviation, by cameras (n, 4, 4) of a gate, is within its limit."""
     eyes, columns = placed[:, :3, 3], placed[:, :3, 1]
     return deviations(gate, eyes, columns, points) <= gate.most_deviation
 
 
-def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
-    """(n, N) cameras, by their centres (n, 3), in front of the planes of points (N, 3)."""
-    height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
-    return height >= 0
+def failed_limits(
+    gate: Gate, placed: FloatArray, points: FloatArray
+) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+    """Each limit of a gate as a reason, and the points (N, 3) that fail it, by poses (n, 4, 4)."""
+    if gate.has_baseline:
+        yield BASELINE, ~baseline_holds(gate, placed[:, :3, 3], points)
+    if gate.has_deviation:
+        yield UNCERTAIN, ~is_certain(gate, placed, points)
 
 
-def _by_gate(camera: Cameras, poses: Poses) -> Iterator[tuple[Gate | None, IntArray, IntArray]]:
-    """Each rule, its poses (R, n) and their rows of the result (R,); None for single cameras."""
-    gates, rows = gates_of(camera), rows_of_result(camera, poses)
-    leads = np.flatnonzero(np.diff(rows, prepend=-1))
-    index = poses.camera[leads]
-    for gate in dict.fromkeys((None, *gates.values())):
-        firsts = [at for at, own in gates.items() if own == gate]
-        is_own = np.isin(index, firsts) if gate else ~np.isin(index, list(gates))
-        if is_own.any():
-            own = leads[is_own]
-            width = gate.n if gate else 1
-            yield gate, own[:, None] + np.arange(width), rows[own]
+def unmet_limits(gate: Gate, seen: Regions, placed: FloatArray, rig: str) -> Iterator[str]:
+    """A line for each limit that no corner of a part that all devices see meets.
+
+    With the best value and what would help. `seen` are regions of rows whose devices have the poses
+    (R, n, 4, 4).
+    """
+    counts = np.diff(seen.starts)
+    row, face = (np.repeat(each, counts).astype(np.int64) for each in (seen.pose, seen.face))
+    points, placed = to_world(seen.mesh, face, seen.xy), placed[row]
+    if gate.least_deg > 0:
+        least = float(smallest_cosines(placed[:, :, :3, 3], points).min())
+        widest = math.degrees(math.acos(min(max(least, -1.0), 1.0)))
+        if widest < gate.least_deg:
+            half = math.radians(max(widest, 1e-6) / 2)
+            wider = math.tan(math.radians(gate.least_deg / 2)) / math.tan(half)
+            yield (
+                f"rig {rig}: rays to its devices differ by {widest:.3g} degrees at most, "
+                f"{gate.least_deg:g} wanted: a baseline {wider:.2g} times as wide"
+            )
+    if gate.has_deviation:
+        best = float(deviations(gate, placed[..., :3, 3], placed[..., :3, 1], points).min())
+        if best > gate.most_deviation:
+            times = best / gate.most_deviation
+            yield (
+                f"rig {rig}: uncertainty {distance(best)} at best, "
+                f"{distance(gate.most_deviation)} wanted: a baseline {times:.2g} times as "
+                f"wide, noise {1 / times:.2g} times as large, or less distance"
+            )

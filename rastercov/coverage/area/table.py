@@ -13,9 +13,8 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.rig import Cameras
-from rastercov.camera.rule import MOST_DEVICES
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.criteria import Criterion
+from rastercov.coverage.area.criteria import MOST_DEVICES, Criterion
 from rastercov.coverage.area.cut import Kept, parts_where
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.overlay import Overlay

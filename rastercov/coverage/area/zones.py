@@ -34,7 +34,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows, first_failures
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.coverage.area.light import failing_lamp
-from rastercov.coverage.area.sensors import tasks_of
+from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import BASELINE, HIGHLIGHT, NAMES, REASONS, UNLIT, Reason
 from rastercov.coverage.task import Task

@@ -28,7 +28,7 @@ from rastercov.coverage.area.light import Light
 from rastercov.coverage.area.motion import at_rest, carried_by, carriers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.network import Network
 from rastercov.coverage.task import Task

@@ -24,16 +24,11 @@ from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, is_joint, rows_of_result
-from rastercov.coverage.area.network import (
-    AreaNetwork,
-    ByCamera,
-    cameras_apart,
-    in_words,
-    missed_lines,
-)
+from rastercov.coverage.area.by_camera import ByCamera, cameras_apart, missed_lines
+from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.over_time import TimeAreas, time_lines
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.zones import zone_lines
 from rastercov.coverage.coverage import Coverage, evaluate_batches, in_batches
 from rastercov.coverage.engine import Engine

@@ -30,7 +30,7 @@ from rastercov.cluster.inputs import INPUTS
 from rastercov.cluster.store import remove, remove_halves
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.sensors import rule_lines
+from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import Reason
@@ -517,7 +517,7 @@ def _of_rules(objectives: Objectives, some: Poses) -> list[str]:
     if objectives.cells is None or not len(some):
         return []
     finder = objectives.cells.finder
-    return rule_lines(finder.find(some), finder.camera, some)
+    return unmet_lines(finder.find(some), finder.camera, some)
 
 
 def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:

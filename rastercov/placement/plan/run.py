@@ -26,7 +26,7 @@ from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated
+from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import in_batches
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen

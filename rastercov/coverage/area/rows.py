@@ -1,0 +1,154 @@
+"""Rows of a result, from the regions of single cameras.
+
+A row is a pose of a camera, or of the cameras that count together by the rule of their rig, see
+`rastercov.camera.rig.rows_of_result`. Where the cameras have lamps, it is what these light, too.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError, errors_as
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, Rig, by_gate, gates_of, led_by, names_of
+from rastercov.coverage.area.frames import in_front
+from rastercov.coverage.area.sensors import failed_limits, through, unmet_limits
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
+
+
+def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
+    """Thresholds of each camera: its own where its rig has some, otherwise those of the task.
+
+    Raises
+    ------
+    ConfigError
+        For thresholds that are none, and for a number of views, which is of no single camera.
+    """
+    own = cameras.tasks if isinstance(cameras, Rig) else {}
+    found = {}
+    for name, given in own.items():
+        if not isinstance(given, Task | Mapping):
+            raise ConfigError(f"tasks of a rig: {shown(name)} must have a Task, got {shown(given)}")
+        with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
+            found[name] = given if isinstance(given, Task) else Task(**given)
+        if found[name].views > 1 or found[name].min_angle_deg > 0:
+            raise ConfigError(
+                f"tasks of a rig: {shown(name)} is one camera; leave out views and min_angle_deg"
+            )
+        if found[name].asks_for_light:
+            raise ConfigError(
+                f"tasks of a rig: light is the same for all; leave it out of {shown(name)}"
+            )
+    return tuple(found.get(name, task) for name in names_of(cameras))
+
+
+def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
+    """Regions of rows of the result from those of each of P poses, in their order.
+
+    Where the cameras have lamps, they are what these light, too.
+    """
+    light = regions.light
+    if not gates_of(camera) and light is None:
+        return regions
+    parts, rows = [], []
+    for gate, own, row in by_gate(camera, poses):
+        chosen = np.zeros(len(poses), np.bool_)
+        chosen[own.ravel()] = True
+        part, some, leads = regions.of_poses(chosen), poses[chosen], poses[own[:, 0]]
+        if light is not None:
+            part = light.without_highlights(part, camera, some)
+        if gate is not None:
+            part = through(part, gate, lit=None if light is None else light.cut_of(leads))
+        elif light is not None and not light.limits_highlights(camera, some).all():
+            part = light.within(part, leads)
+        parts.append(part)
+        rows.append(row)
+    if len(parts) == 1:
+        return parts[0]
+    return taken(joined(parts), np.argsort(np.concatenate(rows))) if parts else regions
+
+
+def gated_lists(
+    found: Sequence[NDArray[np.int32]],
+    camera: Cameras,
+    poses: Poses,
+    points: FloatArray,
+    normals: FloatArray,
+) -> list[NDArray[np.int32]]:
+    """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
+    if not gates_of(camera):
+        return list(found)
+    rows: dict[int, NDArray[np.int32]] = {}
+    for gate, own, row in by_gate(camera, poses):
+        for at, of_rig in zip(row.tolist(), own, strict=True):
+            if gate is None:
+                rows[at] = found[of_rig[0]]
+                continue
+            sees = np.zeros((gate.n, len(points)), np.bool_)
+            for device, pose in enumerate(of_rig):
+                sees[device, found[pose]] = True
+            fronts = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
+            holds = gate.holds(sees & fronts) | gate.holds(sees & ~fronts)
+            for _, fails in failed_limits(gate, poses.world_from_camera[of_rig], points):
+                holds &= ~fails
+            rows[at] = np.flatnonzero(holds).astype(np.int32)
+    return [rows[at] for at in range(len(rows))]
+
+
+def gated_reasons(
+    reason: NDArray[np.uint8],
+    camera: Cameras,
+    poses: Poses,
+    points: FloatArray,
+    normals: FloatArray,
+    *,
+    has_limits: bool = True,
+) -> tuple[NDArray[np.uint8], IntArray]:
+    """(R, N) `Reason` of each row of the result and the pose that has it, from (P, N) of each pose.
+
+    Of a rig, that of the camera that is missed most, see `Gate.failing`; from one side of a face,
+    cameras on the other see it from behind. With limits it is `BASELINE` or `UNCERTAIN` where the
+    devices see the point and do not meet these.
+    """
+    n_rows = len(led_by(camera, poses))
+    found = np.empty((n_rows, reason.shape[1]), np.uint8)
+    pose = np.empty(found.shape, np.int64)
+    for gate, own, row in by_gate(camera, poses):
+        if gate is None:
+            found[row], pose[row] = reason[own[:, 0]], own[:, :1]
+            continue
+        for at, of_rig in zip(row, own, strict=True):
+            front = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
+            behind = np.minimum(reason[of_rig], np.uint8(Reason.BACK_FACING))
+            best, device = gate.failing(np.where(front, reason[of_rig], behind))
+            other, of_other = gate.failing(np.where(front, behind, reason[of_rig]))
+            found[at] = np.maximum(best, other)
+            placed = poses.world_from_camera[of_rig]
+            for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
+                found[at][fails & (found[at] == Reason.COVERED)] = failed
+            pose[at] = of_rig[np.where(other > best, of_other, device)]
+    return found, pose
+
+
+def unmet_lines(regions: Regions, camera: Cameras, poses: Poses) -> list[str]:
+    """Lines on limits of rigs with a rule that nothing their devices see meets.
+
+    `regions` are those of each pose.
+    """
+    lines: list[str] = []
+    for gate, own, _ in by_gate(camera, poses):
+        if gate is None or not (gate.has_baseline or gate.has_deviation):
+            continue
+        is_own = np.zeros(len(poses), np.bool_)
+        is_own[own.ravel()] = True
+        free = gate._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
+        seen = through(regions.of_poses(is_own), free)
+        rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
+        if len(seen.xy):
+            lines += unmet_limits(gate, seen, poses.world_from_camera[own], rig)
+    return lines
