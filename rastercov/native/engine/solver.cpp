@@ -9,15 +9,17 @@ namespace rastercov::engine {
 namespace {
 struct NoVisit {};
 
-// Copies figures in the order of the mesh.
-void fill_row(const Areas &areas, const Row &row, const Array<const int64_t, Any> &place) {
-    const auto take = [&](const Array<double, Any> &from, const Array<double, Any> &to) {
-        if (from.data == to.data) return;
-        for (int64_t f = 0; f < to.rows(); f++) to[f] = from[place.rows() ? place[f] : f];
-    };
-    take(areas.visible, row.areas.visible);
-    take(areas.area, row.areas.area);
-    take(areas.area_error, row.areas.area_error);
+// Copies figures of faces in another order into that of the mesh.
+void fill_sorted(const Areas &from, Array<const bool, Any> is_certified,
+                 const Array<const int64_t, Any> &place, const Row &row) {
+    const Areas &to = row.areas;
+    for (int64_t f = 0; f < row.kind.rows(); f++) {
+        const int64_t at = place[f];
+        to.visible[f] = from.visible[at];
+        to.area[f] = from.area[at];
+        to.area_error[f] = from.area_error[at];
+        row.kind[f] = uint8_t(EXACT - is_certified[at]);
+    }
 }
 
 } // namespace
@@ -69,11 +71,10 @@ void Solver::solve_with(const View &view, const Row *row, bool is_measured, Visi
         if constexpr (!std::is_same_v<Visit, NoVisit>) visit(0);
     }
     if (!row) return;
-    const auto &place = _plane.surface().place();
-    const auto certified = is_certified();
-    fill_row(areas(), *row, place);
-    for (int64_t f = 0; f < row->kind.rows(); f++)
-        row->kind[f] = uint8_t(EXACT - certified[place.rows() ? place[f] : f]);
+    const Array<const bool, Any> certified = is_certified();
+    if (is_direct)
+        for (int64_t f = 0; f < row->kind.rows(); f++) row->kind[f] = uint8_t(EXACT - certified[f]);
+    else fill_sorted(areas(), certified, _plane.surface().place(), *row);
     _plane.write_to(nullptr);
 }
 
