@@ -13,7 +13,8 @@ from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, LEAST_ALIGNED, arrays_for, measurements
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.network import CHOICES, Network
+from rastercov.coverage.judging import CHOICES
+from rastercov.coverage.network import Network
 from rastercov.coverage.records import figures_of
 from rastercov.mesh import shapes
 from rastercov.native.coverage_figures import judge_poses

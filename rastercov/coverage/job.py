@@ -31,7 +31,8 @@ from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, mea
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.network import SUMMED, JudgedPoses, Network, sums_of
+from rastercov.coverage.judging import SUMMED, JudgedPoses, sums_of
+from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for

@@ -42,7 +42,8 @@ from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import JudgedPoses, Network, leads_of, merge, no_sums
+from rastercov.coverage.judging import JudgedPoses, leads_of, merge, no_sums
+from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.records import PairRows, Sums
@@ -85,7 +86,7 @@ class Wanted:
     by_area : bool
         True where regions are kept.
     pairs : str
-        Rows of the table, of `rastercov.coverage.network.CHOICES`.
+        Rows of the table, of `rastercov.coverage.judging.CHOICES`.
     apart : bool
         True where the sums of each camera are kept apart.
     """

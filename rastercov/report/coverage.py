@@ -56,7 +56,7 @@ from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query
 from rastercov.coverage.job import answer, evaluate
-from rastercov.coverage.network import CHOICES
+from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import is_long, kept_in, remove
 from rastercov.coverage.silhouettes import check_groups

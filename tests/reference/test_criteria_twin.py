@@ -13,7 +13,8 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.network import CHOICES, Network
+from rastercov.coverage.judging import CHOICES
+from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes

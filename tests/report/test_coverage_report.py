@@ -23,7 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cluster import Staff
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import CHOICES
+from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes

@@ -22,7 +22,8 @@ from rastercov.coverage.area.network import DOUBTFUL, AreaNetwork
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.sensors import through, worst_deviations
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.network import JudgedPoses, Network, share_of_faces
+from rastercov.coverage.judging import JudgedPoses
+from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.reasons import CONDITIONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

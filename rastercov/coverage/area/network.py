@@ -19,10 +19,8 @@ from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, dead_zones, summary_of
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import (
-    OF_PARTS,
-    percent_of_seeable,
-)
+from rastercov.coverage.judging import OF_PARTS
+from rastercov.coverage.network import percent_of_seeable
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import parts_of
