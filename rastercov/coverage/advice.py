@@ -60,14 +60,19 @@ def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short |
         )
         for name, of_task, power, per in LIMITS
         if 0 < figures.get(name, 0.0) < (least := float(getattr(task, of_task)))
-    ]  # fmt: skip
+    ]
     return max(missed, default=None)
 
 
 def advice(
-    reason: Reason, figures: Mapping[str, Any], depth: FloatArray, task: Task, camera: Camera,
-    hider: str = "", unit: str = "m",
-) -> str:  # fmt: skip
+    reason: Reason,
+    figures: Mapping[str, Any],
+    depth: FloatArray,
+    task: Task,
+    camera: Camera,
+    hider: str = "",
+    unit: str = "m",
+) -> str:
     """Advice for a camera to cover what it does not cover.
 
     Parameters

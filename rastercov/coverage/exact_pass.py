@@ -103,8 +103,9 @@ class ExactPass:
         if seen is None:
             return run(placed, NOTHING)
         figures = (
-            *(seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error), seen.clipped,
-        )  # fmt: skip
+            *(seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error),
+            seen.clipped,
+        )
         found = run(placed, figures)
         if len(rows) < len(turns):
             shared = rows[turns]

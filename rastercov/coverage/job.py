@@ -261,11 +261,25 @@ def answer(
     figures: dict[str, Any] = dict.fromkeys(FIGURES)
     figures |= {name: array[: sums.done] for name, array in sums.figures.items()}
     return Evaluation(
-        query.mesh, camera, task, info, poses.ids, np.concatenate(sums.clipped),
-        **figures, eyes=poses.world_from_camera[:, :3, 3], poses=poses,
-        engine=query.engine, options=options, network=sums.network, areas=areas,
-        by_face_because=query.by_face_because, apart=sums.apart, pairs=pairs,
-        n_rows=0 if table is None else table.n_rows, is_kept=folder is not None,
-        quarantined={} if shards is None else shards.quarantined, seconds=seconds,
+        query.mesh,
+        camera,
+        task,
+        info,
+        poses.ids,
+        np.concatenate(sums.clipped),
+        **figures,
+        eyes=poses.world_from_camera[:, :3, 3],
+        poses=poses,
+        engine=query.engine,
+        options=options,
+        network=sums.network,
+        areas=areas,
+        by_face_because=query.by_face_because,
+        apart=sums.apart,
+        pairs=pairs,
+        n_rows=0 if table is None else table.n_rows,
+        is_kept=folder is not None,
+        quarantined={} if shards is None else shards.quarantined,
+        seconds=seconds,
         interrupted=interrupted,
-    )  # fmt: skip
+    )

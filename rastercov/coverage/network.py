@@ -80,10 +80,19 @@ class ViewSpread:
         )
         self._eyes[self._n_eyes] = eye
         self._n_pairs = add_rays(
-            self._n_eyes, faces.astype(np.int32), self._eyes, self._centroids, self._min_cosine,
-            self._first, self._is_near, self._last, self._before, self._camera, self._n_pairs,
+            self._n_eyes,
+            faces.astype(np.int32),
+            self._eyes,
+            self._centroids,
+            self._min_cosine,
+            self._first,
+            self._is_near,
+            self._last,
+            self._before,
+            self._camera,
+            self._n_pairs,
             self.is_spread,
-        )  # fmt: skip
+        )
         self._n_eyes += 1
 
 

@@ -62,8 +62,12 @@ UNFINISHED = "unfinished"
 LONG_RUN = 128
 """Shards from which on a run is kept: shorter ones are done again in a minute or two."""
 FILES = (
-    "shards/shard-*.npz", "shards/.*.part", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
-)  # fmt: skip
+    "shards/shard-*.npz",
+    "shards/.*.part",
+    "quarantine/shard-*.json",
+    *INPUTS,
+    "sha256/*.sha256",
+)
 """Files of a folder, in an order of removal that is safe to interrupt."""
 OF_REGIONS = (
     *("xy", "starts", "face", "pose", "pair_pose", "pair_face"),

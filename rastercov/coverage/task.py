@@ -133,9 +133,12 @@ class Task:
         Annotated[float, Gt(0), LIGHT, Doc("Greatest illuminance, with lamps.")] | None
     ) = None
     max_highlight_deg: Annotated[
-        float, Ge(0), Le(90), GLOSS,
+        float,
+        Ge(0),
+        Le(90),
+        GLOSS,
         Doc("Angle off the mirror direction in which a lamp dazzles; or matt, satin, polished."),
-    ] = 0.0  # fmt: skip
+    ] = 0.0
     min_coverage: Annotated[Share, Doc("Coverage from which a camera covers a face.")] = 0.5
     views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
     min_angle_deg: Annotated[

@@ -89,9 +89,15 @@ class ByCamera:
     """
 
     def __init__(
-        self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *,
-        by_area: bool, by_face: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        mesh: Mesh,
+        task: Task,
+        camera: Cameras,
+        poses: Poses,
+        *,
+        by_area: bool,
+        by_face: bool = True,
+    ) -> None:
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
         self._camera = camera
         if indices or is_joint(camera):
@@ -213,17 +219,24 @@ class ByCamera:
                 bound = _most_off(whole, "m2") + _most_off(others, "m2")
                 percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
                 own = None if device < 0 else self._areas[first + device].summary()
-                found.append({
-                    "device": None if own is None else self.names[first + device],
-                    "condition": CONDITIONS[-1 - device] if device < 0 else None,
-                    **(_worst_um(self.worst[first])
-                       if device == UNCERTAINTY and first in self.worst else {}),
-                    "sees": own and {name: own[name] for name in OF_DEVICE if name in own},
-                    "missed": {
-                        "percent": percent * lost, "bound_percent": percent * bound,
-                        "m2": lost, "bound_m2": bound,
-                    },
-                })  # fmt: skip
+                found.append(
+                    {
+                        "device": None if own is None else self.names[first + device],
+                        "condition": CONDITIONS[-1 - device] if device < 0 else None,
+                        **(
+                            _worst_um(self.worst[first])
+                            if device == UNCERTAINTY and first in self.worst
+                            else {}
+                        ),
+                        "sees": own and {name: own[name] for name in OF_DEVICE if name in own},
+                        "missed": {
+                            "percent": percent * lost,
+                            "bound_percent": percent * bound,
+                            "m2": lost,
+                            "bound_m2": bound,
+                        },
+                    }
+                )
         return found
 
     def of_light(self) -> dict[str, Any]:

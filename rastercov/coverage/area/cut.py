@@ -67,16 +67,24 @@ def parts_where(
     size = mesh.diagonal
     loop = getattr(area_cut, f"cut_by_{cut.name}")
     of_pieces: Any = (
-        read_only(polygons.xy, np.float64), read_only(polygons.starts, np.int64),
-        read_only(polygons.face, np.int32), read_only(row, np.int32),
+        read_only(polygons.xy, np.float64),
+        read_only(polygons.starts, np.int64),
+        read_only(polygons.face, np.int32),
+        read_only(row, np.int32),
         read_only(np.full(n, -1) if devices is None else devices, np.int64),
-    )  # fmt: skip
+    )
     out, undecided, done = Parts.of_room(4 * n + 64, 16 * n + 512), np.zeros((n, 2)), 0
     while True:
         done = loop(
-            of_pieces, _planes(mesh), cut.record, STRIP_REL * size,
-            area_cut.COINCIDENT_REL * size, done, undecided, out,
-        )  # fmt: skip
+            of_pieces,
+            _planes(mesh),
+            cut.record,
+            STRIP_REL * size,
+            area_cut.COINCIDENT_REL * size,
+            done,
+            undecided,
+            out,
+        )
         if done == n:
             break
         out = out.with_more_room()
@@ -87,9 +95,15 @@ def parts_where(
 
 
 def values_of(
-    mesh: Mesh, cut: Cut, face: IntArray, xy: FloatArray, *, row: Any = 0, devices: Any = -1,
+    mesh: Mesh,
+    cut: Cut,
+    face: IntArray,
+    xy: FloatArray,
+    *,
+    row: Any = 0,
+    devices: Any = -1,
     radius: Any = 0.0,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """(N, 4) value of a criterion at plane coordinates (N, 2) of faces, its slopes, and doubt.
 
     Within `radius` of a point the value is off what is linear by the doubt at most. `row` and
@@ -103,9 +117,14 @@ def values_of(
     xyr = np.column_stack([xy, np.broadcast_to(radius, n)])
     found = np.empty((n, 4))
     loop(
-        _planes(mesh), cut.record, column(face, np.int32), column(row, np.int32),
-        column(devices, np.int64), read_only(xyr, np.float64), found,
-    )  # fmt: skip
+        _planes(mesh),
+        cut.record,
+        column(face, np.int32),
+        column(row, np.int32),
+        column(devices, np.int64),
+        read_only(xyr, np.float64),
+        found,
+    )
     return found
 
 

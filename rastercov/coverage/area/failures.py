@@ -201,10 +201,19 @@ class PointPass:
         def judge(row: int, reason: NDArray[np.uint8], hider: IntArray) -> None:
             lens, rules = self._of_camera[poses.camera[row]]
             area_point.judge_points(
-                self._points, lens, rules, rotations[row], eyes[row],
-                float(near[row]) / self._diagonal, MARGIN_REL, is_nearest, corners, nodes, reason,
+                self._points,
+                lens,
+                rules,
+                rotations[row],
+                eyes[row],
+                float(near[row]) / self._diagonal,
+                MARGIN_REL,
+                is_nearest,
+                corners,
+                nodes,
+                reason,
                 hider,
-            )  # fmt: skip
+            )
 
         return judge
 

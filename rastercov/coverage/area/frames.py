@@ -69,8 +69,11 @@ def _moved(moved: Moved) -> Frames:
     arrays[0][still.areas == 0] = 0.0
     origin, *axes = map(frozen, arrays)
     return still._replace(
-        origin=origin, x_axis=axes[0], y_axis=axes[1], normal=axes[2],
-    )  # fmt: skip
+        origin=origin,
+        x_axis=axes[0],
+        y_axis=axes[1],
+        normal=axes[2],
+    )
 
 
 def to_world(mesh: Mesh, face: ArrayLike, xy: ArrayLike) -> FloatArray:
@@ -146,12 +149,17 @@ def rows_at(
     order = np.argsort(polygons.face, kind="stable")
     of_face = np.searchsorted(polygons.face[order], np.arange(mesh.n_faces + 1))
     area_point.find_covering(
-        read_only(to_plane(mesh, faces, points), np.float64), read_only(faces, np.int32),
-        read_only(order, np.int64), read_only(of_face, np.int64),
-        read_only(polygons.xy, np.float64), read_only(polygons.starts, np.int64),
-        read_only(boxes(polygons.xy, polygons.starts), np.float64), read_only(row, np.int32),
-        SLACK_REL * mesh.diagonal, found,
-    )  # fmt: skip
+        read_only(to_plane(mesh, faces, points), np.float64),
+        read_only(faces, np.int32),
+        read_only(order, np.int64),
+        read_only(of_face, np.int64),
+        read_only(polygons.xy, np.float64),
+        read_only(polygons.starts, np.int64),
+        read_only(boxes(polygons.xy, polygons.starts), np.float64),
+        read_only(row, np.int32),
+        SLACK_REL * mesh.diagonal,
+        found,
+    )
     return found
 
 

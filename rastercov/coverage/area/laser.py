@@ -167,9 +167,14 @@ def _between(poses: FloatArray) -> FloatArray:
 
 
 def _swept(
-    mesh: Mesh, rig: Rig, ends: FloatArray, middle: FloatArray, task: Task | None, laser: str,
+    mesh: Mesh,
+    rig: Rig,
+    ends: FloatArray,
+    middle: FloatArray,
+    task: Task | None,
+    laser: str,
     engine: Engine,
-) -> Regions:  # fmt: skip
+) -> Regions:
     """Regions of the stations together, one row."""
     row, parts = np.full(len(ends), rig.names.index(laser)), []
     sheets = rig._placed(ends, row)

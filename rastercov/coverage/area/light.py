@@ -233,9 +233,10 @@ class Light:
         of_row, of_cell = len(poses) // n_rows, len(still)
         both = joined([fixed, regions])
         at = np.arange(n_rows)[:, None]
-        rows = np.concatenate([
-            np.tile(np.arange(of_cell), (n_rows, 1)), of_cell + at * of_row + np.arange(of_row)
-        ], axis=1).ravel()  # fmt: skip
+        rows = np.concatenate(
+            [np.tile(np.arange(of_cell), (n_rows, 1)), of_cell + at * of_row + np.arange(of_row)],
+            axis=1,
+        ).ravel()
         matrices = np.concatenate([still.world_from_camera, poses.world_from_camera])[rows]
         camera = np.concatenate([still.camera, poses.camera])[rows]
         return Poses.of(matrices, camera=camera), taken(both, rows)
@@ -276,11 +277,15 @@ class Light:
         for limit, is_least in ((task.min_illuminance, True), (task.max_illuminance, False)):
             if limit is not None and limit > ambient:
                 yield Illuminance(
-                    matrices[:, :, :3, 3], limit - ambient,
-                    [lamp.intensity_of_point for lamp in own], matrices[:, :, :3, 2],
-                    [lamp.exponent for lamp in own], list(map(table_of, profiles)), table,
+                    matrices[:, :, :3, 3],
+                    limit - ambient,
+                    [lamp.intensity_of_point for lamp in own],
+                    matrices[:, :, :3, 2],
+                    [lamp.exponent for lamp in own],
+                    list(map(table_of, profiles)),
+                    table,
                     is_least=is_least,
-                )  # fmt: skip
+                )
 
     def _reached(self, regions: Regions, lamp: NDArray[np.int32], row: IntArray) -> Regions:
         """Parts of rows that one lamp or more reaches, from regions of points of lamps."""

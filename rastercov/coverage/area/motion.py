@@ -329,9 +329,13 @@ def _in_frame(found: Regions, mesh: Mesh, kept: NDArray[np.int64], poses: Poses)
     place[kept] = np.arange(len(kept))
     eyes = poses.world_from_camera[:, :3, 3]
     return replace(
-        found, mesh=mesh, face=place[found.face], pair_face=place[found.pair_face], eyes=eyes,
+        found,
+        mesh=mesh,
+        face=place[found.face],
+        pair_face=place[found.pair_face],
+        eyes=eyes,
         pose_ids=poses.ids,
-    )  # fmt: skip
+    )
 
 
 class Sights:

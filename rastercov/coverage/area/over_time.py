@@ -167,13 +167,19 @@ class OverTime(InOneLine):
         for row in range(len(motion)):
             total = float(area[scored & motion.present[row][motion.body]].sum())
             worst = int(each[row].argmin())
-            found.append({
-                "frame": row, "time": float(begins[row]), "duration": float(motion.durations[row]),
-                "covered_m2": float(own[row]), "of_m2": total,
-                "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
-                "worst_pose": int(leads.ids[worst]), "worst_camera": names[leads.camera[worst]],
-                "hidden_by": self._judged[1].get(row),
-            })  # fmt: skip
+            found.append(
+                {
+                    "frame": row,
+                    "time": float(begins[row]),
+                    "duration": float(motion.durations[row]),
+                    "covered_m2": float(own[row]),
+                    "of_m2": total,
+                    "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
+                    "worst_pose": int(leads.ids[worst]),
+                    "worst_camera": names[leads.camera[worst]],
+                    "hidden_by": self._judged[1].get(row),
+                }
+            )
         return found
 
     @cached_property
@@ -261,18 +267,23 @@ class OverTime(InOneLine):
         found = self.areas.summary()
         factor = 100 / total if total > 0 else 0.0
         return {
-            "over": self.asked.over, "views": self.task.views, "views_at": self.asked.views_at,
-            "frames": len(self.motion), "bodies": list(self.motion.names),
+            "over": self.asked.over,
+            "views": self.task.views,
+            "views_at": self.asked.views_at,
+            "frames": len(self.motion),
+            "bodies": list(self.motion.names),
             "covered": {
-                name: found[name] for name in ("percent", "m2", "bound_m2", "of_m2", "doubtful_m2")
+                name: found[name]
+                for name in ("percent", "m2", "bound_m2", "of_m2", "doubtful_m2")
                 if name in found
             },
             "ever_percent": curve[0]["percent"],
             "always_percent": factor * float(always.long_enough.area.sum()),
             "half_the_frames_percent": half,
             "not_always": always.dead_zones()["dead_zones"][:MOST_NOT_ALWAYS],
-            "curve": curve, "by_frame": self.table(),
-        }  # fmt: skip
+            "curve": curve,
+            "by_frame": self.table(),
+        }
 
     def half(self) -> float | None:
         """Percentage by every second frame alone: how much the result depends on their number."""
@@ -365,9 +376,14 @@ class TimeAreas(AreaNetwork):
 
 
 def evaluate_over_time(
-    asked: MotionQuery, camera: Cameras, placed: Poses, task: Task, engine: Engine,
-    folder: Path | None = None, staff: Staff = ALONE,
-) -> OverTime:  # fmt: skip
+    asked: MotionQuery,
+    camera: Cameras,
+    placed: Poses,
+    task: Task,
+    engine: Engine,
+    folder: Path | None = None,
+    staff: Staff = ALONE,
+) -> OverTime:
     """Coverage of a motion by cameras, over time; by way of shards in a folder where one is given.
 
     Shards of some frames each stay there, so that a run that was ended continues, and any number of

@@ -121,9 +121,12 @@ class Overlay:
         """Pieces so far."""
         n, corners = self.united.size()
         found = Partition(
-            np.empty((corners, 2)), np.empty(n + 1, np.int64), np.empty(n, np.int32),
-            np.empty(n, np.int64), np.empty(n),
-        )  # fmt: skip
+            np.empty((corners, 2)),
+            np.empty(n + 1, np.int64),
+            np.empty(n, np.int32),
+            np.empty(n, np.int64),
+            np.empty(n),
+        )
         self.united.write(*found)
         return found
 

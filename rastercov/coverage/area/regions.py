@@ -131,10 +131,12 @@ class RegionPass(ExactPass):
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
         cameras = cameras_of(camera)
-        self._least = np.array([
-            each.min_pixels_per_m2 * _has_closed_form(own)
-            for own, each in zip(cameras, tasks, strict=True)
-        ])  # fmt: skip
+        self._least = np.array(
+            [
+                each.min_pixels_per_m2 * _has_closed_form(own)
+                for own, each in zip(cameras, tasks, strict=True)
+            ]
+        )
         self._scales = np.array([each.fx * each.fy for each in cameras])
         self._tasks = tasks
         super().__init__(mesh, camera, engine, keeps_pieces=True)
@@ -220,12 +222,24 @@ class RegionPass(ExactPass):
         xy, counts, face, n_pieces, pair_face, n_pairs, area, bound, excess, cut_short = found
         rows = np.arange(len(poses), dtype=np.int32)
         regions = Regions(
-            self.mesh, xy, polygons.starts_of(counts), face, self.camera, self.task, poses.ids,
-            pose=np.repeat(rows, n_pieces), pair_pose=np.repeat(rows, n_pairs),
-            pair_face=pair_face, area=area, bound=bound, eyes=poses.world_from_camera[:, :3, 3],
-            light=self.light, excess=excess,
-            columns=poses.world_from_camera[:, :3, 1], cut_short=float(cut_short.sum()),
-        )  # fmt: skip
+            self.mesh,
+            xy,
+            polygons.starts_of(counts),
+            face,
+            self.camera,
+            self.task,
+            poses.ids,
+            pose=np.repeat(rows, n_pieces),
+            pair_pose=np.repeat(rows, n_pairs),
+            pair_face=pair_face,
+            area=area,
+            bound=bound,
+            eyes=poses.world_from_camera[:, :3, 3],
+            light=self.light,
+            excess=excess,
+            columns=poses.world_from_camera[:, :3, 1],
+            cut_short=float(cut_short.sum()),
+        )
         if not (limits := self._least[poses.camera]).any():
             return regions
         axes, cameras = poses.world_from_camera[:, :3, 1].copy(), cameras_of(self.camera)
@@ -256,19 +270,21 @@ def _criteria(camera: Camera, task: Task) -> Any:
     )
     each = zip(planes_of(camera), fields_of(camera, STRIP_REL / 4), slopes_of(camera), strict=True)
     for (plane, record), tree, slopes in each:
-        own.add_plane(LensCriteria(
-            pinhole=Criteria(pinhole_numbers(plane.camera), of_pinhole, GAP_REL),
-            rules=rules,
-            by_distance=not MODELS[camera.model].is_planar,
-            axis=read_only(plane.frame[2], np.float64),
-            gap=STRIP_REL,
-            tree=tree,
-            code=record.code,
-            params=record.params,
-            frame=record.frame,
-            slopes=slopes,
-            has_border=record.arc_half > 0,
-        ))  # fmt: skip
+        own.add_plane(
+            LensCriteria(
+                pinhole=Criteria(pinhole_numbers(plane.camera), of_pinhole, GAP_REL),
+                rules=rules,
+                by_distance=not MODELS[camera.model].is_planar,
+                axis=read_only(plane.frame[2], np.float64),
+                gap=STRIP_REL,
+                tree=tree,
+                code=record.code,
+                params=record.params,
+                frame=record.frame,
+                slopes=slopes,
+                has_border=record.arc_half > 0,
+            )
+        )
     return own
 
 

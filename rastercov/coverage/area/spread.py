@@ -103,7 +103,14 @@ def _as_regions(like: Regions, covered: Covered, k: int) -> Regions:
     xy, starts = chosen(covered.xy, covered.starts, rows)
     return replace(
         taken(like, np.zeros(1, np.int64)),
-        xy=xy, starts=starts, face=covered.face[rows], pose=np.zeros(len(rows), np.int32),
-        pair_pose=np.zeros(len(listed), np.int32), pair_face=listed,
-        area=area[listed], bound=bound[listed], excess=covered.excess[listed], devices=None,
-    )  # fmt: skip
+        xy=xy,
+        starts=starts,
+        face=covered.face[rows],
+        pose=np.zeros(len(rows), np.int32),
+        pair_pose=np.zeros(len(listed), np.int32),
+        pair_face=listed,
+        area=area[listed],
+        bound=bound[listed],
+        excess=covered.excess[listed],
+        devices=None,
+    )

@@ -325,9 +325,12 @@ def taken(regions: Regions, rows: IntArray) -> Regions:
 
 
 def _counted(
-    regions: Regions, k: int, of: IntArray, number: IntArray | None = None,
+    regions: Regions,
+    k: int,
+    of: IntArray,
+    number: IntArray | None = None,
     needs: Sequence[int] = (),
-) -> Regions:  # fmt: skip
+) -> Regions:
     """Regions that at least k poses of each group cover, whatever their sides; see `at_least`.
 
     With numbers of poses in their groups, (P,), by the sets of poses, see `by_devices`.

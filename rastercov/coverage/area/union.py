@@ -86,8 +86,12 @@ class RegionUnion:
         check_same_mesh(self.mesh, regions.mesh)
         pieces = regions.xy, regions.starts, regions.face, regions.pose
         pairs = (
-            regions.pair_pose, regions.pair_face, regions.area, regions.bound, regions.excess,
-        )  # fmt: skip
+            regions.pair_pose,
+            regions.pair_face,
+            regions.area,
+            regions.bound,
+            regions.excess,
+        )
         self._overlay.add(pieces, pairs, progress=progress)
 
     @classmethod

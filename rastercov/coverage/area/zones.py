@@ -262,9 +262,14 @@ def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntAr
     interval = np.sort(ends_in_space @ SWEEP, axis=1)
     order = np.argsort(interval[:, 0], kind="stable")
     kernels.link_in_space(
-        ends_in_space[order], interval[order], piece_of[rows][order], face,
-        OPEN_TOLERANCE_REL * scale, 10 * OPEN_TOLERANCE_REL * scale, parent,
-    )  # fmt: skip
+        ends_in_space[order],
+        interval[order],
+        piece_of[rows][order],
+        face,
+        OPEN_TOLERANCE_REL * scale,
+        10 * OPEN_TOLERANCE_REL * scale,
+        parent,
+    )
 
 
 def _edges(mesh: Mesh, faces: IntArray, side: IntArray) -> tuple[IntArray, IntArray, Any]:
@@ -432,9 +437,14 @@ def _reasons(
 
 
 def _nearest(
-    camera: Cameras, task: Task, poses: Poses, point: FloatArray, normal: FloatArray, name: str,
+    camera: Cameras,
+    task: Task,
+    poses: Poses,
+    point: FloatArray,
+    normal: FloatArray,
+    name: str,
     hider: str,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """`advised` for a point, by the nearest `MOST_NEAREST` of poses that fail for one reason."""
     if name.upper() not in Reason.__members__ or not len(poses):
         return {"nearest": None, "advice": general_advice(name)}
@@ -471,9 +481,14 @@ def nearest_row(name: str, figures: Sequence[Mapping[str, float]], task: Task) -
 
 
 def advised(
-    camera: Cameras, task: Task, pose: Poses, figures: Mapping[str, float], points: FloatArray,
-    name: str, hider: str,
-) -> dict[str, Any]:  # fmt: skip
+    camera: Cameras,
+    task: Task,
+    pose: Poses,
+    figures: Mapping[str, float],
+    points: FloatArray,
+    name: str,
+    hider: str,
+) -> dict[str, Any]:
     """`nearest`, a pose with its figures, and `advice` for it to cover points (N, 3)."""
     depth, eye = to_camera(points, pose.world_from_camera[0])[:, 2], cameras_of(camera)
     more = {key: each for key, each in figures.items() if key not in ("distance", "incidence")}

@@ -200,9 +200,14 @@ class PlanArm:
         moved = (poses != start).any(axis=(1, 2))
         found_: dict[str, Any] = {"evaluations": spent, "seconds": time.perf_counter() - began}
         return Refined(
-            frozen(poses), float(shares[-1]), float(shares[0]), frozen(shares), frozen(moved),
-            status, **found_,
-        ), joints  # fmt: skip
+            frozen(poses),
+            float(shares[-1]),
+            float(shares[0]),
+            frozen(shares),
+            frozen(moved),
+            status,
+            **found_,
+        ), joints
 
     def _moves(self, joints: FloatArray, step: float) -> FloatArray:
         """(M, J) configurations with one joint moved, within the limits and free."""

@@ -119,10 +119,13 @@ class LampChoice:
         """Chosen lamps and figures, ready for JSON."""
         pool, rows = self.pool.candidates, self.chosen
         columns: dict[str, Any] = {
-            "lamp": self.lamps.names[len(self.lamps) - len(rows) :], "candidate": rows,
-            "from": pool.source[rows], "position": pool.poses[rows, :3, 3],
-            "direction": pool.poses[rows, :3, 2], "cost": self.pool.costs[rows],
-        }  # fmt: skip
+            "lamp": self.lamps.names[len(self.lamps) - len(rows) :],
+            "candidate": rows,
+            "from": pool.source[rows],
+            "position": pool.poses[rows, :3, 3],
+            "direction": pool.poses[rows, :3, 2],
+            "cost": self.pool.costs[rows],
+        }
         every = zip(*columns.values(), strict=True)
         return {
             "chosen": [dict(zip(columns, each, strict=True)) for each in every],
@@ -160,9 +163,16 @@ class Frame:
     """
 
     def __init__(
-        self, mesh: Mesh, placed: Poses, rig: Rig, task: Task, method: str, lamps: Sequence[Lamps],
-        motion: Motion | None = None, row: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        mesh: Mesh,
+        placed: Poses,
+        rig: Rig,
+        task: Task,
+        method: str,
+        lamps: Sequence[Lamps],
+        motion: Motion | None = None,
+        row: int = 0,
+    ) -> None:
         self._rig, self._placed, self._motion = rig, placed, motion
         if motion is not None:
             mesh, self._kept = motion._at(row, of_occluders=False)
@@ -173,10 +183,15 @@ class Frame:
             self._seen = cameras.find(placed)
         eyes = [lamp.eye for lamp in self._kinds]
         with closing(RegionPass(mesh, eyes, method=method, only_task=True)) as self._finder:
-            self._reached(np.concatenate([each.point_places for each in lamps]), [
-                self._kinds.index(lamp) for each in lamps for lamp in each.lamps
-                for _ in range(lamp.points)
-            ])  # fmt: skip
+            self._reached(
+                np.concatenate([each.point_places for each in lamps]),
+                [
+                    self._kinds.index(lamp)
+                    for each in lamps
+                    for lamp in each.lamps
+                    for _ in range(lamp.points)
+                ],
+            )
             self.regions(lamps[0], task)  # points on the rig, too
 
     def regions(self, lamps: Lamps | None, task: Task) -> Regions:
@@ -221,9 +236,14 @@ class Lighting:
     """
 
     def __init__(
-        self, plan: Plan, mesh: Mesh, cells: Cells, placed: Poses,
-        timed: PlanMotion | None = None, reachable: AreaNetwork | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        plan: Plan,
+        mesh: Mesh,
+        cells: Cells,
+        placed: Poses,
+        timed: PlanMotion | None = None,
+        reachable: AreaNetwork | None = None,
+    ) -> None:
         every = plan.built_lamps(plan.folder)
         assert every is not None
         assert plan.selection is not None
@@ -270,9 +290,13 @@ class Lighting:
         names = [every.names[row] + number for row, number in zip(own, numbers, strict=True)]
         stay, chosen = every.places[self._stay], self.pool.candidates.poses[list(rows)]
         return Lamps(
-            [every.lamps[row] for row in own], np.concatenate([stay, chosen]), names,
-            rides=[every.rides[row] for row in own], ambient=every.ambient, exposure=every.exposure,
-        )  # fmt: skip
+            [every.lamps[row] for row in own],
+            np.concatenate([stay, chosen]),
+            names,
+            rides=[every.rides[row] for row in own],
+            ambient=every.ambient,
+            exposure=every.exposure,
+        )
 
     def _of_plan(self, rows: Rows) -> list[int]:
         """Lamps of the plan that stay, and those of candidates."""
@@ -364,10 +388,14 @@ class Lighting:
             if together == 1:
                 self._worth[(row,)] = self._rank((row,), regions)
         return Problem(
-            bits=CoveredBits.from_dense(covers), weights=self._weights, costs=self.pool.costs,
-            views=np.full(len(self.cells), together), goal=BestCoverage(cameras=0),
-            groups=tuple(group.name for group in elements.groups), face_group=elements.face_group,
-        )  # fmt: skip
+            bits=CoveredBits.from_dense(covers),
+            weights=self._weights,
+            costs=self.pool.costs,
+            views=np.full(len(self.cells), together),
+            goal=BestCoverage(cameras=0),
+            groups=tuple(group.name for group in elements.groups),
+            face_group=elements.face_group,
+        )
 
     def _for_goal(self, problem: Problem) -> Problem:
         """The problem with the goal of the plan, or with the nearest one that can be reached.

@@ -69,8 +69,12 @@ from rastercov.placement.uncovered import CandidateBounds
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = (
-    "pairs/pairs-*.npz", "bounds/*.npz", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
-)  # fmt: skip
+    "pairs/pairs-*.npz",
+    "bounds/*.npz",
+    "quarantine/shard-*.json",
+    *INPUTS,
+    "sha256/*.sha256",
+)
 """Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""
@@ -349,9 +353,15 @@ def _in_frames(
         raise PlanError(plan.name, "candidates: per_cavity is of a still scene; leave it out")
     with job.clock("visibility matrix") as progress:
         timed = time_matrix(
-            plan, over_time, measuring.observer, job.cells, placed, measuring.task, progress,
+            plan,
+            over_time,
+            measuring.observer,
+            job.cells,
+            placed,
+            measuring.task,
+            progress,
             is_united=getattr(job.selection, "of_reachable", False),
-        )  # fmt: skip
+        )
     nothing = BestCoverage(cameras=0)
     problem = timed.problem(nothing, costs=found.costs, **measuring.counted)
     if timed.together is None:

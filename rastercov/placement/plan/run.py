@@ -281,9 +281,7 @@ class Run:
             assert selection is not None
             over_time = PlanMotion.of(plan, self.mesh)
         folder = None if self.folder is None else own_place(self.folder / "matrix")
-        job = Job(
-            plan, selection, self.whole, folder, self.clock, cells, self.workers, over_time
-        )  # fmt: skip
+        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, over_time)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
             prepared = prepare(job, objectives)
             if objectives.cells is not None and over_time is None:
@@ -324,17 +322,28 @@ class Run:
             choice = lighting.choose(progress)
         own = plan.with_lamps(choice.lamps)
         lit: dict[str, Any] = {
-            "plan": own, "mounts": own.mounts, "task": own.build_task(),
+            "plan": own,
+            "mounts": own.mounts,
+            "task": own.build_task(),
             "reachable": lighting.reachable,
-        }  # fmt: skip
+        }
         with open_objectives(own, self.mesh, cells) as objectives:
             if isinstance(eyes, Poses):
                 prepared = Prepared(
-                    selection=selection, mesh=self.mesh, pool=choice.pool, segmentation=None,
-                    openings=None, bounds=CandidateBounds(self.mesh.n_faces, self.mesh.task_mask),
-                    pairs=choice.pairs, measured_by=asdict(objectives.faces.observer.info),
-                    problem=choice.problem, notes=(), cells=cells, over_time=timed, **lit,
-                )  # fmt: skip
+                    selection=selection,
+                    mesh=self.mesh,
+                    pool=choice.pool,
+                    segmentation=None,
+                    openings=None,
+                    bounds=CandidateBounds(self.mesh.n_faces, self.mesh.task_mask),
+                    pairs=choice.pairs,
+                    measured_by=asdict(objectives.faces.observer.info),
+                    problem=choice.problem,
+                    notes=(),
+                    cells=cells,
+                    over_time=timed,
+                    **lit,
+                )
                 cameras, required = _measured(prepared, placed, objectives)
                 origin = tuple(f"existing {row}" for row in range(len(placed)))
                 eyes = Placement(prepared, choice.selection, cameras, origin, required)
@@ -377,9 +386,7 @@ def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     if not len(missing):
         return found
     chosen = np.concatenate((found.chosen, missing))
-    return finish(
-        found.method, prepared.problem, chosen, found.bound, found.seconds, found.status
-    )  # fmt: skip
+    return finish(found.method, prepared.problem, chosen, found.bound, found.seconds, found.status)
 
 
 def _placed(
@@ -438,9 +445,11 @@ def _by_area(
         whole = timed.evaluate(plan.rig, placement.cameras.placed, plan.build_task())
         curve = timed.curve(whole)
         cameras = replace(
-            placement.cameras, areas=whole.areas, curve=np.array(curve, np.float64),
+            placement.cameras,
+            areas=whole.areas,
+            curve=np.array(curve, np.float64),
             share=curve[-1] if curve else 0.0,
-        )  # fmt: skip
+        )
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
@@ -471,9 +480,14 @@ def _with_arm(placement: Placement, own: PlanArm, finder: RegionPass) -> tuple[M
     covered = whole_faces(areas, plan.task.views)
     placement.cameras.network.is_covered = covered
     cameras = replace(
-        placement.cameras, areas=areas, curve=np.array(curve[1:]), share=curve[-1],
-        covered=covered, certain=covered, possible=covered,
-    )  # fmt: skip
+        placement.cameras,
+        areas=areas,
+        curve=np.array(curve[1:]),
+        share=curve[-1],
+        covered=covered,
+        certain=covered,
+        possible=covered,
+    )
     return cameras, arm
 
 

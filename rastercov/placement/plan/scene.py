@@ -453,9 +453,14 @@ def _arm(plan: Plan, mesh: Mesh, entry: entries.OnArm) -> Arm:
     body = next(each for each in plan.bodies if each.name == name)
     pairs = [(one, other) for one, other in entry.allowed]
     return Arm(
-        body.robot(plan.folder), link, mesh, entry.mount.matrix(), entry.clearance,
-        keep_outs(plan), pairs,
-    )  # fmt: skip
+        body.robot(plan.folder),
+        link,
+        mesh,
+        entry.mount.matrix(),
+        entry.clearance,
+        keep_outs(plan),
+        pairs,
+    )
 
 
 def _own(entry: entries.Generator, base: type[entries.Generator]) -> dict[str, Any]:
