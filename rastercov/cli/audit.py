@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -21,6 +21,22 @@ NO_SCALE = (
 )
 
 
+class ResultOptions(NamedTuple):
+    """Unit of a result, what measures it, and images that are suggested."""
+
+    by: Annotated[
+        str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
+    ] = None
+    resolution_of_result: Annotated[
+        float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
+    ] = None
+    method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified"
+    suggest: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of images to take next.", show_default="none"),
+    ] = None
+
+
 @options.expanded
 def audit(
     source: Annotated[
@@ -36,18 +52,8 @@ def audit(
     conventions: Conventions,
     task: Task,
     processes: options.Processes,
+    result: ResultOptions,
     out: options.Out = Path("audit"),
-    by: Annotated[
-        str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
-    ] = None,
-    resolution_of_result: Annotated[
-        float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
-    ] = None,
-    method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
-    suggest: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of images to take next.", show_default="none"),
-    ] = None,
     level: options.Level = None,
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
@@ -69,16 +75,13 @@ def audit(
     if not views.has_unit and (conventions.pose_unit is not None or scene.unit != options.UNIT):
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
-    doubts = unit_doubts(mesh, views.rig, views.poses)
-    warn([*mesh.warnings, *notes, *border.unused(), *doubts])
+    warn([*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses)])
     with progress_bar() as progress:
-        asked: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
+        asked: dict[str, Any] = result._asdict()
+        suggested = asked.pop("suggest")
         made = partial(
             reconstruction,
-            mesh,
-            views.rig,
-            views.poses,
-            task,
+            *(mesh, views.rig, views.poses, task),
             names=views.images or None,
             frames=views.frames,
             progress=progress,
@@ -86,26 +89,30 @@ def audit(
             watch=tally.add,
             note=lambda line: warn([line]),
             unit="m" if views.has_unit else "unit",
-            suggested=suggest,
+            suggested=suggested,
             **asked,
         )
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)}
         _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level)
-    quarantined = summary["quarantined"]
-    warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:
         print(json_text(summary))
     else:
-        cells = "cells" if summary["cell_size_m"] else "faces"
-        print(f"{summary['answer']}, on {summary['elements']:,} {cells}")
-        if level is not None:
-            from rastercov.report.tables import summary_table
-
-            table = summary_table(summary["network"], level, "m" if views.has_unit else "unit")
-            Console().print(table)
-        print(*summary["sentences"], out / "audit.html", sep="\n")
-        for line in tally.lines():
-            say(line)
-    if quarantined and not conventions.skip_bad_poses:
+        _print(summary, out, level, "m" if views.has_unit else "unit", tally)
+    left = summary["quarantined"].items()
+    warn(f"pose {pose} left out: its process {end}" for pose, end in left)
+    if left and not conventions.skip_bad_poses:
         raise typer.Exit(1)
+
+
+def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
+    """Print the answer and what is said of it."""
+    cells = "cells" if summary["cell_size_m"] else "faces"
+    print(f"{summary['answer']}, on {summary['elements']:,} {cells}")
+    if level is not None:
+        from rastercov.report.tables import summary_table
+
+        Console().print(summary_table(summary["network"], level, unit))
+    print(*summary["sentences"], out / "audit.html", sep="\n")
+    for line in tally.lines():
+        say(line)

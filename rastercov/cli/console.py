@@ -34,6 +34,9 @@ from rastercov.base.interrupts import (
 )
 
 if TYPE_CHECKING:
+    from typer._click.core import Context
+    from typer._click.formatting import HelpFormatter
+
     from rastercov.mesh import Mesh
 
 import inspect
@@ -273,7 +276,7 @@ def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
 class _Help:
     """Command whose help has a panel for each group of options; the terminal may be narrow."""
 
-    def format_help_text(self: Any, ctx: Any, formatter: Any) -> None:
+    def format_help_text(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:
         """Write the description; the line of an example stays whole, so that it can be copied."""
         for paragraph in inspect.cleandoc(self.help).split("\n\n"):
             title, is_example, rest = paragraph.partition(": rastercov ")
@@ -283,7 +286,7 @@ class _Help:
             else:
                 formatter.write_text(paragraph)
 
-    def format_options(self: Any, ctx: Any, formatter: Any) -> None:
+    def format_options(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:
         """Write commands, arguments and options, a panel for those that `expanded` made."""
         rows: dict[str, list[tuple[str, str]]] = {"Commands": [], "Options": []}
         for name in getattr(self, "commands", ()):
@@ -301,7 +304,7 @@ class _Help:
 class Command(_Help, TyperCommand):
     """Command with this help, which a signal ends within a second."""
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: "Context") -> Any:
         """Run it."""
         watch_signals()
         return super().invoke(ctx)
@@ -310,7 +313,7 @@ class Command(_Help, TyperCommand):
 class Group(_Help, TyperGroup):
     """Group of commands with this help."""
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: "Context") -> Any:
         """Run the command of the group."""
         with broken_pipes_told_apart():
             return super().invoke(ctx)

@@ -38,7 +38,9 @@ from rastercov.mesh import Mesh, shapes
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
+    from rastercov.report.folder import ReportFolder
 
 
 class ReportOptions(NamedTuple):
@@ -242,6 +244,33 @@ def demo(
     run_and_print(mesh, camera, matrices, task, out, Options(device=device), as_json)
 
 
+RENDERED = ("picture.png", "faces.png", "depth.png", "buffers.npz")
+"""Files of a pose that is drawn."""
+
+
+def _save(
+    folder: "ReportFolder",
+    mesh: Mesh,
+    eye: Camera,
+    pose: FloatArray,
+    buffer: "VisibilityBuffer",
+    title: str,
+) -> None:
+    """Write the files of a pose."""
+    from rastercov.base.output import write_npz
+    from rastercov.report import images
+    from rastercov.report.panorama import neutral, paint, scene_keys, seen
+    from rastercov.report.theme import COVERED
+
+    drawn = seen(mesh, eye, pose, buffer)
+    keys = [images.Key.of("seen from the front", COVERED), *scene_keys([drawn])]
+    picture = images.framed(paint(drawn, neutral(mesh, drawn.setting)), title, keys)
+    pictures = picture, images.face_index_picture(buffer), images.depth_picture(buffer)
+    for name, each in zip(RENDERED, pictures, strict=False):
+        images.save_picture(each, folder.file(name))
+    write_npz(folder.file(RENDERED[-1]), face=buffer.face, depth=buffer.depth)
+
+
 @options.expanded
 def render(
     meshes: options.Meshes,
@@ -259,28 +288,17 @@ def render(
 
     Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
-    from rastercov.base.output import write_npz
     from rastercov.coverage.engine import Engine
     from rastercov.raster import open_rasterizer
     from rastercov.report.folder import ReportFolder, ReportKind
-    from rastercov.report.images import (
-        Key,
-        depth_picture,
-        face_index_picture,
-        framed,
-        save_picture,
-    )
-    from rastercov.report.panorama import neutral, paint, scene_keys, seen
-    from rastercov.report.theme import COVERED
 
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
-    names = ("picture.png", "faces.png", "depth.png", "buffers.npz")
-    files_of_it = re.compile("|".join(map(re.escape, names)))
-    with ReportFolder(out, ReportKind("render", files_of_it, last=names[-1])) as folder:
+    files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
+    with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
         warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
         with open_rasterizer(mesh, eye, **Engine(device=device).rasterizer_options) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
@@ -292,15 +310,9 @@ def render(
         name = names_of_poses(eyes.poses, eyes.images)[pose]
         title = f"{name}: {n_seen} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'have')} a pixel"
-        drawn = seen(mesh, eye, matrices[pose], buffer)
-        keys = [Key.of("seen from the front", COVERED), *scene_keys([drawn])]
-        picture = framed(paint(drawn, neutral(mesh, drawn.setting)), title, keys)
-        save_picture(picture, folder.file("picture.png"))
-        save_picture(face_index_picture(buffer), folder.file("faces.png"))
-        save_picture(depth_picture(buffer), folder.file("depth.png"))
-        write_npz(folder.file("buffers.npz"), face=buffer.face, depth=buffer.depth)
+        _save(folder, mesh, eye, matrices[pose], buffer, title)
         folder.publish()
-    files = [str(out / name) for name in names]
+    files = [str(out / name) for name in RENDERED]
     result = {
         "pose": pose,
         "faces": mesh.n_faces,

@@ -88,12 +88,13 @@ class SceneOptions(NamedTuple):
         return {"folder": seen_from(out, Path()), **own}
 
 
-def are_arguments(value: Any) -> bool:
+def are_arguments(value: object) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
     hints: dict[str, Any] = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
     others = dict.fromkeys(OTHERS, str)
-    is_whole = isinstance(value, dict) and hints.keys() == value.keys() - others.keys()
-    return is_whole and all(fits(each, (others | hints)[name]) for name, each in value.items())
+    if not isinstance(value, dict) or hints.keys() != value.keys() - others.keys():
+        return False
+    return all(fits(each, (others | hints)[name]) for name, each in value.items())
 
 
 def read_again(

@@ -164,8 +164,8 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     """
     signature = inspect.signature(command)
     parameters: list[inspect.Parameter] = []
-    made: dict[str, tuple[list[str], Callable[..., Any]]] = {}
-    make: Callable[..., Any]
+    made: dict[str, tuple[list[str], Callable[[dict[str, Any]], object]]] = {}
+    make: Callable[[dict[str, Any]], object]
     for each in signature.parameters.values():
         kind = each.annotation
         if kind is Conventions:
@@ -173,7 +173,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
         elif kind is Task:
             own, make = _of_task(), _task
         elif hasattr(kind, "_fields"):
-            own, make = _of_tuple(kind), kind
+            own, make = _of_tuple(kind), functools.partial(_tuple, kind)
         else:
             parameters.append(each)
             continue
@@ -187,7 +187,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def with_options(**values: object) -> None:
         for name, (names, make) in made.items():
-            values[name] = make(**{option: values.pop(option) for option in names})
+            values[name] = make({option: values.pop(option) for option in names})
         command(**values)
 
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
@@ -200,9 +200,13 @@ def _parameter(name: str, default: object, annotation: object) -> inspect.Parame
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
-def _of_tuple(kind: Any) -> list[inspect.Parameter]:
+def _of_tuple(kind: type[NamedTuple]) -> list[inspect.Parameter]:
     hints = get_type_hints(kind, include_extras=True)
     return [_parameter(name, kind._field_defaults[name], hints[name]) for name in kind._fields]
+
+
+def _tuple(kind: Callable[..., object], values: dict[str, Any]) -> object:
+    return kind(**values)
 
 
 def _of_conventions() -> list[inspect.Parameter]:
@@ -214,7 +218,7 @@ def _of_conventions() -> list[inspect.Parameter]:
     return found
 
 
-def _conventions(**answers: Any) -> Conventions:
+def _conventions(answers: dict[str, Any]) -> Conventions:
     answers["image_size"] = _image_size(answers["image_size"])
     if answers["pose_unit"] is not None:
         answers["pose_unit"] = number_or_name(answers["pose_unit"])
@@ -248,8 +252,8 @@ def _of_task() -> list[inspect.Parameter]:
     return [*found, _parameter("thesis", False, Thesis)]
 
 
-def _task(thesis: bool, **thresholds: Any) -> Task:
-    if thesis:
+def _task(thresholds: dict[str, Any]) -> Task:
+    if thresholds.pop("thesis"):
         return Task.thesis(**{k: v for k, v in thresholds.items() if k not in THESIS})
     return Task(**thresholds)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -35,6 +35,7 @@ from rastercov.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from rastercov.placement.plan.check import Checked
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.network import Measured
 
@@ -119,6 +120,35 @@ def place(
         raise typer.Exit(1)
 
 
+class GoalOptions(NamedTuple):
+    """Goals in place of those of the plan."""
+
+    min_coverage: Annotated[
+        float | None,
+        typer.Option(help="Share to cover, 0 to 1; the plan's own unless given."),
+    ] = None
+    group: Annotated[
+        list[str], typer.Option(help="NAME=SHARE: share to cover of a group. Repeat it for more.")
+    ] = []  # noqa: RUF012 - typer copies it
+    views: Annotated[
+        int | None, typer.Option(min=1, help="Cameras a face; the plan's own unless given.")
+    ] = None
+
+
+class OutcomeOptions(NamedTuple):
+    """Files on what holds."""
+
+    junit: Annotated[
+        Path | None, typer.Option(help="Write JUnit XML: a test a requirement and dead zone.")
+    ] = None
+    baseline: Annotated[
+        Path | None, typer.Option(help="check.json of an earlier check: 1 also when it was better.")
+    ] = None
+    summary: Annotated[
+        Path | None, typer.Option(help="Write a summary in Markdown, of goals and what fails.")
+    ] = None
+
+
 @expanded
 def check(
     plan: PlanFile,
@@ -131,27 +161,10 @@ def check(
         ),
     ],
     conventions: Conventions,
+    goal: GoalOptions,
+    outcomes: OutcomeOptions,
     camera: CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: CameraName = None,
-    min_coverage: Annotated[
-        float | None,
-        typer.Option(help="Share to cover, 0 to 1; the plan's own unless given."),
-    ] = None,
-    group: Annotated[
-        list[str], typer.Option(help="NAME=SHARE: share to cover of a group. Repeat it for more.")
-    ] = [],  # noqa: B006 - typer copies it
-    views: Annotated[
-        int | None, typer.Option(min=1, help="Cameras a face; the plan's own unless given.")
-    ] = None,
-    junit: Annotated[
-        Path | None, typer.Option(help="Write JUnit XML: a test a requirement and dead zone.")
-    ] = None,
-    baseline: Annotated[
-        Path | None, typer.Option(help="check.json of an earlier check: 1 also when it was better.")
-    ] = None,
-    summary: Annotated[
-        Path | None, typer.Option(help="Write a summary in Markdown, of goals and what fails.")
-    ] = None,
     out: Annotated[
         Path | None, out_option("Folder for a page (check.html) and the figures (check.json).")
     ] = None,
@@ -169,20 +182,19 @@ def check(
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
-    from rastercov.report.tables import camera_table, summary_table
 
-    outcome.refuse_other(junit, "--junit")
-    outcome.refuse_other(summary, "--summary")
+    files = outcomes.junit, outcomes.summary
+    outcome.refuse_other(*files)
     if pdf and out is None:
         raise ConfigError("--pdf wants a folder for the page, got none; name it by --out")
     try:
         asked = read_plan(plan)
-        limits = plan_check.limits(asked, min_coverage, group, may_be_none=baseline is not None)
-        before = None if baseline is None else read_baseline(baseline)
+        before = None if outcomes.baseline is None else read_baseline(outcomes.baseline)
+        limits = plan_check.limits(asked, *goal[:2], may_be_none=before is not None)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
         if camera and eyes.rig is not None:
             asked = asked.without_cameras()
-        asks = (asked, Path(poses), limits, views, _step)
+        asks = asked, Path(poses), limits, goal.views, _step
         made = partial(plan_check.check, *asks, poses=eyes, baseline=before)
         if out is None:
             found = made()
@@ -192,24 +204,31 @@ def check(
             found = write(made, out, pdf=pdf, level=level)
     except (RastercovError, OSError) as error:
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
-        outcome.write(junit, summary, plan, [case])
+        outcome.write(*files, plan, [case])
         raise
-    outcome.write(junit, summary, plan, outcome.cases(found))
+    outcome.write(*files, plan, outcome.cases(found))
     warn(eyes.notes)
     warn(found.mesh.warnings)
     warn(_doubts(found.plan, found.cameras))
     if as_json:
         print(json.dumps(plan_check.to_json(found), indent=2))
     else:
-        print("\n".join([*found.lines(), size_line(found.mesh)]))
-        if level is not None:
-            Console().print(summary_table(found.summary(), level))
-        if (by_camera := camera_table(found.summary())) is not None:
-            Console().print(by_camera)
+        _print_check(found, level)
         if out is not None:
             print(out / "check.html")
     if not found.is_met:
         raise typer.Exit(1)
+
+
+def _print_check(found: "Checked", level: int | None) -> None:
+    """Print what holds, and tables of parts and cameras."""
+    from rastercov.report.tables import camera_table, summary_table
+
+    print("\n".join([*found.lines(), size_line(found.mesh)]))
+    if level is not None:
+        Console().print(summary_table(found.summary(), level))
+    if (by_camera := camera_table(found.summary())) is not None:
+        Console().print(by_camera)
 
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:

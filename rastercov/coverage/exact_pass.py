@@ -38,6 +38,10 @@ NOTHING = (
 """Figures where none are asked for."""
 
 
+Figures = tuple[FloatArray, FloatArray, NDArray[np.uint8], FloatArray, BoolArray]
+"""Visible and drawn area, kind and error of each pair, and poses that are clipped."""
+
+
 class PlacedPoses(NamedTuple):
     """Poses for the engine, which computes `rows`; `turns` are the rows of the result of each.
 
@@ -78,7 +82,7 @@ class ExactPass:
     def observe(self, poses: Poses, seen: Observation, left_out: BoolArray | None = None) -> None:
         """Fill `seen`, of `room_for`; faces that are left out, (F,), hide and have no figures."""
 
-        def run(placed: Any, figures: Any) -> None:
+        def run(placed: PlacedPoses, figures: Figures) -> None:
             mask = mask_of(left_out)
             self._solvers.observe(self._surface, mask, placed, figures, self.threads)
 

@@ -26,6 +26,7 @@ from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import evaluate_over_time
+from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.coverage.engine import Engine
@@ -39,6 +40,7 @@ from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, op
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
+from rastercov.raster.contract import RasterizerInfo
 
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures of pairs that `evaluate` may return."""
@@ -187,6 +189,37 @@ class Sums:
         self.clipped.append(batch.clipped)
         self.done = end
 
+    @property
+    def poses(self) -> Poses:
+        """The poses that are done."""
+        every = self.query.poses
+        if self.done == len(every):
+            return every
+        left = every[np.isin(every.ids, np.concatenate(self.ids))]
+        return replace(left, rejected=every.rejected)
+
+    def evaluation(self, info: RasterizerInfo, of_run: Mapping[str, Any]) -> Evaluation:
+        """Result of the poses that are done, measured by `info`, with entries on the run."""
+        query, poses = self.query, self.poses
+        figures: dict[str, Any] = dict.fromkeys(FIGURES)
+        figures |= {name: array[: self.done] for name, array in self.figures.items()}
+        return Evaluation(
+            query.mesh,
+            query.camera,
+            query.task,
+            info,
+            poses.ids,
+            np.concatenate(self.clipped),
+            **figures,
+            eyes=poses.world_from_camera[:, :3, 3],
+            poses=poses,
+            engine=query.engine,
+            network=self.network,
+            by_face_because=query.by_face_because,
+            apart=self.apart,
+            **of_run,
+        )
+
 
 def answer(
     query: Query,
@@ -238,7 +271,8 @@ def answer(
                         table.add(batch.rows, batch.regions)
                     sums.add(batch)
                     # The table has the area of every pair, and shards do not depend on one another.
-                    if sums.areas is not None and table is None and shards is None:
+                    is_alone = table is None and shards is None
+                    if sums.areas and is_alone and isinstance(observer, RegionObserver):
                         observer.closed = sums.apart.closed(sums.areas.closed)
         except KeyboardInterrupt:
             if not sums.done:
@@ -251,35 +285,18 @@ def answer(
             except KeyboardInterrupt:
                 interrupted = True
         seconds, info = time.perf_counter() - began, observer.info
-    if sums.done < len(poses):
-        left = poses[np.isin(poses.ids, np.concatenate(sums.ids))]
-        poses = replace(left, rejected=poses.rejected)
     areas = sums.areas
     if query.motion is not None:
-        scene = query.motion, camera, poses, task, query.engine
+        scene = query.motion, camera, sums.poses, task, query.engine
         areas = evaluate_over_time(*scene, folder, staff).areas
-    figures: dict[str, Any] = dict.fromkeys(FIGURES)
-    figures |= {name: array[: sums.done] for name, array in sums.figures.items()}
-    return Evaluation(
-        query.mesh,
-        camera,
-        task,
-        info,
-        poses.ids,
-        np.concatenate(sums.clipped),
-        **figures,
-        eyes=poses.world_from_camera[:, :3, 3],
-        poses=poses,
-        engine=query.engine,
-        options=options,
-        network=sums.network,
-        areas=areas,
-        by_face_because=query.by_face_because,
-        apart=sums.apart,
-        pairs=pairs,
-        n_rows=0 if table is None else table.n_rows,
-        is_kept=folder is not None,
-        quarantined={} if shards is None else shards.quarantined,
-        seconds=seconds,
-        interrupted=interrupted,
-    )
+    of_run = {
+        "areas": areas,
+        "options": options,
+        "pairs": pairs,
+        "n_rows": 0 if table is None else table.n_rows,
+        "is_kept": folder is not None,
+        "quarantined": {} if shards is None else shards.quarantined,
+        "seconds": seconds,
+        "interrupted": interrupted,
+    }
+    return sums.evaluation(info, of_run)

@@ -71,7 +71,12 @@ class JudgedPoses:
 
     @classmethod
     def of(
-        cls, poses: Poses, measured: Measured, rows: PairRows, sums: Any, camera: Cameras
+        cls,
+        poses: Poses,
+        measured: Measured,
+        rows: PairRows,
+        sums: dict[int, Sums],
+        camera: Cameras,
     ) -> "JudgedPoses":
         """Poses of a camera or several that this process has measured."""
         found, leads = getattr(measured, "regions", None), leads_of(camera, poses)
@@ -153,7 +158,12 @@ def _sums_of_rows(mesh: Mesh, figures: Mapping[str, NDArray[Any]], rows: IntArra
 
 
 def sums_of_rigs(
-    mesh: Mesh, task: Task, camera: Cameras, poses: Poses, figures: Mapping[str, Any], found: Any
+    mesh: Mesh,
+    task: Task,
+    camera: Cameras,
+    poses: Poses,
+    figures: Mapping[str, NDArray[Any]],
+    found: "Regions",
 ) -> Sums:
     """Sums of rigs with a rule, or with lamps, from the figures of P poses and their `Regions`.
 
@@ -244,7 +254,7 @@ def judge(
         found = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
         if found.leads is not None and found.regions is None:
             raise ConfigError(OF_PARTS)
-        if found.leads is not None and len(batch):
+        if found.leads is not None and found.regions is not None and len(batch):
             figures = arrays_for(list(SUMMED), (len(batch), n_faces))
             faces.fill(seen, batch, figures)
             whole[RESULT] = sums_of_rigs(mesh, task, observer.camera, batch, figures, found.regions)

@@ -11,7 +11,6 @@ sampled
 """
 
 from abc import ABC, abstractmethod
-from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -93,7 +92,7 @@ class SampledObserver(Observer):
     """Observer that counts samples of a rasteriser, whose options it takes."""
 
     def __init__(
-        self, mesh: Mesh, camera: Cameras, judging: int | None = None, /, **options: Any
+        self, mesh: Mesh, camera: Cameras, judging: int | None = None, /, **options: object
     ) -> None:
         self.threads = thread_count(judging)
         self._rasterizers = Rasterizers(mesh, cameras_of(camera), roll=ROLL, **options)

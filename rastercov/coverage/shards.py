@@ -255,12 +255,13 @@ def _store_in(
     n: int,
     function: str,
     scene: tuple[Mesh, Cameras, Poses],
-    **arrays: Any,
+    **arrays: NDArray[np.generic],
 ) -> ShardStore:
     """Shards of n poses, or frames, in a folder that is named by the hash of their header."""
     own = above / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
     own_folder(named_folder(above) / own.name)
-    write_inputs(own, header, *scene, LOG.warning, **arrays)
+    mesh, cameras, poses = scene
+    write_inputs(own, header, mesh, cameras, poses, LOG.warning, **arrays)
     return ShardStore(own, "shards/shard-{}.npz", n, header["poses_a_shard"], function)
 
 
@@ -280,7 +281,7 @@ def kept_in(folder: Path) -> Path:
 
 def judged_parts(
     network: Network,
-    observer: Any,
+    observer: Observer,
     poses: Poses,
     wanted: Wanted,
     shards: EvaluationShards | None,
@@ -312,7 +313,7 @@ def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     return _packed(folder, number, _measured(observer, poses[chosen], task, wanted))
 
 
-def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
+def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observer:
     """Observer by the engine, which finds regions, too, where the result is by area."""
     if wanted.by_area:
         return RegionObserver(mesh, camera, task, wanted.engine)
@@ -320,7 +321,7 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
 
 
 @opened_once
-def _opened(folder: Path, inputs: Inputs) -> tuple[Any, Poses, Task, Wanted]:
+def _opened(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
     """Observer of a folder, its poses, thresholds and figures."""
     task, wanted = _asked(inputs)
     return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
@@ -367,7 +368,7 @@ def hash_of(poses: Poses) -> str:
 
 
 def _measured(
-    observer: Any,
+    observer: Observer,
     poses: Poses,
     task: Task,
     wanted: Wanted,

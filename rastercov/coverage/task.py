@@ -197,7 +197,7 @@ class Task:
             )
 
     @classmethod
-    def thesis(cls, **changes: Any) -> Self:
+    def thesis(cls, **changes: float | str | bool | None) -> Self:
         """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
         return cls(**(THESIS | changes))
 

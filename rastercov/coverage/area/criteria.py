@@ -311,23 +311,23 @@ class PixelDensity(NamedTuple):
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
 
 
-def _set(criterion: Any, **values: Any) -> None:
+def _set(criterion: object, **values: object) -> None:
     for name, value in values.items():
         object.__setattr__(criterion, name, value)
 
 
-def _is_least(criterion: Any) -> bool:
+def _is_least(criterion: "RayAngle | Illuminance | Highlight") -> bool:
     return flag("is_least", criterion.is_least)
 
 
-def _positive(name: str, value: Any) -> float:
+def _positive(name: str, value: object) -> float:
     number = finite_number(value)
     if not number > 0:
         raise ConfigError(f"{name} must be above 0, got {shown(value)}")
     return number
 
 
-def _angle(name: str, value: Any, most: float) -> float:
+def _angle(name: str, value: object, most: float) -> float:
     number = finite_number(value)
     if not 0 <= number <= most:
         raise ConfigError(f"{name} must be 0 to {most}, got {shown(value)}")
@@ -380,14 +380,14 @@ def _rows(name: str, values: ArrayLike, n_rows: int, ndim: int = 2) -> Any:
     return np.ascontiguousarray(array)
 
 
-def _arrays(criterion: Any, n_rows: int, **ndims: int) -> tuple[Any, ...]:
+def _arrays(criterion: object, n_rows: int, **ndims: int) -> tuple[Any, ...]:
     """Fields of a criterion for each row of regions, by their numbers of dimensions in one."""
     return tuple(
         _rows(name, getattr(criterion, name), n_rows, ndim) for name, ndim in ndims.items()
     )
 
 
-def _table(values: Any) -> FloatArray:
+def _table(values: ArrayLike) -> FloatArray:
     words = "rows of cosine, value, slope before and slope after, cosines ascending from -1 to 1"
     table = finite_points("tables", values, (-1, 4), words)
     cosines = table[:, 0]

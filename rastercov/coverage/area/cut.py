@@ -6,7 +6,7 @@ See `rastercov/native/area/cut.hpp`.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import FloatArray, IntArray, read_only
 from rastercov.coverage.area.criteria import Cut
@@ -100,9 +100,9 @@ def values_of(
     face: IntArray,
     xy: FloatArray,
     *,
-    row: Any = 0,
-    devices: Any = -1,
-    radius: Any = 0.0,
+    row: IntArray | int = 0,
+    devices: IntArray | int = -1,
+    radius: FloatArray | float = 0.0,
 ) -> FloatArray:
     """(N, 4) value of a criterion at plane coordinates (N, 2) of faces, its slopes, and doubt.
 
@@ -111,7 +111,7 @@ def values_of(
     """
     n, loop = len(face), getattr(area_cut, f"values_of_{cut.name}")
 
-    def column(values: Any, kind: Any) -> Any:
+    def column(values: ArrayLike, kind: type[np.generic]) -> NDArray[Any]:
         return read_only(np.broadcast_to(values, n), kind)
 
     xyr = np.column_stack([xy, np.broadcast_to(radius, n)])

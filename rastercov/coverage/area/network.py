@@ -1,6 +1,6 @@
 """Area that a network of cameras covers: exact, with its bound, for 1 ... k views and by group."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -136,7 +136,7 @@ class AreaNetwork:
         )
         return [f"{line}: it is in the bound; divide large faces, or relax a threshold"]
 
-    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
+    def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
@@ -37,7 +37,7 @@ from rastercov.coverage.area.motion import (
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
-from rastercov.coverage.area.zones import dead_zones, points_of
+from rastercov.coverage.area.zones import DeadZones, dead_zones, points_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.reasons import NAMES, TOO_FEW_VIEWS, Reason
 from rastercov.coverage.shards import regions_in_shards
@@ -183,7 +183,7 @@ class OverTime(InOneLine):
         return found
 
     @cached_property
-    def zones(self) -> Any:
+    def zones(self) -> DeadZones:
         """Dead zones: parts that are not covered long enough."""
         n = len(self.time.area)
         return dead_zones(self.time, np.clip(self.motion._needed(self.asked.over), 1, n))
@@ -345,7 +345,7 @@ class TimeAreas(AreaNetwork):
         """As of `AreaNetwork`; views are counted at each time already."""
         return super().of_faces(members, 1)
 
-    def add_to(self, summary: dict[str, Any], views: Any = None) -> None:
+    def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
         """As of `AreaNetwork`; reasons are those of dead zones, not of whole faces at rest."""
         super().add_to(summary, views)
         zones, mesh = self.over_time.zones, self.mesh
@@ -366,11 +366,13 @@ class TimeAreas(AreaNetwork):
                     for row in np.flatnonzero(m2[:-1])
                 }
 
-    def dead_zones(self, camera: Any, poses: Any, views: Any = None) -> dict[str, Any]:
+    def dead_zones(
+        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
+    ) -> dict[str, Any]:
         """As of `OverTime`."""
         return self.over_time.dead_zones()
 
-    def zones(self, views: Any = None) -> Any:
+    def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
         """As of `OverTime`."""
         return self.over_time.zones
 

@@ -37,7 +37,7 @@ from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.exact_pass import ExactPass, mask_of, room_for
+from rastercov.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
 from rastercov.coverage.observer import ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.exact.cameras import engine_camera, pinhole_numbers
@@ -197,7 +197,7 @@ class RegionPass(ExactPass):
         left_out = self._has_no_figures if seen is not None else ~is_asked
         planes = self._planes(is_asked)
 
-        def run(placed: Any, figures: Any) -> Any:
+        def run(placed: PlacedPoses, figures: Figures) -> tuple[Any, ...]:
             mask = mask_of(left_out)
             return self._solvers.find(self._surface, planes, mask, placed, figures, self.threads)
 

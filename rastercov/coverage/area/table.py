@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, checked_array, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.criteria import MOST_DEVICES, Criterion
@@ -353,12 +353,9 @@ def _counted(
     ]
     chosen = np.flatnonzero(is_asked[own])
     slots = slots[is_asked]
-    group, face = np.divmod(slots, n_faces)
-    diagonal = mesh.diagonal
-    frames = frames_of(mesh)
-    overlay = Overlay(
-        frames.corners[face], frames.areas[face], diagonal, k if number is None else None
-    )
+    face, frames = slots % n_faces, frames_of(mesh)
+    views = k if number is None else None
+    overlay = Overlay(frames.corners[face], frames.areas[face], mesh.diagonal, views)
     overlay.add(
         (
             *polygons.chosen(regions.xy, regions.starts, chosen),
@@ -374,30 +371,42 @@ def _counted(
         ),
         number,
     )
-    found = overlay.partition()
-    wanted = np.bitwise_or.reduce(np.int64(1) << np.array(needs, np.int64))
-    is_kept = found.tag >= k if number is None else (found.tag & wanted) == wanted
-    kept = np.flatnonzero(is_kept)
-    own_face, (bound, excess) = found.face[kept], overlay.bounds
-    area = np.bincount(own_face, found.area[kept], len(face)).astype(np.float64)
-    xy, starts = polygons.chosen(found.xy, found.starts, kept)
-    is_listed = (area > 0) | (bound > 0)
     eyes = np.full((len(groups), 3), np.nan)
     lone = np.bincount(row[is_used], minlength=len(groups)) == 1
     eyes[lone] = regions.eyes[first[lone]]
+    rows = replace(regions, pose_ids=regions.pose_ids[first], eyes=eyes, columns=None)
+    if number is None:
+        return _with_overlay(rows, overlay, lambda tag: tag >= k, slots)
+    wanted = np.bitwise_or.reduce(np.int64(1) << np.array(needs, np.int64))
+    return _with_overlay(rows, overlay, lambda tag: (tag & wanted) == wanted, slots, by_tag=True)
+
+
+def _with_overlay(
+    rows: Regions,
+    overlay: Overlay,
+    is_kept: Callable[[IntArray], BoolArray],
+    slots: IntArray,
+    *,
+    by_tag: bool = False,
+) -> Regions:
+    """Regions of these rows: pieces of an overlay whose tags are kept, of slots (row, face)."""
+    group, face = np.divmod(slots, rows.mesh.n_faces)
+    found = overlay.partition()
+    kept = np.flatnonzero(is_kept(found.tag))
+    own, (bound, excess) = found.face[kept], overlay.bounds
+    area = np.bincount(own, found.area[kept], len(face)).astype(np.float64)
+    xy, starts = polygons.chosen(found.xy, found.starts, kept)
+    is_listed = (area > 0) | (bound > 0)
     return replace(
-        regions,
+        rows,
         xy=xy,
         starts=starts,
-        face=face[own_face].astype(np.int32),
-        pose_ids=regions.pose_ids[first],
-        pose=group[own_face].astype(np.int32),
+        face=face[own].astype(np.int32),
+        pose=group[own].astype(np.int32),
         pair_pose=group[is_listed].astype(np.int32),
         pair_face=face[is_listed].astype(np.int32),
         area=area[is_listed],
         bound=bound[is_listed],
         excess=excess[is_listed],
-        eyes=eyes,
-        devices=None if number is None else found.tag[kept],
-        columns=None,
+        devices=found.tag[kept] if by_tag else None,
     )

@@ -23,7 +23,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import signed
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera
@@ -227,7 +227,7 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> ND
     return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
 
-def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntArray) -> None:
+def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Int32Array, parent: IntArray) -> None:
     """Link the pieces that are connected, by their parents."""
     from rastercov.native import area_zone as kernels
 
@@ -272,7 +272,7 @@ def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntAr
     )
 
 
-def _edges(mesh: Mesh, faces: IntArray, side: IntArray) -> tuple[IntArray, IntArray, Any]:
+def _edges(mesh: Mesh, faces: IntArray, side: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
     """Lower and higher vertex of the edges on which sides of pieces lie, and the open ones.
 
     An edge is open if it is of one face only. Faces without area do not count.

@@ -100,20 +100,21 @@ def _write_junit(path: Path, plan: Path, found: Sequence[Case]) -> None:
     write_bytes(path, document + b"\n")
 
 
-def refuse_other(path: Path | None, option: str) -> None:
-    """Refuse to replace a file that is not the output of an earlier check, such as an input."""
-    if path is None:
-        return
-    check_place(path)
-    start = b""
-    if path.is_file():
-        with path.open("rb") as file:
-            start = file.read(200)
-    if start and not re.match(OURS, start):
-        raise ConfigError(
-            f"{path}: not of an earlier check, and {option} would replace it; name another file, "
-            "or move it away or delete it"
-        )
+def refuse_other(junit: Path | None, summary: Path | None) -> None:
+    """Refuse to replace files that are not the output of an earlier check, such as inputs."""
+    for path, option in ((junit, "--junit"), (summary, "--summary")):
+        if path is None:
+            continue
+        check_place(path)
+        start = b""
+        if path.is_file():
+            with path.open("rb") as file:
+                start = file.read(200)
+        if start and not re.match(OURS, start):
+            raise ConfigError(
+                f"{path}: not of an earlier check, and {option} would replace it; name another "
+                "file, or move it away or delete it"
+            )
 
 
 def _printed(text: str) -> str:
