@@ -20,8 +20,8 @@ from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
-from rastercov.placement.plan import sections as plan_entry
-from rastercov.placement.plan import sections as plan_generators
+from rastercov.placement.plan import entries as plan_entry
+from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
 from rastercov.placement.plan.network import certain_and_possible, judge, percent

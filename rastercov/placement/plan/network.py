@@ -39,13 +39,9 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.improve.objective import Objective
+from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.sections import (
-    FewestSelection,
-    SelectionSection,
-    TaskSection,
-    value_of,
-)
+from rastercov.placement.plan.sections import FewestSelection, SelectionSection, TaskSection
 from rastercov.placement.select.problem import (
     SHARE_TOLERANCE,
     BestCoverage,

@@ -36,8 +36,9 @@ from rastercov.mesh.motion_file import load_motion
 from rastercov.mesh.robot import JointPath, Robot
 from rastercov.placement.matrix import VisibilityMatrix, limits_of
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, describe
+from rastercov.placement.plan.entries import Entry, Name, Over
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
-from rastercov.placement.plan.sections import BodyEntry, Entry, MotionSection, Name, Over
+from rastercov.placement.plan.sections import BodyEntry, MotionSection
 from rastercov.placement.select.problem import Goal, Problem, problem_of, weights_of
 
 CANDIDATES_A_TURN = 32

@@ -43,7 +43,9 @@ from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.arm import PlanArm
+from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
+from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.over_time import PlanMotion, time_matrix
@@ -56,7 +58,7 @@ from rastercov.placement.plan.scene import (
     mounts_of_entry,
     segmentation_of,
 )
-from rastercov.placement.plan.sections import PerCavity, SelectionSection, no_limit
+from rastercov.placement.plan.sections import SelectionSection
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,

@@ -37,7 +37,9 @@ from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.plan.arm import ArmPoses, PlanArm
 from rastercov.placement.plan.check import seen_by_cameras
+from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
+from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
@@ -74,12 +76,7 @@ from rastercov.placement.plan.prepare import (
     quiet,
 )
 from rastercov.placement.plan.scene import named_scene
-from rastercov.placement.plan.sections import (
-    FewestSelection,
-    OnArm,
-    SelectionSection,
-    value_of,
-)
+from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover

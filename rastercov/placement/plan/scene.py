@@ -16,31 +16,30 @@ import numpy as np
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
-from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import unique_names
-from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
-from rastercov.placement.candidates import mounting, pool
+from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.arm import Arm, on_arm
 from rastercov.placement.candidates.clearance import KeepOut, Place
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
-from rastercov.placement.candidates.segments import Segmentation, segment
+from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan import sections as entries
+from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
-from rastercov.placement.plan.sections import (
-    Entry,
-    MeshEntry,
+from rastercov.placement.plan.generators import (
+    CandidateEntry,
+    Framed,
+    Generator,
     OnArm,
-    TargetEntry,
-    TransformEntry,
-    no_limit,
-    value_of,
+    PerCavity,
+    PerSegment,
+    Spot,
 )
+from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
 
@@ -301,8 +300,8 @@ class CandidatePool:
 
 def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     """Segments for the first `per_segment` entry; None where there is no such entry."""
-    own = (entry for entry in plan.candidates if isinstance(entry, entries.PerSegment))
-    return next((_segmented(mesh, entry) for entry in own), None)
+    own = (entry for entry in plan.candidates if isinstance(entry, PerSegment))
+    return next((entry.segmented(mesh) for entry in own), None)
 
 
 def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
@@ -318,7 +317,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     parts: list[Part] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, entries.PerCavity) or entry.lamp is not None:
+        if isinstance(entry, PerCavity) or entry.lamp is not None:
             continue
         try:
             for index, cost in mounts_of_entry(plan, entry):
@@ -331,7 +330,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     return filtered_pool(plan, mesh, parts)
 
 
-def mounts_of_entry(plan: Plan, entry: entries.Generator) -> list[tuple[int, float]]:
+def mounts_of_entry(plan: Plan, entry: Generator) -> list[tuple[int, float]]:
     """Index of each camera and rig of an entry, and its cost at a place of it."""
     names = plan.mounts.names
     return [
@@ -380,75 +379,39 @@ def keep_outs(plan: Plan) -> list[KeepOut]:
     return [entry.volume() for entry in plan.constraints.keep_out]
 
 
-def framing_of(plan: Plan, entry: entries.Generator) -> Framing:
+def framing_of(plan: Plan, entry: Generator) -> Framing:
     """Framing of the candidates of an entry.
 
     An entry without a stand-off of its own has that of the constraints.
     """
     others: dict[str, Any] = {"max_blur": plan.task.max_blur}
-    if isinstance(entry, entries.Framed):
+    if isinstance(entry, Framed):
         others["stand_off"] = no_limit(entry.stand_off or plan.constraints.stand_off)
     return value_of(entry, Framing, **others)
 
 
-def _made(
-    plan: Plan, mesh: Mesh, entry: entries.CandidateEntry, index: int
-) -> Iterator[Candidates]:
-    """Candidates of an entry for a mount by its index; once for each aim.
-
-    Fields of an entry that its base class lacks are the arguments of its generator.
-    """
-    if isinstance(entry, entries.OnArm):
+def _made(plan: Plan, mesh: Mesh, entry: CandidateEntry, index: int) -> Iterator[Candidates]:
+    """Candidates of an entry for a mount by its index; once for each aim."""
+    if isinstance(entry, OnArm):
         arm = _arm(plan, mesh, entry)
         for part in _made(plan, mesh, entry.views(), index):
             yield on_arm(part, arm)
         return
-    mounts = plan.mounts
-    view = (mesh, mounts.first_camera(index), framing_of(plan, entry))
-    match entry:
-        case entries.PerSegment():
-            yield pool.per_segment(*view, segmentation=_segmented(mesh, entry))
-        case entries.PerFace():
-            wanted = [g.name in entry.groups or not entry.groups for g in mesh.groups]
-            faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
-            yield pool.per_face(*view, faces=faces)
-        case entries.Around():
-            around = getattr(mounting, entry.generator)
-            yield around(*view, **_own(entry, entries.Framed))
-        case entries.PoseFile():
-            found = pool.from_poses(*view, poses=plan.folder / entry.file)
-            views = read_views(plan.folder / entry.file)
-            if len(mounts) > 1 and views.camera_names:  # each pose has its own camera
-                firsts = [mounts.first_camera(row) for row in range(len(mounts))]
-                of_pose = views.with_cameras(Rig(firsts, mounts.names)).poses.camera
-                found = found.take(of_pose[found.index] == index)
-            yield found
-        case entries.InRoom():
-            room = plan.room(entry.room)
-            rules = [
-                mounting.at_point(room.middle) if aim.middle else _rule(aim) for aim in entry.aim
-            ]
-            own = _own(entry, entries.Aimed) | {"room": room}
-            yield mounting.in_room(*view, spacing=entry.spacing, aims=rules, **own)
-        case entries.Mounted():
-            mount = getattr(mounting, entry.generator)
-            bounds = None if entry.low is None else np.array([entry.low, entry.high])
-            given = {"spacing": entry.spacing, "bounds": bounds} | _own(entry, entries.Mounted)
-            for aim in entry.aim:
-                yield mount(*view, aim=_rule(aim), **given)
+    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), plan.folder, plan.room)
+    yield from entry.made(spot)
 
 
 def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
     """Arm of each entry `on_arm` of a plan; PlanError where it cannot be made."""
     found = []
     for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, entries.OnArm):
+        if isinstance(entry, OnArm):
             with errors_at(plan.name, f"candidates[{row}]"):
                 found.append(_arm(plan, mesh, entry))
     return found
 
 
-def _arm(plan: Plan, mesh: Mesh, entry: entries.OnArm) -> Arm:
+def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     name, _, link = entry.body.partition("/")
     body = next(each for each in plan.bodies if each.name == name)
     pairs = [(one, other) for one, other in entry.allowed]
@@ -461,26 +424,6 @@ def _arm(plan: Plan, mesh: Mesh, entry: entries.OnArm) -> Arm:
         keep_outs(plan),
         pairs,
     )
-
-
-def _own(entry: entries.Generator, base: type[entries.Generator]) -> dict[str, Any]:
-    return entry.model_dump(exclude={"generator", *base.model_fields})
-
-
-def _rule(aim: entries.Aim) -> mounting.Aim:
-    if aim.point is not None:
-        return mounting.at_point(aim.point)
-    if aim.direction is not None:
-        return mounting.along(aim.direction)
-    if aim.nearest is not None:
-        return mounting.at_nearest_surface(aim.nearest or None)
-    return mounting.at_middle()
-
-
-def _segmented(mesh: Mesh, entry: entries.PerSegment) -> Segmentation:
-    if entry.merge == "none":
-        return segment(mesh, entry.alpha_deg, None)
-    return segment(mesh, entry.alpha_deg, entry.beta_deg, merge=entry.merge)
 
 
 def _boxes(part: Candidates) -> Iterator[FloatArray]:

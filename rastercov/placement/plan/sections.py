@@ -12,35 +12,21 @@ Sections on cameras are the one camera, types of cameras with costs, and rigs. E
 entry names a generator of `pool`, `mounting` or `cavities` and holds its arguments.
 """
 
-import ast
-import inspect
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import MISSING, fields
-from functools import cache
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import NoneType
-from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from annotated_types import Le
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
-    GetJsonSchemaHandler,
     ValidationInfo,
-    WrapValidator,
-    create_model,
     model_validator,
 )
-from pydantic.fields import FieldInfo
 
-from rastercov.base.arguments import Quantity, Reads, annotations_of, documented, reader_of
 from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
 from rastercov.base.files import StrPath, suffix_of
 from rastercov.camera.camera import Camera, check_optics
@@ -68,215 +54,31 @@ from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
+from rastercov.placement.plan.entries import (
+    Angle,
+    BaseEntry,
+    Count,
+    Direction,
+    Entry,
+    File,
+    Limits,
+    Name,
+    NotNegative,
+    Number,
+    Over,
+    Pair,
+    Positive,
+    Some,
+    Triple,
+    among,
+    both_or_none,
+    fields_of,
+    only_one,
+    together,
+    value_of,
+)
+from rastercov.placement.plan.generators import CandidateEntry, OnArm, PerCavity
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
-
-Value = TypeVar("Value")
-Boxed = TypeVar("Boxed", bound=Any)
-
-
-class Entry(BaseModel):
-    """A table of the plan: unknown entries and values of another type are errors."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> Any:
-        """Schema with the text below each field as its description.
-
-        pydantic can take it, too, but would read the sources at each start, 0.25 s.
-        """
-        found = handler(core)
-        properties = handler.resolve_ref_schema(found).get("properties", {})
-        for name, words in _texts_below_fields(cls).items():
-            properties[name].setdefault("description", words)
-        return found
-
-
-def _texts_below_fields(entry: type) -> dict[str, str]:
-    """Text below each field of an entry and of those that it extends."""
-    texts: dict[str, str] = {}
-    for kind in reversed(entry.__mro__):
-        for field, below in pairwise(_bodies().get(kind.__name__, ())):
-            match field, below:
-                case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(words))):
-                    texts[name] = inspect.cleandoc(words)
-    return texts
-
-
-@cache
-def _bodies() -> dict[str, list[ast.stmt]]:
-    """Statements of each class of this file."""
-    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
-    return {node.name: node.body for node in tree.body if isinstance(node, ast.ClassDef)}
-
-
-def fields_of(
-    source: type,
-    *,
-    base: type[Entry] = Entry,
-    is_optional: bool = False,
-    leave_out: Collection[str] = (),
-) -> Any:
-    """Entry with fields of a dataclass: their types, limits, defaults.
-
-    Parameters
-    ----------
-    source : type
-        Dataclass; fields with a `Doc` are taken, whose other `Annotated` metadata are limits.
-    base : type
-        Entry to add them to.
-    is_optional : bool
-        None is the default of every field, and allowed.
-    leave_out : collection of str
-        Fields that the section declares itself.
-    """
-    types, by_name = annotations_of(source), {field.name: field for field in fields(source)}
-    columns: dict[str, Any] = {}
-    for name, words in documented(source).items():
-        if name in leave_out:
-            continue
-        made, hint = by_name[name].default_factory, _plan_type(types[name])
-        default = by_name[name].default if made is MISSING else made()
-        if is_optional:
-            default, hint = None, hint | None
-        own = {} if default is MISSING else {"default": default}
-        columns[name] = (hint, Field(**own, description=words))
-    return create_model(f"{source.__name__}Fields", __base__=base, **columns)
-
-
-def value_of(entry: BaseModel, kind: type[Value], **others: Any) -> Value:
-    """Dataclass value from the fields of an entry that have its names, and `others`."""
-    names = [field.name for field in fields(kind)]  # type: ignore[arg-type] # a dataclass
-    own = {name: getattr(entry, name) for name in names if name in type(entry).model_fields}
-    tuples = {name: tuple(value) for name, value in own.items() if isinstance(value, list)}
-    return kind(**(own | tuples | others))
-
-
-def _plan_type(hint: Any) -> Any:
-    """Annotation of a field in a plan: lists for tuples; no infinity or NaN in a number.
-
-    An upper limit excludes both already.
-    """
-    if NoneType in get_args(hint):
-        return _plan_type(next(each for each in get_args(hint) if each is not NoneType)) | None
-    kind, *limits = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    if get_args(kind) == (float, float, float):
-        return Triple
-    if kind is float and not any(isinstance(limit, Le) for limit in limits):
-        hint = Annotated[hint, Field(allow_inf_nan=False)]
-    reader = reader_of(hint)
-    return hint if reader is None else Annotated[hint, _read(hint, reader)]
-
-
-def _read(hint: Any, reader: Reads) -> WrapValidator:
-    """Validator that reads text, with names and numbers with units in the schema."""
-
-    def number(value: Any, check: Callable[[Any], Any]) -> Any:
-        try:
-            given = reader.read(value) if isinstance(value, str) else value
-        except ValueError as error:
-            raise ValueError(f"wanted {error}") from None
-        found = check(float(given) if isinstance(given, Quantity) else given)
-        return given if isinstance(given, Quantity) else found
-
-    quantity = Annotated[str, Field(pattern=f"^({reader.pattern})$")]
-    shown = hint | quantity
-    if reader.names:
-        shown |= Literal[reader.names]
-    return WrapValidator(number, json_schema_input_type=shown)
-
-
-def _file(name: str, info: ValidationInfo) -> str:
-    """`name`; ValueError unless it is a file, relative to the plan."""
-    path = Path((info.context or {}).get("folder", "."), name)
-    try:
-        found = path.is_file()
-    except (OSError, ValueError):  # too long, or with a zero byte
-        found = False
-    if not found:
-        raise ValueError(f"wanted a file, got {name!r}, and there is no {path}; correct the name")
-    return name
-
-
-def ascending(pair: list[float]) -> list[float]:
-    """`pair`; ValueError where its first number is above its second."""
-    if not pair[0] <= pair[1]:
-        raise ValueError(f"wanted [least, greatest] with least <= greatest, got {pair}")
-    return pair
-
-
-def one_or_two(value: Any) -> Any:
-    """A number, or a list of it alone, as the pair of both limits."""
-    values = value if isinstance(value, list) else [value]
-    return values * 2 if len(values) == 1 else value
-
-
-def a_direction(triple: list[float]) -> list[float]:
-    """`triple`; ValueError where it is zero."""
-    if not any(triple):
-        raise ValueError("wanted a direction, got [0, 0, 0]")
-    return triple
-
-
-def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
-    """ValueError unless exactly one of these is given."""
-    given = [name for name in names if getattr(entry, name) is not None]
-    if len(given) != 1:
-        got = " and ".join(given) or "none"
-        raise ValueError(f"wanted one of {', '.join(names)}, got {got}; give exactly one")
-
-
-def together(entry: BaseModel, one: str, other: str) -> None:
-    """ValueError where one of two entries is given and the other is not."""
-    if (getattr(entry, one) is None) != (getattr(entry, other) is None):
-        raise ValueError(f"{one} and {other} come together; give both or neither")
-
-
-def both_or_none(entry: Boxed) -> Boxed:
-    """The entry; ValueError unless low and high are corners of a box, or both left out."""
-    together(entry, "low", "high")
-    if entry.low is not None and not all(
-        a <= b for a, b in zip(entry.low, entry.high, strict=True)
-    ):
-        raise ValueError(f"wanted low <= high on every axis, got {entry.low} and {entry.high}")
-    return entry
-
-
-def among(names: Collection[str]) -> tuple[AfterValidator, FieldInfo]:
-    """Metadata of strings that refuse every one but these names, which the schema lists."""
-
-    def check(name: str) -> str:
-        if name not in names:
-            raise ValueError(f"wanted one of {', '.join(names)}, got {name!r}")
-        return name
-
-    return AfterValidator(check), Field(json_schema_extra={"enum": list(names)})
-
-
-Some = Annotated[list[Value], Field(min_length=1)]
-"""A list that is not empty."""
-Number = Annotated[float, Field(allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
-Angle = Annotated[float, Field(ge=0, le=180)]
-Name = Annotated[str, Field(min_length=1)]
-File = Annotated[str, AfterValidator(_file)]
-Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Direction = Annotated[Triple, AfterValidator(a_direction)]
-Over = Literal["some", "all"] | Annotated[float, Field(gt=0, le=1)]
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Limits = Annotated[
-    list[Annotated[float, Field(ge=0)]],
-    Field(min_length=2, max_length=2),
-    AfterValidator(ascending),
-]
-
-
-def no_limit(pair: list[float] | None) -> tuple[float, float]:
-    """Limits as a pair; (0, inf) for None."""
-    return (0.0, math.inf) if pair is None else (pair[0], pair[1])
-
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""
@@ -584,224 +386,6 @@ class ExposureSection(fields_of(Exposure)):  # type: ignore[misc] # a base made 
     def _check(self) -> Self:
         value_of(self, Exposure)
         return self
-
-
-class Generator(Entry):
-    """Entries of all generators of candidate poses."""
-
-    rolls_deg: Some[Number] = [0.0]
-    """A candidate for each: turned about its axis."""
-    up: Direction = [0.0, 0.0, 1.0]
-    """Upwards in the image."""
-    cost: NotNegative | None = None
-    """Of a place of this entry, added to that of the camera; 1 where neither has one."""
-    cameras: list[Name] = []
-    """Types of cameras at these places; all if empty."""
-    lamp: Name | None = None
-    """Lamp to place here instead of cameras, one of the plan without a place of its own."""
-
-
-class Framed(Generator):
-    """Views at the distance that their target needs."""
-
-    stand_off: Limits | None = None
-    """[least, greatest] distance to the target, m; inf for no limit."""
-    margin: Positive = 1.0
-    """Factor by which the image is larger."""
-
-
-class Square(Framed):
-    """Views square to parts of the surface."""
-
-    fit: Literal["extent", "vertices"] = "vertices"
-    """Distance by (6.7), or until all vertices are in view."""
-
-
-class PerSegment(Square):
-    """A view square to each segment, (6.1)-(6.11)."""
-
-    generator: Literal["per_segment"]
-    alpha_deg: Annotated[float, Field(ge=0, lt=90)] = 15.0
-    """Largest angle between two normals of a segment that grows."""
-    beta_deg: Annotated[float, Field(ge=0, lt=90)] = 25.0
-    """Largest angle between average normals that are merged."""
-    merge: Literal["leader", "closest", "none"] = "leader"
-    """Way to merge segments."""
-
-
-class PerFace(Square):
-    """A view square to each face of the task."""
-
-    generator: Literal["per_face"]
-    groups: list[Name] = []
-    """Faces of these groups only; all if empty."""
-
-
-class PerCavity(Square):
-    """Views into what no candidate of the other entries sees, along directions that are open."""
-
-    generator: Literal["per_cavity"]
-    views: Count = 3
-    """Candidates for each face, at most."""
-
-
-class Around(Framed):
-    """Views from around the part, looking at its centre."""
-
-    generator: Literal["on_sphere", "on_hemisphere"]
-    count: Count
-    """Positions on each sphere."""
-    centre: Triple | None = None
-    """The middle of the scene if left out."""
-    distances: Some[Positive] | None = None
-    """Radii, m; one from where all is in view if left out."""
-
-
-class Aim(Entry):
-    """Direction of view of a mounted camera: one of the four."""
-
-    middle: Literal[True] | None = None
-    """The middle of the scene, or of the room."""
-    point: Triple | None = None
-    """A point."""
-    direction: Direction | None = None
-    """A direction."""
-    nearest: list[Name] | None = None
-    """The nearest surface of these groups; of the task if empty."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        only_one(self, ("middle", "point", "direction", "nearest"))
-        return self
-
-
-class Aimed(Generator):
-    """Views from mounting positions, each by a rule."""
-
-    spacing: Positive
-    """Largest distance between neighbours, or from a place on the walls of a room, m."""
-    aim: Some[Aim] = [Aim(middle=True)]
-    """Points to look at; a candidate for each."""
-
-
-Heights = Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)]
-
-
-class InRoom(Aimed):
-    """Mounting positions on the walls and the ceiling of the mesh, in a room; z is up."""
-
-    generator: Literal["in_room"]
-    room: Name
-    """Name of the room, in whose middle the default aim is."""
-    inset: Positive = 0.1
-    """Distance from the mesh, m."""
-    heights: Heights | None = None
-    """[lowest, highest] z, or one, m; all of the room if left out."""
-    on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
-    """Faces to use: steep ones, and others from below."""
-    groups: list[Name] = []
-    """Faces of these groups only; all if empty."""
-
-
-class Mounted(Aimed):
-    """Views from a grid of mounting positions."""
-
-    low: Triple | None = None
-    """Corner of the box; that of the scene."""
-    high: Triple | None = None
-    """The opposite corner."""
-    _check = model_validator(mode="after")(both_or_none)
-
-
-Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
-
-
-class OnBox(Mounted):
-    """Mounting positions on the sides of a box."""
-
-    generator: Literal["on_box"]
-    outward: Number = 0.0
-    """Enlarges the box on all sides, m."""
-    sides: Some[Side] = list(get_args(Side))
-    """Sides to use."""
-
-
-class OnWalls(Mounted):
-    """Mounting positions on the four walls of a room; z is up."""
-
-    generator: Literal["on_walls"]
-    inset: Number = 0.1
-    """Distance from walls, floor and ceiling, m."""
-    heights: Heights | None = None
-    """[lowest, highest] z, or one, m; from floor to ceiling if left out."""
-
-
-class OnCeiling(Mounted):
-    """Mounting positions under the ceiling of a room; z is up."""
-
-    generator: Literal["on_ceiling"]
-    inset: Number = 0.1
-    """Distance from ceiling and walls, m."""
-
-
-class PoseFile(Generator):
-    """The poses of a file."""
-
-    generator: Literal["poses"]
-    file: File
-    """Pose file, ours (.json, .npy) or of another program that states its unit."""
-
-
-class BaseEntry(Entry):
-    """Place of a robot: turned about an axis through its origin, then moved."""
-
-    axis: Direction = [0.0, 0.0, 1.0]
-    """Axis of the rotation, through the origin."""
-    angle_deg: Number = 0.0
-    """Angle of the rotation, counter-clockwise seen against the axis."""
-    translation: Triple = [0.0, 0.0, 0.0]
-    """Metres, after the rotation."""
-
-    def matrix(self) -> NDArray[np.float64]:
-        """(4, 4) rigid motion."""
-        turn = rotation_about(self.axis, math.radians(self.angle_deg))
-        return matrices_of(turn, self.translation)
-
-
-OfSurface = PerSegment | PerFace | PerCavity
-OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | PoseFile
-Reachable = PerSegment | PerFace | OfPlaces
-
-
-class OnArm(Generator):
-    """Views of another generator that the arm of a robot reaches without a collision."""
-
-    generator: Literal["on_arm"]
-    body: Name
-    """Link that carries the camera: NAME/LINK of a body with urdf."""
-    of: Annotated[Reachable, Field(discriminator="generator")]
-    """The other generator, without entries of its own for rolls, up, cost and cameras."""
-    rolls_deg: Some[Number] = [0.0, 90.0, 180.0, 270.0]
-    """A candidate for each: turned about its axis."""
-    mount: BaseEntry = BaseEntry()
-    """Place of the camera on the link; axes: x right, y down, z forward."""
-    clearance: NotNegative = 0.0
-    """Least distance of links from the scene, from keep-out volumes and from each other, m."""
-    allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
-    """Pairs of links that may touch, beside neighbours."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
-            raise ValueError(f"{own[0]} is of on_arm, not of its generator; move it there")
-        return self
-
-    def views(self) -> Reachable:
-        """The other generator, with rolls and up of this one."""
-        return self.of.model_copy(update={"rolls_deg": self.rolls_deg, "up": self.up})
-
-
-CandidateEntry = Annotated[OfSurface | OfPlaces | OnArm, Field(discriminator="generator")]
 
 
 def _unit(unit: str | float) -> str | float:

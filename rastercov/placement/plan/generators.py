@@ -1,0 +1,355 @@
+"""Generators of candidates in plan files: the entries of each, and what it makes of them.
+
+A generator is a class here with `made`, in the union at the end, whose work a function of
+`rastercov.placement` does.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    model_validator,
+)
+
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats import read_views
+from rastercov.camera.rig import Rig
+from rastercov.mesh import Mesh
+from rastercov.placement.candidates import mounting, pool
+from rastercov.placement.candidates.pool import Candidates, Framing
+from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.segments import Segmentation, segment
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.entries import (
+    BaseEntry,
+    Count,
+    Direction,
+    Entry,
+    File,
+    Limits,
+    Name,
+    NotNegative,
+    Number,
+    Pair,
+    Positive,
+    Some,
+    Triple,
+    ascending,
+    both_or_none,
+    one_or_two,
+    only_one,
+)
+
+
+@dataclass(frozen=True)
+class Spot:
+    """What the generator of an entry makes candidates for.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    mounts : Mounts
+        Cameras and rigs of the plan.
+    index : int
+        The one that is placed.
+    framing : Framing
+    folder : Path
+        Folder that files are relative to.
+    room : callable
+        Room by its name.
+    """
+
+    mesh: Mesh
+    mounts: Mounts
+    index: int
+    framing: Framing
+    folder: Path
+    room: Callable[[str], Room]
+
+    @property
+    def view(self) -> tuple[Mesh, Camera, Framing]:
+        """First arguments of a generator."""
+        return self.mesh, self.mounts.first_camera(self.index), self.framing
+
+
+class Generator(Entry):
+    """Entries of all generators of candidate poses."""
+
+    rolls_deg: Some[Number] = [0.0]
+    """A candidate for each: turned about its axis."""
+    up: Direction = [0.0, 0.0, 1.0]
+    """Upwards in the image."""
+    cost: NotNegative | None = None
+    """Of a place of this entry, added to that of the camera; 1 where neither has one."""
+    cameras: list[Name] = []
+    """Types of cameras at these places; all if empty."""
+    lamp: Name | None = None
+    """Lamp to place here instead of cameras, one of the plan without a place of its own."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """Candidates of a mount; once for each aim."""
+        raise NotImplementedError
+
+    def _own(self, base: type["Generator"]) -> dict[str, Any]:
+        """Entries that a base class lacks: arguments of the generator."""
+        return self.model_dump(exclude={"generator", *base.model_fields})
+
+
+class Framed(Generator):
+    """Views at the distance that their target needs."""
+
+    stand_off: Limits | None = None
+    """[least, greatest] distance to the target, m; inf for no limit."""
+    margin: Positive = 1.0
+    """Factor by which the image is larger."""
+
+
+class Square(Framed):
+    """Views square to parts of the surface."""
+
+    fit: Literal["extent", "vertices"] = "vertices"
+    """Distance by (6.7), or until all vertices are in view."""
+
+
+class PerSegment(Square):
+    """A view square to each segment, (6.1)-(6.11)."""
+
+    generator: Literal["per_segment"]
+    alpha_deg: Annotated[float, Field(ge=0, lt=90)] = 15.0
+    """Largest angle between two normals of a segment that grows."""
+    beta_deg: Annotated[float, Field(ge=0, lt=90)] = 25.0
+    """Largest angle between average normals that are merged."""
+    merge: Literal["leader", "closest", "none"] = "leader"
+    """Way to merge segments."""
+
+    def segmented(self, mesh: Mesh) -> Segmentation:
+        """Segments of a mesh."""
+        if self.merge == "none":
+            return segment(mesh, self.alpha_deg, None)
+        return segment(mesh, self.alpha_deg, self.beta_deg, merge=self.merge)
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield pool.per_segment(*spot.view, segmentation=self.segmented(spot.mesh))
+
+
+class PerFace(Square):
+    """A view square to each face of the task."""
+
+    generator: Literal["per_face"]
+    groups: list[Name] = []
+    """Faces of these groups only; all if empty."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        mesh = spot.mesh
+        wanted = [group.name in self.groups or not self.groups for group in mesh.groups]
+        faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
+        yield pool.per_face(*spot.view, faces=faces)
+
+
+class PerCavity(Square):
+    """Views into what no candidate of the other entries sees, along directions that are open."""
+
+    generator: Literal["per_cavity"]
+    views: Count = 3
+    """Candidates for each face, at most."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """None: they depend on the visibility of the others."""
+        return iter(())
+
+
+class Around(Framed):
+    """Views from around the part, looking at its centre."""
+
+    generator: Literal["on_sphere", "on_hemisphere"]
+    count: Count
+    """Positions on each sphere."""
+    centre: Triple | None = None
+    """The middle of the scene if left out."""
+    distances: Some[Positive] | None = None
+    """Radii, m; one from where all is in view if left out."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        yield getattr(mounting, self.generator)(*spot.view, **self._own(Framed))
+
+
+class Aim(Entry):
+    """Direction of view of a mounted camera: one of the four."""
+
+    middle: Literal[True] | None = None
+    """The middle of the scene, or of the room."""
+    point: Triple | None = None
+    """A point."""
+    direction: Direction | None = None
+    """A direction."""
+    nearest: list[Name] | None = None
+    """The nearest surface of these groups; of the task if empty."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("middle", "point", "direction", "nearest"))
+        return self
+
+    def rule(self) -> mounting.Aim:
+        """The rule of the direction."""
+        if self.point is not None:
+            return mounting.at_point(self.point)
+        if self.direction is not None:
+            return mounting.along(self.direction)
+        if self.nearest is not None:
+            return mounting.at_nearest_surface(self.nearest or None)
+        return mounting.at_middle()
+
+
+class Aimed(Generator):
+    """Views from mounting positions, each by a rule."""
+
+    spacing: Positive
+    """Largest distance between neighbours, or from a place on the walls of a room, m."""
+    aim: Some[Aim] = [Aim(middle=True)]
+    """Points to look at; a candidate for each."""
+
+
+Heights = Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)]
+
+
+class InRoom(Aimed):
+    """Mounting positions on the walls and the ceiling of the mesh, in a room; z is up."""
+
+    generator: Literal["in_room"]
+    room: Name
+    """Name of the room, in whose middle the default aim is."""
+    inset: Positive = 0.1
+    """Distance from the mesh, m."""
+    heights: Heights | None = None
+    """[lowest, highest] z, or one, m; all of the room if left out."""
+    on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
+    """Faces to use: steep ones, and others from below."""
+    groups: list[Name] = []
+    """Faces of these groups only; all if empty."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        room = spot.room(self.room)
+        aims = [mounting.at_point(room.middle) if aim.middle else aim.rule() for aim in self.aim]
+        own = self._own(Aimed) | {"room": room}
+        yield mounting.in_room(*spot.view, spacing=self.spacing, aims=aims, **own)
+
+
+class Mounted(Aimed):
+    """Views from a grid of mounting positions."""
+
+    low: Triple | None = None
+    """Corner of the box; that of the scene."""
+    high: Triple | None = None
+    """The opposite corner."""
+    _check = model_validator(mode="after")(both_or_none)
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        mount = MOUNTS[type(self)]
+        bounds = None if self.low is None else np.array([self.low, self.high])
+        given = {"spacing": self.spacing, "bounds": bounds} | self._own(Mounted)
+        for aim in self.aim:
+            yield mount(*spot.view, aim=aim.rule(), **given)
+
+
+Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+
+
+class OnBox(Mounted):
+    """Mounting positions on the sides of a box."""
+
+    generator: Literal["on_box"]
+    outward: Number = 0.0
+    """Enlarges the box on all sides, m."""
+    sides: Some[Side] = list(get_args(Side))
+    """Sides to use."""
+
+
+class OnWalls(Mounted):
+    """Mounting positions on the four walls of a room; z is up."""
+
+    generator: Literal["on_walls"]
+    inset: Number = 0.1
+    """Distance from walls, floor and ceiling, m."""
+    heights: Heights | None = None
+    """[lowest, highest] z, or one, m; from floor to ceiling if left out."""
+
+
+class OnCeiling(Mounted):
+    """Mounting positions under the ceiling of a room; z is up."""
+
+    generator: Literal["on_ceiling"]
+    inset: Number = 0.1
+    """Distance from ceiling and walls, m."""
+
+
+MOUNTS: dict[type[Mounted], Callable[..., Candidates]] = {
+    OnBox: mounting.on_box,
+    OnWalls: mounting.on_walls,
+    OnCeiling: mounting.on_ceiling,
+}
+
+
+class PoseFile(Generator):
+    """The poses of a file."""
+
+    generator: Literal["poses"]
+    file: File
+    """Pose file, ours (.json, .npy) or of another program that states its unit."""
+
+    def made(self, spot: Spot) -> Iterator[Candidates]:
+        """See `Generator`."""
+        found, mounts = pool.from_poses(*spot.view, poses=spot.folder / self.file), spot.mounts
+        views = read_views(spot.folder / self.file)
+        if len(mounts) > 1 and views.camera_names:  # each pose has its own camera
+            firsts = [mounts.first_camera(row) for row in range(len(mounts))]
+            of_pose = views.with_cameras(Rig(firsts, mounts.names)).poses.camera
+            found = found.take(of_pose[found.index] == spot.index)
+        yield found
+
+
+OfSurface = PerSegment | PerFace | PerCavity
+OfPlaces = Around | InRoom | OnBox | OnWalls | OnCeiling | PoseFile
+Reachable = PerSegment | PerFace | OfPlaces
+
+
+class OnArm(Generator):
+    """Views of another generator that the arm of a robot reaches without a collision."""
+
+    generator: Literal["on_arm"]
+    body: Name
+    """Link that carries the camera: NAME/LINK of a body with urdf."""
+    of: Annotated[Reachable, Field(discriminator="generator")]
+    """The other generator, without entries of its own for rolls, up, cost and cameras."""
+    rolls_deg: Some[Number] = [0.0, 90.0, 180.0, 270.0]
+    """A candidate for each: turned about its axis."""
+    mount: BaseEntry = BaseEntry()
+    """Place of the camera on the link; axes: x right, y down, z forward."""
+    clearance: NotNegative = 0.0
+    """Least distance of links from the scene, from keep-out volumes and from each other, m."""
+    allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
+    """Pairs of links that may touch, beside neighbours."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
+            raise ValueError(f"{own[0]} is of on_arm, not of its generator; move it there")
+        return self
+
+    def views(self) -> Reachable:
+        """The other generator, with rolls and up of this one."""
+        return self.of.model_copy(update={"rolls_deg": self.rolls_deg, "up": self.up})
+
+
+CandidateEntry = Annotated[OfSurface | OfPlaces | OnArm, Field(discriminator="generator")]
