@@ -122,7 +122,7 @@ def test_a_baseline_with_any_number_of_it_replaced_is_refused_or_gives_finite_li
 
 
 def test_a_difference_has_the_digits_of_its_bound():
-    share = {"group": None, "share": 0.9085431, "before": 0.9147649}
+    share = {"name": "all", "share": 0.9085431, "before": 0.9147649}
     texts = [words(share | {"bound": bound}) for bound in (5.4e-6, 0.03, 0.0)]
     figures = ["0.62218 ± 0.00054", "0.6 ± 3", "0.622180 ± 0"]
     assert [text.split(": ")[2] for text in texts] == [f"{each} points less" for each in figures]

@@ -1,5 +1,6 @@
 """Goals of a plan with groups, thresholds and views of their own, and cameras that stay."""
 
+import json
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +10,8 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.placement.plan.baseline import compare
+from rastercov.placement.plan.check import record
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import OF_GOALS, OF_TASK, _stacked
 from rastercov.placement.select.integer import select_integer
@@ -100,6 +103,24 @@ def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed)
     if found.status == "fails":
         assert found.lack > 0
         assert checked.reasons(found)[0].startswith("seen by camera ")
+
+
+def test_a_baseline_holds_goals_of_their_own_too(room):
+    """More of the doors and less of what must not be seen is better, and the reverse worse."""
+    asked = plan(room, goals={"doors": DOORS, "window": PRIVATE | {"at_most": 0.9}})
+    near = rc.look_at([(1.5, 2.5, 1.5)], [(1.5, 3.9, 1.5)])
+    doors = rc.look_at([(1.5, 2.0, 1.5)], [(0.0, 2.0, 1.5)])
+    told = [
+        json.loads(json.dumps(record(rc.check(asked, poses, min_coverage=0.01))))
+        for poses in (near, doors)
+    ]
+    for before, now, status in ((0, 1, "better"), (1, 0, "worse")):
+        against = compare({**told[before], "file": "base.json"}, told[now])
+        found = {each["name"]: each["status"] for each in against.shares}
+        assert found["goal doors"] == found["goal window"] == status
+    told[0]["requirements"] = []
+    with pytest.raises(ConfigError, match="base.json"):
+        compare({**told[0], "file": "base.json"}, told[1])
 
 
 @pytest.mark.parametrize("method", ["greedy", "integer"])

@@ -35,8 +35,8 @@ class Against:
     file : str
         The baseline.
     shares : list of dict
-        For all, and for each of several groups: group, share, before, bound of the difference, and
-        status, "worse", "better" or "same".
+        For all, for each of several groups, and for goals of their own: name, group, share, before,
+        bound of the difference, and status, "worse", "better" or "same".
     zones : list of dict
         Dead zones that are new or larger, by more than `LEAST_PERCENT`: row in `dead_zones`,
         status, more_m2, and line.
@@ -60,13 +60,12 @@ class Against:
 
 def words(share: Told) -> str:
     """A share and that of the baseline in one line."""
-    name = "all" if share["group"] is None else f"group {share['group']}"
     more = share["share"] - share["before"]
     bound = 100 * share["bound"]
     digits = min(max(1, 1 - math.floor(math.log10(max(bound, 1e-9)))), 6)  # two of the bound
     points = f"{100 * abs(more):.{digits}f} ± {bound:.2g} points"
     both = f"{percent(share['share'])} covered, {percent(share['before'])} before"
-    return f"{name}: {both}: {points} {'more' if more > 0 else 'less'}"
+    return f"{share['name']}: {both}: {points} {'more' if more > 0 else 'less'}"
 
 
 def read_baseline(path: StrPath) -> Told:
@@ -99,19 +98,23 @@ def compare(before: Told, now: Told) -> Against:
             if (old := before["task"].get(name)) != value:
                 other = f"with {name} = {shown(old)}, and this one has {shown(value)}"
                 raise ConfigError(f"{file}: of a check {other}; make the baseline anew")
-        shares, earlier = (
-            {each["group"]: each for each in (told["all"], *told["groups"])}
-            for told in (now, before)
-        )
+        shares, earlier = _by_name(now), _by_name(before)
         if shares.keys() != earlier.keys() or not _are_possible(before, earlier.values()):
             raise LookupError
-        groups = list(shares) if len(shares) > 2 else [None]
-        pairs = [_share(earlier[group], shares[group]) for group in groups]
+        left_out = f"group {now['groups'][0]['group']}" if len(now["groups"]) == 1 else ""
+        pairs = [_share(name, earlier[name], shares[name]) for name in shares if name != left_out]
         return Against(file, pairs, _zones(before, now) if "dead_zones" in now else [])
     except ConfigError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError):
         raise ConfigError(f"{file}: {NO_CHECK}") from None
+
+
+def _by_name(told: Told) -> dict[str, Told]:
+    """Shares of all, of groups, and of goals of their own."""
+    found = {"all": told["all"]} | {f"group {each['group']}": each for each in told["groups"]}
+    goals = [each for each in told.get("requirements", ()) if each.get("goal")]
+    return found | {f"goal {each['goal']}": each for each in goals}
 
 
 def _are_possible(told: Told, shares: Iterable[Told]) -> bool:
@@ -123,14 +126,15 @@ def _are_possible(told: Told, shares: Iterable[Told]) -> bool:
     return bool(is_right and all(0 <= low <= high <= 1 and 0 <= s <= 1 for low, s, high in numbers))
 
 
-def _share(before: Told, now: Told) -> Entry:
-    """A share, that of the baseline, and their difference."""
-    is_worse = status_of(now["low"], now["high"], before["low"]) == FAILS
-    is_better = status_of(before["low"], before["high"], now["low"]) == FAILS
+def _share(name: str, before: Told, now: Told) -> Entry:
+    """A share, that of the baseline, and their difference; of what is permitted, less is better."""
+    is_less = status_of(now["low"], now["high"], before["low"]) == FAILS
+    is_more = status_of(before["low"], before["high"], now["low"]) == FAILS
+    is_worse, is_better = (is_more, is_less) if now.get("is_most") else (is_less, is_more)
     status = "worse" if is_worse else "better" if is_better else "same"
     bound = sum(each["high"] - each["low"] for each in (before, now)) / 2
     shares = {"share": now["share"], "before": before["share"]}
-    return {"group": now["group"], **shares, "bound": bound, "status": status}
+    return {"name": name, "group": now["group"], **shares, "bound": bound, "status": status}
 
 
 def _zones(before: Told, now: Told) -> list[Entry]:

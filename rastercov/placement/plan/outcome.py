@@ -51,7 +51,7 @@ def cases(checked: Checked) -> list[Case]:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         for share in checked.against.shares:
             status = share["status"] if share["status"] == "worse" else ""
-            name = f"{GOAL}{share['group'] or 'all'} against the baseline"
+            name = f"{GOAL}{share['name'].removeprefix('group ')} against the baseline"
             found.append(Case(name, status, [words(share)]))
     for row, zone in enumerate(checked.summary().get("dead_zones", ())):
         if row in changed or (row < MOST_ZONES and zone["percent"] >= LEAST_PERCENT):
