@@ -25,9 +25,9 @@ from rows import Report
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats import write_views
-from rastercov.cluster import Workers
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.shards import Workers
 
 NOTES, SIGNALS, DISKS, LOOKS = 400, 20, 20, 20
 """Damaged folders, ended runs, full disks and looks at a run of the whole campaign."""

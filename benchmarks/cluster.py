@@ -25,9 +25,9 @@ import psutil
 from rows import SUPPORT, Report, arguments
 
 import rastercov as rc
-from rastercov.cluster import Made, Workers, make_shards
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import build_matrix
+from rastercov.shards import Made, Workers, make_shards
 
 POSES, A_SHARD, WORKERS = 400, 20, 2
 TASKS = 400

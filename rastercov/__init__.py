@@ -34,7 +34,6 @@ if _TYPE_CHECKING:
     from rastercov.camera.rule import AtLeast as AtLeast
     from rastercov.camera.viewpoints import look_at as look_at
     from rastercov.camera.viewpoints import sphere_of_poses as sphere_of_poses
-    from rastercov.cluster import Workers as Workers
     from rastercov.coverage.area.cells import Cells as Cells
     from rastercov.coverage.area.cells import CellShares as CellShares
     from rastercov.coverage.area.cells import cells as cells
@@ -85,6 +84,7 @@ if _TYPE_CHECKING:
     from rastercov.report.jobs import place as place
     from rastercov.report.notebook import show as show
     from rastercov.report.notebook import table as table
+    from rastercov.shards import Workers as Workers
 
     __version__: str
 
@@ -102,7 +102,7 @@ _NAMES = {
     "camera.rig": "Rig Views",
     "camera.rule": "All Any AtLeast",
     "camera.viewpoints": "look_at sphere_of_poses",
-    "cluster": "Workers",
+    "shards": "Workers",
     "coverage.area.cells": "Cells CellShares cells",
     "coverage.area.criteria": "BeamDensity Highlight Illuminance RayAngle Uncertainty",
     "coverage.area.laser": "LaserLine",

@@ -21,7 +21,6 @@ from timed import evaluate_over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.camera.rig import Rig
-from rastercov.cluster import Staff
 from rastercov.coverage import shards
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass, failures_of_rows
@@ -36,6 +35,7 @@ from rastercov.placement.plan.file import Plan, plan_of
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import named_scene
 from rastercov.reference.regions import points_on, rig_covers_points
+from rastercov.shards import Staff
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session

@@ -14,7 +14,7 @@ from rastercov.camera.formats import write_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.cluster.process import Process
+from rastercov.shards.process import Process
 
 
 def test_an_open_door_is_found():

@@ -13,7 +13,7 @@ import rastercov
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
     *("native", "base", "mesh", "camera", "raster", "exact"),
-    *("cluster", "coverage", "placement", "report", "viewer", "cli"),
+    *("cluster", "shards", "coverage", "placement", "report", "viewer", "cli"),
 )
 LABORATORY = {("cli", "compare")}
 """Commands that run models and oracles of `rastercov.reference`; nothing else imports it."""

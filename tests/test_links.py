@@ -12,10 +12,10 @@ from rigs_to_view import part, session_of
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.output import own_folder, remove_file, write_bytes
-from rastercov.cluster.store import ShardStore, remove, remove_halves, store
 from rastercov.coverage.shards import FILES
 from rastercov.placement.plan.prepare import OF_A_MATRIX
 from rastercov.report.folder import NEW, STAGING, ReportFolder, ReportKind
+from rastercov.shards.store import ShardStore, remove, remove_halves, store
 
 ROOT = Path(__file__).parents[1]
 KIND = ReportKind("evaluate", re.compile(r"summary\.json|pose_\d+\.png"), last="summary.json")

@@ -12,7 +12,6 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.cluster import ALONE
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.coverage import FIGURES, Coverage
@@ -25,6 +24,7 @@ from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas
+from rastercov.shards import ALONE
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 #  3---2        6   9  12

@@ -13,8 +13,8 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import Console, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions, in_metres, left_out
-from rastercov.cluster import Tally
 from rastercov.coverage.task import Task
+from rastercov.shards import Tally
 
 NO_SCALE = (
     "the reconstruction has no scale: lengths are in its units; --pose-unit and --unit give metres"

@@ -32,9 +32,9 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
-from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
+from rastercov.shards import Tally, Workers
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.over_time import PlanMotion
@@ -166,8 +166,8 @@ def run_and_print(
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
-    from rastercov.cluster import Staff
     from rastercov.report.coverage import run
+    from rastercov.shards import Staff
 
     accepted, tally = Poses.of(poses), Tally()
     warn(mesh.warnings)

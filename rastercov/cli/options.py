@@ -16,9 +16,9 @@ from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
-from rastercov.cluster import Workers
 from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
+from rastercov.shards import Workers
 
 Meshes = Annotated[
     list[Path],

@@ -53,10 +53,10 @@ def sheet(
 
     Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
     """
-    from rastercov.cluster import Staff
     from rastercov.coverage.evaluation import Query
     from rastercov.coverage.job import answer
     from rastercov.report import plan_sheet as report
+    from rastercov.shards import Staff
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)

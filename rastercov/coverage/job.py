@@ -21,7 +21,6 @@ from rastercov.base.locks import locked
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint, with_lamps
-from rastercov.cluster import ALONE, Staff, Workers
 from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of
 from rastercov.coverage.area.network import AreaNetwork
@@ -41,6 +40,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
 from rastercov.raster.contract import RasterizerInfo
+from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures of pairs that `evaluate` may return."""

@@ -1,7 +1,7 @@
 """Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
 
 A long run writes what it has in shards, so that one which was ended continues where it was; and
-workers can make them. A folder holds the inputs (`rastercov.cluster.inputs`) and, with the checksum
+workers can make them. A folder holds the inputs (`rastercov.shards.inputs`) and, with the checksum
 of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions. Of a
 motion, a frame is the unit of a shard, in place of a pose.
 """
@@ -24,20 +24,6 @@ from rastercov.base.output import is_own_folder, named_folder, own_folder, own_p
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, gates_to_json
-from rastercov.cluster import ALONE, ShardStore, Staff, fill
-from rastercov.cluster.inputs import (
-    INPUTS,
-    POSES,
-    Inputs,
-    header_bytes,
-    npz_bytes,
-    opened_once,
-    read_npz,
-    write_inputs,
-)
-from rastercov.cluster.run import counted
-from rastercov.cluster.store import DamagedError, whole
-from rastercov.cluster.store import remove as remove_files
 from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.table import Regions, joined
@@ -50,6 +36,20 @@ from rastercov.coverage.records import PairRows, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
+from rastercov.shards import ALONE, ShardStore, Staff, fill
+from rastercov.shards.inputs import (
+    INPUTS,
+    POSES,
+    Inputs,
+    header_bytes,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    write_inputs,
+)
+from rastercov.shards.run import counted
+from rastercov.shards.store import DamagedError, whole
+from rastercov.shards.store import remove as remove_files
 
 LOG = logging.getLogger("rastercov")
 FUNCTION = "rastercov.coverage.shards:make"
@@ -216,7 +216,7 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
 
 
 def make_frames(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
-    """Content of a shard of frames, as `rastercov.cluster.ShardStore` wants it."""
+    """Content of a shard of frames, as `rastercov.shards.ShardStore` wants it."""
     return _packed(folder, number, _of_frames(_opened_frames(folder), chosen))
 
 
@@ -308,7 +308,7 @@ def is_long(n_poses: int, n_faces: int) -> bool:
 
 
 def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
-    """Content of a shard, as `rastercov.cluster.ShardStore` wants it."""
+    """Content of a shard, as `rastercov.shards.ShardStore` wants it."""
     observer, poses, task, wanted = _opened(folder)
     return _packed(folder, number, _measured(observer, poses[chosen], task, wanted))
 

@@ -26,7 +26,6 @@ from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of
-from rastercov.cluster import Made, Staff, Workers
 from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
@@ -46,6 +45,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
+from rastercov.shards import Made, Staff, Workers
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,9 +36,6 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
-from rastercov.cluster import Made, Staff, Workers, fill
-from rastercov.cluster.run import counted
-from rastercov.cluster.store import Note, remove_halves
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.shards import LOG
@@ -60,6 +57,9 @@ from rastercov.placement.matrix_folder import (
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
+from rastercov.shards import Made, Staff, Workers, fill
+from rastercov.shards.run import counted
+from rastercov.shards.store import Note, remove_halves
 
 POSES_A_TURN = 256
 """Poses whose pairs are made bits at a time."""

@@ -1,6 +1,6 @@
 """Folder of a visibility matrix: inputs, shards, checksums.
 
-Two checks detect every change: each file has a checksum (`rastercov.cluster.store`), and each shard
+Two checks detect every change: each file has a checksum (`rastercov.shards.store`), and each shard
 holds the header of its matrix and its own name, so that a shard of another matrix, or of other
 poses of the same matrix, is refused.
 
@@ -34,19 +34,6 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import cameras_of, rows_of_result, with_places
-from rastercov.cluster import ShardStore
-from rastercov.cluster.inputs import (
-    HEADER,
-    POSES,
-    Inputs,
-    npz_bytes,
-    opened_once,
-    read_npz,
-    read_poses,
-    write_inputs,
-)
-from rastercov.cluster.run import counted
-from rastercov.cluster.store import SUMS, DamagedError, Note, contents, remove, store, whole
 from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.regions import RegionObserver
@@ -61,6 +48,19 @@ from rastercov.native import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
+from rastercov.shards import ShardStore
+from rastercov.shards.inputs import (
+    HEADER,
+    POSES,
+    Inputs,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    read_poses,
+    write_inputs,
+)
+from rastercov.shards.run import counted
+from rastercov.shards.store import SUMS, DamagedError, Note, contents, remove, store, whole
 
 PAIRS_A_SHARD = 1 << 22
 """Pairs of a pose and an element in one shard: several seconds of work."""
@@ -548,7 +548,7 @@ def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
 
 
 def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
-    """Content of a shard, as `rastercov.cluster.ShardStore` wants it.
+    """Content of a shard, as `rastercov.shards.ShardStore` wants it.
 
     The bounds of the poses of its shards so far are written in place of earlier ones.
 

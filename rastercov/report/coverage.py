@@ -46,7 +46,6 @@ from rastercov.camera.rig import (
     names_of,
     names_of_poses,
 )
-from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.by_camera import missed_lines
 from rastercov.coverage.area.motion import MOST_PICTURES, MotionQuery, regions
 from rastercov.coverage.area.over_time import TimeAreas
@@ -82,6 +81,7 @@ from rastercov.report.images import Key, contact_sheet, face_index_picture, fram
 from rastercov.report.network_page import OF_SENSORS, NetworkPage
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
+from rastercov.shards import ALONE, Staff
 
 if TYPE_CHECKING:
     from rastercov.report.parquet import CoverageTable

@@ -19,10 +19,10 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
-from rastercov.cluster import Workers
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.shards import Workers
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked

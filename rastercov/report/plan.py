@@ -28,7 +28,6 @@ from rastercov.base.files import seen_from
 from rastercov.base.format import distance, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
-from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import named_cameras, provenance_of
 from rastercov.placement.plan.arm import MOST_LOST, ArmPoses
@@ -43,6 +42,7 @@ from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import heading_and_tilt
+from rastercov.shards import Workers
 
 MAX_ROWS = 30
 """Cameras that a table lists."""

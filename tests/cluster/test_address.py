@@ -3,8 +3,8 @@
 import pytest
 
 from rastercov.base.errors import ConfigError
-from rastercov.cluster import Workers
-from rastercov.cluster.workers import check_address, risk
+from rastercov.cluster.scheduler import check_address, risk
+from rastercov.shards import Workers
 
 
 @pytest.mark.slow

@@ -11,14 +11,14 @@ import pytest
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.cluster import Staff, Workers
-from rastercov.cluster.store import store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
 from rastercov.placement.audit import audit
 from rastercov.report import coverage
 from rastercov.report.coverage import Options, run
+from rastercov.shards import Staff, Workers
+from rastercov.shards.store import store
 
 pytestmark = pytest.mark.slow
 MESH = shapes.teapot(4)

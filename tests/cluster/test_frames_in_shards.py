@@ -9,9 +9,9 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.store import store
 from rastercov.coverage import shards
 from rastercov.coverage.shards import UNFINISHED
+from rastercov.shards.store import store
 
 CAMERA = rc.Camera(width=320, height=240, fx=250, fy=250)
 TASK = rc.Task(max_incidence_deg=75)

@@ -10,12 +10,12 @@ from killing_shards import POISONED, SMALL
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.cluster import Workers
 from rastercov.coverage.area.cells import cells
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
+from rastercov.shards import Workers
 
 pytestmark = pytest.mark.slow
 MESH = shapes.teapot(4)

@@ -19,11 +19,11 @@ import dask
 import pytest
 
 from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.cluster import Workers, make_shards
-from rastercov.cluster import run as run_module
-from rastercov.cluster.store import store
-from rastercov.cluster.work import work
-from rastercov.cluster.workers import OfScheduler, SchedulerLostError
+from rastercov.cluster.scheduler import OfScheduler, SchedulerLostError
+from rastercov.shards import Workers, make_shards
+from rastercov.shards import run as run_module
+from rastercov.shards.store import store
+from rastercov.shards.work import work
 
 pytestmark = pytest.mark.slow
 
@@ -134,7 +134,7 @@ def test_another_version_of_rastercov_is_refused(tmp_path):
 
 
 def test_an_address_without_a_scheduler_is_refused_in_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("rastercov.cluster.workers.CONNECT_SECONDS", 1)
+    monkeypatch.setattr("rastercov.cluster.scheduler.CONNECT_SECONDS", 1)
     job = cluster_job.prepared(tmp_path / "job", 1)
     with pytest.raises(ConfigError, match=r"no scheduler answers .* start one with"):
         run(job, Watch(), Workers(scheduler="tcp://127.0.0.1:9"))

@@ -21,12 +21,12 @@ from nightly import IS_NIGHTLY
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.base.locks import locked
-from rastercov.cluster.store import store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.shards.store import store
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)

@@ -14,7 +14,6 @@ from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import area
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.rig import gates_to_json, with_gates, with_places
-from rastercov.cluster import Staff
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.network import AreaNetwork
@@ -28,6 +27,7 @@ from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.report import overview
 from rastercov.report.coverage import html_of, network_of, regions_of
 from rastercov.report.modes import MODES
+from rastercov.shards import Staff
 from rastercov.viewer.measurements import NetworkFigures
 from rastercov.viewer.scene import open_mesh
 from rastercov.viewer.session import Session, unframed

@@ -21,7 +21,6 @@ from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.cluster import Staff
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
@@ -34,6 +33,7 @@ from rastercov.report import coverage
 from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.folder import ReportFolder
 from rastercov.report.parquet import CoverageTable
+from rastercov.shards import Staff
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)

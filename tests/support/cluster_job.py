@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
-from rastercov.cluster import ShardStore
+from rastercov.shards import ShardStore
 
 FUNCTION = "cluster_job:make"
 
@@ -50,7 +50,7 @@ def make(folder, number, chosen):
 HEAD = """
 import sys
 import cluster_job
-from rastercov.cluster import Workers, make_shards
+from rastercov.shards import Workers, make_shards
 store = cluster_job.store_of(sys.argv[1], int(sys.argv[2]))
 make_shards(Workers(2), store, lambda made: None, print)
 """

@@ -98,8 +98,8 @@ def run(*words):
 def find_bits(folder):
     """Make a shard as a worker does, and bits of a matrix in a file that is reserved."""
     import rastercov as rc
-    from rastercov.cluster.work import work
     from rastercov.placement.matrix_folder import MatrixFolder
+    from rastercov.shards.work import work
 
     mesh, camera = rc.shapes.by_name("box"), rc.Camera.from_fov(64, 64, hfov_deg=60)
     poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=3.0, count=8)

@@ -20,7 +20,6 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of
-from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
@@ -44,6 +43,7 @@ from rastercov.coverage.shards import regions_in_shards
 from rastercov.coverage.task import Task
 from rastercov.mesh.groups import parts_of
 from rastercov.mesh.motion import Motion
+from rastercov.shards import ALONE, Staff
 
 MOST_JUDGED = 48
 """Frames, evenly spread, in which the reasons of what is missed are found."""

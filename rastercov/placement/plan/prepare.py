@@ -25,9 +25,6 @@ from rastercov.base.output import is_own_folder, named, own_place
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
-from rastercov.cluster import Tally, Workers
-from rastercov.cluster.inputs import INPUTS
-from rastercov.cluster.store import remove, remove_halves
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.rows import unmet_lines
@@ -67,6 +64,9 @@ from rastercov.placement.select.problem import (
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
+from rastercov.shards import Tally, Workers
+from rastercov.shards.inputs import INPUTS
+from rastercov.shards.store import remove, remove_halves
 
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""

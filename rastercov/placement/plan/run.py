@@ -22,7 +22,6 @@ from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import is_joint, led_by, names_of_poses, rows_of_result
-from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
@@ -80,6 +79,7 @@ from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
+from rastercov.shards import Workers
 
 TURNS = 2
 """Times that cameras, and then lamps for these, are chosen."""

@@ -12,10 +12,11 @@ from typing import Any
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
-from rastercov.cluster.process import ProcessEndedError
-from rastercov.cluster.store import Note, ShardStore
-from rastercov.cluster.work import Made, alone, work
-from rastercov.cluster.workers import Pool, SchedulerLostError, Workers, risk
+from rastercov.cluster.scheduler import SchedulerLostError, risk
+from rastercov.shards.process import ProcessEndedError
+from rastercov.shards.store import Note, ShardStore
+from rastercov.shards.work import Made, alone, work
+from rastercov.shards.workers import Pool, Workers
 
 IN_FLIGHT = 4
 """Shards with the scheduler at a time, for each thread of the workers."""

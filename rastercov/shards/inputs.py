@@ -20,10 +20,10 @@ from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_to_json, with_gates
-from rastercov.cluster.store import DamagedError, Note, renew, whole
-from rastercov.cluster.work import FolderLostError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.mesh import MeshSource
+from rastercov.shards.store import DamagedError, Note, renew, whole
+from rastercov.shards.work import FolderLostError
 
 T = TypeVar("T")
 ARRAYS = ("vertices", "faces", "face_group", "source_face")

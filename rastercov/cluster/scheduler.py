@@ -1,4 +1,4 @@
-"""Choice of the processes that make shards: those of this machine, or those of a Dask scheduler.
+"""Processes of a Dask scheduler, on any machines, that make shards.
 
 Whoever reaches an open scheduler can run any program on its workers, and whoever answers in its
 place can run one in this process. So an address is of this machine, or of TLS with certificates on
@@ -12,93 +12,23 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 from urllib.parse import urlsplit
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.process import Processes
 
-MOST_WORKERS = 1024
-"""Processes on one machine; more are a slip of the keyboard."""
 CONNECT_SECONDS = 20
 """Time for the first connection to a scheduler."""
 ASK_SECONDS = 5
 """Time between two questions for the number of threads of a scheduler."""
-ENVIRONMENT = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    # Memory stays with a worker from pose to pose: given back after each, 1.5 times the time.
-    "MALLOC_TRIM_THRESHOLD_": str(1 << 30),
-    "MALLOC_MMAP_THRESHOLD_": str(1 << 30),
-}
-"""Environment of a worker, which must be set before it starts."""
 LOGS = ("distributed", "distributed.client")
 """Channels that Dask sets a level of."""
 
 
 class SchedulerLostError(Exception):
     """The scheduler does not answer any more."""
-
-
-@dataclass(frozen=True)
-class Workers:
-    """Processes that make shards: a number of them on this machine, or those of a scheduler.
-
-    Parameters
-    ----------
-    number : int, optional
-        Worker processes of this machine, of one thread each, which end with the run and which only
-        this process can reach.
-    scheduler : str, optional
-        Address of a Dask scheduler: tcp:// on this machine, or tls:// with the certificates that
-        the configuration of Dask names (`distributed.comm.tls`).
-
-    Raises
-    ------
-    ConfigError
-        Where not exactly one is given, for a number below 1, for an address that is open to others,
-        and for one where Dask is not installed.
-    """
-
-    number: int | None = None
-    scheduler: str | None = None
-
-    def __post_init__(self) -> None:
-        if (self.number is None) == (self.scheduler is None):
-            raise ConfigError("give a number of workers, or the address of a scheduler, not both")
-        number = 1 if self.number is None else self.number
-        if type(number) is not int or not 1 <= number <= MOST_WORKERS:
-            wanted = f"a whole number 1 to {MOST_WORKERS}"
-            raise ConfigError(f"workers must be {wanted}, got {shown(number)}")
-        if self.scheduler is not None:
-            check_address(self.scheduler)
-            _distributed()
-
-    @classmethod
-    def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
-        """Choice by two options, None where neither is given."""
-        return None if number is None and scheduler is None else cls(number, scheduler)
-
-    @contextmanager
-    def pool(self) -> "Iterator[Pool]":
-        """Own workers, which start and end here, or those of the scheduler.
-
-        Raises
-        ------
-        ConfigError
-            Where the scheduler cannot be reached, or TLS has no certificates.
-        """
-        if self.number is not None:
-            with Processes(self.number, ENVIRONMENT) as processes:
-                yield processes
-            return
-        assert self.scheduler is not None
-        with _quiet_log(), _connected(self.scheduler) as client:
-            yield OfScheduler(client)
 
 
 class OfScheduler:
@@ -139,9 +69,6 @@ class OfScheduler:
         return self._threads
 
 
-Pool = Processes | OfScheduler
-
-
 def check_address(address: str) -> None:
     """Accept the address of a scheduler.
 
@@ -163,6 +90,12 @@ def check_address(address: str) -> None:
             f"{address}: refused, because anyone who reaches an open scheduler can run programs on "
             "its workers; use tls:// with certificates, or a tunnel to 127.0.0.1 (docs/scale.md)"
         )
+
+
+def check_scheduler(address: str) -> None:
+    """`check_address`, and ConfigError where Dask is not installed."""
+    check_address(address)
+    _distributed()
 
 
 def risk(address: str) -> str:
@@ -189,6 +122,13 @@ def _distributed() -> Any:
     except ModuleNotFoundError:
         advice = "pip install 'rastercov[cluster]'"
         raise ConfigError(f"a scheduler needs the extra cluster: {advice}") from None
+
+
+@contextmanager
+def pool_of(address: str) -> Iterator[OfScheduler]:
+    """Processes of a scheduler; ConfigError where it cannot be reached, or has no certificates."""
+    with _quiet_log(), _connected(address) as client:
+        yield OfScheduler(client)
 
 
 @contextmanager

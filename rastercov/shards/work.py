@@ -19,8 +19,8 @@ import numpy as np
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.versions import version_of
-from rastercov.cluster.process import Process, ProcessEndedError
-from rastercov.cluster.store import ShardStore
+from rastercov.shards.process import Process, ProcessEndedError
+from rastercov.shards.store import ShardStore
 
 
 class FolderLostError(OSError):

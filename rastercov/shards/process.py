@@ -20,7 +20,7 @@ from typing import Any
 from rastercov.base.errors import RastercovError
 from rastercov.base.threads import Closing, child_environment
 
-PROGRAM = "from rastercov.cluster.process import serve; serve()"
+PROGRAM = "from rastercov.shards.process import serve; serve()"
 WINDOWS_ERRORS = 0xC0000000
 """Exit codes from here on are exceptions that ended a process on Windows."""
 EMPTY: Mapping[str, str] = MappingProxyType({})

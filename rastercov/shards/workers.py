@@ -1,0 +1,81 @@
+"""Choice of the processes that make shards: those of this machine, or those of a scheduler."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.cluster.scheduler import OfScheduler, check_scheduler, pool_of
+from rastercov.shards.process import Processes
+
+MOST_WORKERS = 1024
+"""Processes on one machine; more are a slip of the keyboard."""
+ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    # Memory stays with a worker from pose to pose: given back after each, 1.5 times the time.
+    "MALLOC_TRIM_THRESHOLD_": str(1 << 30),
+    "MALLOC_MMAP_THRESHOLD_": str(1 << 30),
+}
+"""Environment of a worker, which must be set before it starts."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Processes that make shards: a number of them on this machine, or those of a scheduler.
+
+    Parameters
+    ----------
+    number : int, optional
+        Worker processes of this machine, of one thread each, which end with the run and which only
+        this process can reach.
+    scheduler : str, optional
+        Address of a Dask scheduler: tcp:// on this machine, or tls:// with the certificates that
+        the configuration of Dask names (`distributed.comm.tls`).
+
+    Raises
+    ------
+    ConfigError
+        Where not exactly one is given, for a number below 1, for an address that is open to others,
+        and for one where Dask is not installed.
+    """
+
+    number: int | None = None
+    scheduler: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.number is None) == (self.scheduler is None):
+            raise ConfigError("give a number of workers, or the address of a scheduler, not both")
+        number = 1 if self.number is None else self.number
+        if type(number) is not int or not 1 <= number <= MOST_WORKERS:
+            wanted = f"a whole number 1 to {MOST_WORKERS}"
+            raise ConfigError(f"workers must be {wanted}, got {shown(number)}")
+        if self.scheduler is not None:
+            check_scheduler(self.scheduler)
+
+    @classmethod
+    def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
+        """Choice by two options, None where neither is given."""
+        return None if number is None and scheduler is None else cls(number, scheduler)
+
+    @contextmanager
+    def pool(self) -> "Iterator[Pool]":
+        """Own workers, which start and end here, or those of the scheduler.
+
+        Raises
+        ------
+        ConfigError
+            Where the scheduler cannot be reached, or TLS has no certificates.
+        """
+        if self.number is not None:
+            with Processes(self.number, ENVIRONMENT) as processes:
+                yield processes
+            return
+        assert self.scheduler is not None
+        with pool_of(self.scheduler) as processes_of_scheduler:
+            yield processes_of_scheduler
+
+
+Pool = Processes | OfScheduler
