@@ -29,7 +29,16 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
 from rastercov.camera.lamps import Lamps, lamps_of_json
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rule import All, Gate, Rule, gate_of, renamed, task_to_json
+from rastercov.camera.rule import (
+    All,
+    Gate,
+    Rule,
+    gate_of,
+    renamed,
+    rule_of,
+    rule_to_json,
+    task_to_json,
+)
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.mesh import Mesh
 
@@ -304,6 +313,35 @@ def with_lamps(cameras: Cameras, lamps: Lamps | None) -> Cameras:
 def is_joint(cameras: Cameras) -> bool:
     """True where parts count by more than one camera alone: by a rule of a rig, or by lamps."""
     return bool(gates_of(cameras)) or lamps_of(cameras) is not None
+
+
+OF_RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
+OF_RIG = (*OF_RULE, "tasks", "fixed", "lamps")
+"""Entries of a file of cameras on what these are together."""
+
+
+def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
+    """A rig with the rule, thresholds, fixed cameras and lamps of a file, where it has any."""
+    given = {name: entries[name] for name in OF_RULE if name in entries}
+    more = {name: entries[name] for name in ("tasks", "fixed") if name in entries}
+    own = rig.cameras, rig.names, rig.rig_from_camera
+    found = Rig(*own, rule=rule_of(given), **more) if given or more else rig
+    if "lamps" not in entries:
+        return found
+    try:
+        return with_lamps(found, lamps_of_json(entries["lamps"]))
+    except (TypeError, AttributeError, KeyError):
+        raise CameraError(
+            f"lamps must be as place writes them, got {shown(entries['lamps'])}"
+        ) from None
+
+
+def rule_entries(rig: Rig) -> dict[str, Any]:
+    """Entries of the rule of a rig, of thresholds of its cameras and of those that are fixed."""
+    tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
+    more = {"tasks": tasks, "fixed": list(rig.fixed)}
+    own = rule_to_json(rig.rule) if rig.is_one else {}
+    return own | {name: value for name, value in more.items() if value}
 
 
 def gates_to_json(cameras: Cameras) -> dict[str, Any]:

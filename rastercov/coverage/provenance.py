@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.versions import version_of
-from rastercov.camera.formats.own import rule_entries
-from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
+from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of, rule_entries
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo

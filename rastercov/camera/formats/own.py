@@ -29,15 +29,12 @@ from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
-from rastercov.camera.lamps import lamps_of_json
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.camera.rig import Rig, Views, with_lamps
-from rastercov.camera.rule import All, rule_of, rule_to_json, task_to_json
+from rastercov.camera.rig import OF_RIG, Views, rig_with, rule_entries
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
 UNUSED |= {"joint_names", "joints", "clearance_m", "hidden_by_arm_percent", "tour"}
 """Entries that no pose depends on: names of images, and what `place` writes beside its poses."""
-RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 KNOWN = UNUSED | {
     "cameras",
     "rig_from_camera",
@@ -45,10 +42,7 @@ KNOWN = UNUSED | {
     "camera",
     "frame",
     "has_unit",
-    *RULE,
-    "tasks",
-    "fixed",
-    "lamps",
+    *OF_RIG,
 }
 """Entries of a file of cameras and poses."""
 
@@ -75,36 +69,11 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     if "world_from_camera" in entries:
         poses = real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
     if "cameras" in entries:
-        return _with_rule(_views(poses, border, entries, *_cameras(entries)), content)
+        found = _views(poses, border, entries, *_cameras(entries))
+        return replace(found, rig=found.rig and rig_with(found.rig, content))
     given = entries.get("camera")
     known = [each for each in given if isinstance(each, str) and each] if given else []
     return _views(poses, border, entries, None, list(dict.fromkeys(known)))
-
-
-def _with_rule(views: Views, content: Mapping[str, Any]) -> Views:
-    """The views with the rule of their rig, and thresholds of its cameras, where there are any."""
-    given = {name: content[name] for name in RULE if name in content}
-    more = {name: content[name] for name in ("tasks", "fixed") if name in content}
-    if views.rig is None:
-        return views
-    own = views.rig.cameras, views.rig.names, views.rig.rig_from_camera
-    rig = Rig(*own, rule=rule_of(given), **more) if given or more else views.rig
-    if "lamps" not in content:
-        return replace(views, rig=rig)
-    try:
-        return replace(views, rig=with_lamps(rig, lamps_of_json(content["lamps"])))
-    except (TypeError, AttributeError, KeyError):
-        raise CameraError(
-            f"lamps must be as place writes them, got {shown(content['lamps'])}"
-        ) from None
-
-
-def rule_entries(rig: Rig) -> dict[str, Any]:
-    """Entries of the rule of a rig, of thresholds of its cameras and of those that are fixed."""
-    tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
-    more = {"tasks": tasks, "fixed": list(rig.fixed)}
-    own = rule_to_json(rig.rule) if rig.is_one else {}
-    return own | {name: value for name, value in more.items() if value}
 
 
 def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
