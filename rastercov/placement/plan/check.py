@@ -21,7 +21,6 @@ from rastercov.base.files import parsed_json
 from rastercov.base.format import InNotebook, InOneLine, plural
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Views, gates_of, lamps_of, names_of_poses
 from rastercov.coverage.area.regions import RegionPass
@@ -265,10 +264,9 @@ def check(
     """
     given = read_views(poses_file) if poses is None else poses
     images: tuple[str, ...] = ()
-    chosen: Lamps | None = None
+    chosen = lamps_of(given.rig) if isinstance(given, Views) and given.rig else None
     if isinstance(given, Views):
         images = given.images
-        chosen = lamps_of(given.rig) if given.rig else None
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
     if plan.lamp_entries:
