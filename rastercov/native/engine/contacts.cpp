@@ -252,7 +252,7 @@ Tree fan_of(const Placed &placed, int64_t first, int64_t last, Room<int32_t> &ch
     std::iota(own.begin(), own.end(), 0);
     for (int64_t f = 0; f < n; f++) {
         const int32_t *corner = placed.tree.faces.rows().data + 3 * (first + f);
-        std::array<int32_t, 2> others;
+        std::array<int32_t, 2> others = {hub, hub}; // of a face with that corner twice
         std::copy_if(corner, corner + 3, others.begin(), [&](int32_t v) { return v != hub; });
         const auto box = box_of_directions(placed, others, hub);
         for (int k = 0; k < 3; k++)
