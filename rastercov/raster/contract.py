@@ -47,12 +47,11 @@ class RasterizerInfo:
     backend : str
         `"gl"` or `"cpu"`.
     plan : str
-        How it ran: `"threads"` on the CPU; on OpenGL `"pipeline"` or `"compute"` (without the
-        graphics pipeline).
+        How it ran: `"threads"` on the CPU, `"compute"` on OpenGL.
     renderer, driver, device : str
         The device's own names.
     depth : str
-        Depth buffer in use, such as `"float32 reversed"`.
+        What depth is compared as, such as `"float32 1/z"`.
     shaders : str
         SHA-256 of the shader sources.
     """

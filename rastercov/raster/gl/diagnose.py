@@ -192,23 +192,19 @@ def open_device(label: str) -> Report:
 
 
 def verify_device(label: str) -> Report:
-    """Count known and convex scenes in every way; for `ask`.
+    """Count known and convex scenes on a device; for `ask`.
 
     Raises
     ------
     DeviceError
-        Names the way, and the scene or the count that is wrong.
+        Names the scene or the count that is wrong.
     """
     # Not above, as in `open_device`.
     from rastercov.raster.gl.context import open_context
-    from rastercov.raster.gl.rasterizer import WAYS, GLRasterizer
+    from rastercov.raster.gl.rasterizer import GLRasterizer
 
     with open_context(label) as context:
-        for way, options in WAYS.items():
-            try:
-                _verify(partial(GLRasterizer, device=context, **options))
-            except RastercovError as error:
-                raise DeviceError(f"plan {way}: {error}") from error
+        _verify(partial(GLRasterizer, device=context))
     return {}
 
 
