@@ -30,7 +30,7 @@ from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.balls import Arithmetic
-from rastercov.camera.lenses.planes import IdealPlane, cells_of
+from rastercov.camera.lenses.planes import IdealPlane
 from rastercov.native import lens_edges
 from rastercov.native import lens_expansions as native
 from rastercov.native.lens_edges import FEWEST, MOST
@@ -139,7 +139,7 @@ def _atan2(y: Expansion, x: object) -> Any:
 
 
 _PRIMITIVES = {"sqrt": _sqrt, "angle_over_r": _angle_over_r, "atan2": _atan2}
-_project: Any = formulas.bound_to(_PRIMITIVES)["project"]
+_project = formulas.project_on(_PRIMITIVES)
 
 
 def coefficient_bounds(plane: IdealPlane) -> FloatArray:
@@ -175,7 +175,8 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
         return found
     radii, *reach = (np.array(each) for each in zip(*plane.reaches, strict=True))
     by_cauchy = np.stack([(each / radii ** order[:, None]).min(axis=1) for each in reach])
-    x, y, half = _cells(plane)
+    extent = np.ptp(plane.region, axis=0)
+    x, y, half = plane.cells(np.ceil(extent / (math.sqrt(float(np.prod(extent))) / CELLS)))
     middle, everywhere = _in_cells(plane, x, y, half)
     rounding = ROUNDING_REL * by_cauchy[:, :, None]
     best = np.minimum(everywhere + rounding, by_cauchy[:, :, None])
@@ -191,16 +192,6 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
     by_cauchy = best.max(axis=2)
     found[:, 1:] = by_cauchy[:, 1:]
     return found
-
-
-def _cells(plane: IdealPlane) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-    """Middles of cells that cover the region of a plane, and half their sides."""
-    extent = np.ptp(plane.region, axis=0)
-    x, y, half = cells_of(
-        plane.region, np.ceil(extent / (math.sqrt(float(np.prod(extent))) / CELLS))
-    )
-    is_near = plane.meets(x, y, half)
-    return x[is_near], y[is_near], half
 
 
 def _in_cells(
