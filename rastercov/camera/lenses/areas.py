@@ -83,15 +83,15 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
     for eighth in EIGHTHS:
         if eighth % 2 and len(window) <= FEW_SIDES:
             break
-        across = np.array((math.cos(eighth * np.pi / 4), math.sin(eighth * np.pi / 4)))
-        value = window @ across
+        a, b = math.cos(eighth * math.pi / 4), math.sin(eighth * math.pi / 4)
+        value = window @ (a, b)
         low, high, found = float(value.min()), float(value.max()), window
-        # About the least c with nothing shown beyond the line across . (x, y) = c.
+        # About the least c with nothing shown beyond the line a x + b y = c.
         for _ in range(TRIMMINGS):
             middle = (low + high) / 2
-            piece = keep(window, *across, -middle)
+            piece = keep(window, a, b, -middle)
             if len(piece) >= 3 and misses(piece):
-                high, found = middle, keep(window, *-across, middle)
+                high, found = middle, keep(window, -a, -b, middle)
             else:
                 low = middle
         if _shows(plane, found, width, height):

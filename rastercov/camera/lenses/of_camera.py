@@ -253,6 +253,8 @@ def curved_lens(camera: Camera) -> CurvedLens:
             row[: len(polygon)] = polygon
         return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
 
+    regions, region_sides = padded("region")
+    holes, hole_sides = padded("hole")
     return CurvedLens(
         lens.code,
         read_only(lens.params),
@@ -261,9 +263,16 @@ def curved_lens(camera: Camera) -> CurvedLens:
         not MODELS[camera.model].is_planar,
         stacked("frame"),
         stacked("params"),
-        *padded("region"),
-        *padded("hole"),
-        *map(stacked, ("longest", "parts_of", "is_graded", "bend", "arc_half", "arc_bend")),
+        regions,
+        region_sides,
+        holes,
+        hole_sides,
+        stacked("longest"),
+        stacked("parts_of"),
+        stacked("is_graded"),
+        stacked("bend"),
+        stacked("arc_half"),
+        stacked("arc_bend"),
         records[0].tolerance,
     )
 
