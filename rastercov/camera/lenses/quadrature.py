@@ -202,13 +202,10 @@ def _in_cells(
     The first are those at the points, the second those at any point of the cells around them.
     """
     least = np.cos(np.arange(ORDER + 1) * np.pi / (2 * DIRECTIONS))
-    found = np.zeros((2, 2, ORDER + 1, len(x)))
+    centre, radius = pixels_along_lines(plane, x, y, half, ORDER)
     with np.errstate(all="ignore"):
-        for k, pixel in enumerate(pixels_along_lines(plane, x, y, half, ORDER)):
-            size, n = np.abs(pixel.centre), len(pixel.centre)
-            for out, most in zip(found, (size, size + pixel.radius), strict=True):
-                out[k, :n] = most.reshape(n, DIRECTIONS, -1).max(axis=1)
-    found /= least[:, None]
+        size = np.abs(centre)
+        found = np.stack((size, size + radius)).max(axis=3) / least[:, None]
     # Where an interval has no limit, its centre means nothing.
     middle, everywhere = np.where(np.isfinite(found[1]), found, np.inf)
     return middle, everywhere
@@ -220,10 +217,11 @@ def pixels_along_lines(
     y: FloatArray,
     half: tuple[float | FloatArray, float],
     order: int,
-) -> tuple[Expansion, Expansion]:
-    """Expansions of u and v at all points of N cells, in DIRECTIONS: DIRECTIONS times N intervals.
+) -> tuple[FloatArray, FloatArray]:
+    """Expansions of u and v at all points of N cells: centres and radii of their coefficients.
 
-    The first direction is along x, that after half of the DIRECTIONS along y.
+    (2, `order` + 1, DIRECTIONS, N) each. The first direction is along x, that after half of the
+    DIRECTIONS along y.
     """
     turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     one = np.ones((DIRECTIONS, len(x)))
@@ -234,9 +232,14 @@ def pixels_along_lines(
 
     X, Y = line(x, half[0], np.cos(turn)), line(y, half[1], np.sin(turn))
     rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in plane.frame]
+    centre, radius = np.zeros((2, 2, order + 1, DIRECTIONS, len(x)))
     with np.errstate(all="ignore"):
-        u, v = _project(plane.code, plane.params, *rays)
-    return u, v
+        pixels = _project(plane.code, plane.params, *rays)
+    for k, pixel in enumerate(pixels):
+        n = len(pixel.centre)
+        centre[k, :n] = pixel.centre.reshape(n, DIRECTIONS, -1)
+        radius[k, :n] = pixel.radius.reshape(n, DIRECTIONS, -1)
+    return centre, radius
 
 
 def _pair_errors(n: int) -> FloatArray:

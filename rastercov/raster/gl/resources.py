@@ -17,12 +17,8 @@ from rastercov import shaders
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.raster.gl.context import HeadlessContext
 
-_STORAGE_BUFFER, _R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x90D2, 0x8236, 0x8D94, 0x1405
+_R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x8236, 0x8D94, 0x1405
 _UINT, _POINTER, _SIZE = ctypes.c_uint, ctypes.c_void_p, ctypes.c_ssize_t
-FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
-    "glBindBuffer": (None, _UINT, _UINT),
-    "glClearBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER),
-}
 
 
 class Resources:
@@ -44,33 +40,25 @@ class Resources:
         self.context.make_current()
         self.gl.memory_barrier()  # shaders of an interrupted call may still write counters
 
-    def _call(self, name: str, *arguments: object) -> Any:
-        return self.context.function(name, *FUNCTIONS[name])(*arguments)
-
     def own(self, thing: Any) -> Any:
         """Return an OpenGL object and release it in `release`."""
         self._stack.callback(thing.release)
         return thing
 
-    def make(self, what: str, size: int, create: Any) -> Any:
-        """Result of `create()`, owned; ResourceError with `what` and its `size` if it fails."""
-        asked = f"{what} ({size / 2**20:,.1f} MiB)"
+    def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
+        """Buffer with the given contents, or of `size` bytes; ResourceError if it is refused."""
+        contents = None if data is None else np.ascontiguousarray(data)
+        n_bytes = size if contents is None else contents.nbytes
+        asked = f"{what} ({n_bytes / 2**20:,.1f} MiB)"
         try:
-            thing = create()
+            made = self.gl.buffer(contents, size, dynamic=contents is None)
         except (moderngl.Error, MemoryError) as error:
             raise ResourceError(f"the device refused {asked}: {error}") from None
         reported = self.gl.error
         if reported != "GL_NO_ERROR":
-            thing.release()
+            made.release()
             raise ResourceError(f"the device refused {asked}: {reported}")
-        return self.own(thing)
-
-    def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
-        """Buffer with the given contents, or of `size` bytes."""
-        if data is None:
-            return self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True))
-        contents = np.ascontiguousarray(data)
-        return self.make(what, contents.nbytes, lambda: self.gl.buffer(contents))
+        return self.own(made)
 
     def compute(self, name: str, **defines: int) -> Any:
         """Compute program of the named shader."""
@@ -85,9 +73,9 @@ class Resources:
 
     def zero(self, buffer: Any, size: int) -> None:
         """Set the first `size` bytes of a buffer, a multiple of 4, to 0 on the device."""
-        self._call("glBindBuffer", _STORAGE_BUFFER, buffer.glo)
-        what = _STORAGE_BUFFER, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None
-        self._call("glClearBufferSubData", *what)
+        types = _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER
+        clear = self.context.function("glClearNamedBufferSubData", None, *types)
+        clear(buffer.glo, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None)
 
     def read_words(self, buffer: Any, *shape: int) -> NDArray[np.uint32]:
         """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
