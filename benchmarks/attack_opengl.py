@@ -1,6 +1,6 @@
 """OpenGL under attack: coplanar assemblies, extreme cameras, many contexts.
 
-On Mesa's software renderer, against a reference that shares nothing with them:
+On Mesa's software renderer, in all plans, against a reference that shares nothing with them:
 
 - faces of one plane that overlap, 1e-13 m apart or touching: the lowest is seen, except in samples
   within 1/128 px of an edge;
@@ -11,7 +11,6 @@ Random scenes have fixed seeds. The assemblies are put to the CPU rasteriser, to
 """
 
 import sys
-from functools import partial
 
 import numpy as np
 from contexts import MOST_KIB, OURS, growth_in_a_process
@@ -21,9 +20,9 @@ from rows import Report
 from rastercov.base.errors import RastercovError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import shapes
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
 from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.reference import samples
 
@@ -32,19 +31,15 @@ FEW_ROUNDS = 150
 
 
 def wrong_on_overlaps(seed: int, context: HeadlessContext) -> dict[str, int]:
-    """Wrong samples of OpenGL and of the CPU in two views of a random assembly."""
+    """Wrong samples of each plan, and of the CPU, in two views of a random assembly."""
     rng = np.random.default_rng(seed)
     mesh = list(SCENES.values())[seed % len(SCENES)](rng)
     poses = views(rng, mesh)
     wrong = {}
-    openers = {
-        "gl": partial(GLRasterizer, device=context),
-        "cpu": partial(CPURasterizer, threads=1),
-    }
-    for backend, opened in openers.items():
-        with opened(mesh, CAMERA) as rasterizer:
+    for plan in (*WAYS, "cpu"):
+        with _open(plan, mesh, CAMERA, context) as rasterizer:
             images = [rasterizer.render(pose).face for pose in poses]
-        wrong[backend] = sum(
+        wrong[plan] = sum(
             len(wrong_samples(mesh, CAMERA, pose, face))
             for pose, face in zip(poses, images, strict=True)
         )
@@ -67,29 +62,42 @@ def random_camera(rng: np.random.Generator) -> dict[str, float]:
     return {name: v if np.isfinite(v) else 1e308 for name, v in arguments_.items()}
 
 
-def wrong_through_camera(seed: int, context: HeadlessContext) -> int:
-    """Wrong samples, -1 where it refused in one line, -2 where it failed otherwise."""
+def wrong_through_camera(seed: int, context: HeadlessContext) -> dict[str, int]:
+    """Wrong samples of each plan, -1 where it refused in one line, -2 where it failed otherwise."""
     rng = np.random.default_rng((7, seed))
     mesh = shapes.torus(16, 8)
     described = random_camera(rng)
     try:
         camera = Camera(**described)
     except RastercovError as error:
-        return -1 if "\n" not in str(error) else -2
+        return dict.fromkeys(WAYS, -1 if "\n" not in str(error) else -2)
     pose = look_at(rng.normal(size=3) * 3, rng.normal(size=3) * 0.3)[0]
-    try:
-        with GLRasterizer(mesh, camera, device=context) as rasterizer:
-            face = rasterizer.render(pose).face
-            counts = rasterizer.count(pose)
-    except RastercovError as error:
-        return -1 if "\n" not in str(error) else -2
-    except Exception:
-        return -2
-    expected = samples.render(mesh, camera, pose)
-    clear = (expected.edge_distance > EDGE) & (expected.depth_gap > GAP)
-    owned = np.bincount(face.ravel() + 1, minlength=mesh.n_faces + 1)[1:]
-    wrong = int((face != expected.face)[clear].sum())
-    return wrong + int(np.abs(owned - counts.visible[0]).sum())
+    wrong = {}
+    expected = None
+    for plan in WAYS:
+        try:
+            with _open(plan, mesh, camera, context) as rasterizer:
+                face = rasterizer.render(pose).face
+                counts = rasterizer.count(pose)
+        except RastercovError as error:
+            wrong[plan] = -1 if "\n" not in str(error) else -2
+            continue
+        except Exception:
+            wrong[plan] = -2
+            continue
+        if expected is None:
+            expected = samples.render(mesh, camera, pose)
+            clear = (expected.edge_distance > EDGE) & (expected.depth_gap > GAP)
+        owned = np.bincount(face.ravel() + 1, minlength=mesh.n_faces + 1)[1:]
+        wrong[plan] = int((face != expected.face)[clear].sum())
+        wrong[plan] += int(np.abs(owned - counts.visible[0]).sum())
+    return wrong
+
+
+def _open(plan: str, mesh: Mesh, camera: Camera, context: HeadlessContext):
+    if plan == "cpu":
+        return CPURasterizer(mesh, camera, threads=1)
+    return GLRasterizer(mesh, camera, device=context, **WAYS[plan])
 
 
 def attack(report: Report, effort: float) -> None:
@@ -98,17 +106,19 @@ def attack(report: Report, effort: float) -> None:
     n_cameras = max(5, round(CAMERAS_AT_FULL * effort))
     with open_context("surfaceless") as context:
         wrong = [wrong_on_overlaps(seed, context) for seed in range(n_scenes)]
-        for backend in ("gl", "cpu"):
-            total = sum(found[backend] for found in wrong)
-            what = f"{n_scenes} coplanar assemblies, {backend}"
+        for plan in (*WAYS, "cpu"):
+            total = sum(found[plan] for found in wrong)
+            what = f"{n_scenes} coplanar assemblies, {plan}"
             report.add(f"{what}: wrong samples", total, "samples", at_most=0)
             report.check(f"{what}: the lowest face is seen", total == 0)
 
-        answers = [wrong_through_camera(seed, context) for seed in range(n_cameras)]
-        what = f"{n_cameras} extreme cameras"
-        report.add(f"{what}: refused in one line", answers.count(-1), "cameras")
-        right = all(answer in (0, -1) for answer in answers)
-        report.check(f"{what}: all others right", right)
+        found = [wrong_through_camera(seed, context) for seed in range(n_cameras)]
+        for plan in WAYS:
+            answers = [one[plan] for one in found]
+            what = f"{n_cameras} extreme cameras, plan {plan}"
+            report.add(f"{what}: refused in one line", answers.count(-1), "cameras")
+            right = all(answer in (0, -1) for answer in answers)
+            report.check(f"{what}: all others right", right)
 
     if effort < 0.05:  # the noise of fewer rounds is larger than what may stay
         return

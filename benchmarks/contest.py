@@ -20,6 +20,7 @@ from peers import VTK, Embreex, Open3D, Ours, Runner
 
 import rastercov as rc
 from rastercov.mesh import shapes
+from rastercov.raster.gl import WAYS
 
 WORKERS = 2
 SOFTWARE = "surfaceless"
@@ -52,10 +53,20 @@ def contestants(device: str) -> dict[str, Contestant]:
     """Ours and the others, by the name of an option; OpenGL on that device."""
     # Several processes on one GPU can block each other.
     n = WORKERS if device == SOFTWARE else 1
+    draw = {
+        f"gl-{plan}": Contestant(
+            f"{name}", partial(Ours, backend="gl", device=device, **WAYS[plan]), n
+        )
+        for plan, name in (
+            ("pipeline", "OpenGL"),
+            ("layers", "OpenGL in batches"),
+            ("compute", "compute shaders"),
+        )
+    }
     cpu = partial(Ours, backend="cpu", threads=WORKERS)
     return {
         "cpu": Contestant(f"CPU, {WORKERS} threads", cpu, 1),
-        "gl": Contestant("OpenGL", partial(Ours, backend="gl", device=device), n),
+        **draw,
         "open3d": Contestant(
             f"Open3D, {WORKERS} threads", partial(Open3D, threads=WORKERS), 1, ("open3d",)
         ),

@@ -22,7 +22,7 @@ PARTS = {
     "contest": CONTEST,
     "contest_of_meshes": f"{CONTEST} --meshes MESHES",
     "engine": "main_job_engine.py --meshes MESHES",
-    "peers": "throughput.py --contestants cpu gl open3d --parts contest",
+    "peers": "throughput.py --contestants cpu gl-pipeline open3d --parts contest",
     "costs": "throughput.py --parts drawn start memory",
     "exactness": "exactness.py",
     "regions": "regions.py --points 40000 --meshes MESHES",

@@ -54,6 +54,8 @@ MUST = {
     ("cpu", "closed", 100_000, SMALL): (16, 40),
     ("cpu", "closed", 1_000_000, LARGE): (20, 40),
     ("cpu", "interior", ROOM, LARGE): (15, 40),
+    ("gl-pipeline", "closed", 10_000, LARGE): (15, None),
+    ("gl-pipeline", "closed", 10_000, SMALL): (5, None),
 }
 """Ratio to Open3D: what it must be and what we aim at."""
 POSES, COMPARED = 240, 3

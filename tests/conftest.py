@@ -14,7 +14,7 @@ from hypothesis import settings
 from rastercov.base.errors import DeviceError
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer, libraries
+from rastercov.raster.gl import WAYS, GLRasterizer, libraries
 from rastercov.raster.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
@@ -111,16 +111,22 @@ def device(gl_context):
     assert left == []
 
 
+@pytest.fixture(params=WAYS)
+def plan(request):
+    """All ways for the OpenGL rasteriser to run; the software device can do them all."""
+    return request.param
+
+
 @pytest.fixture
-def open_gl(device):
-    """Open OpenGL rasterisers; they are closed when the test ends."""
+def open_gl(device, plan):
+    """Open OpenGL rasterisers under the plan; they are closed when the test ends."""
     with ExitStack() as stack:
         yield lambda mesh, camera, **options: stack.enter_context(
-            GLRasterizer(mesh, camera, device=device, **options)
+            GLRasterizer(mesh, camera, device=device, **WAYS[plan], **options)
         )
 
 
-@pytest.fixture(params=["gl", "cpu"])
+@pytest.fixture(params=[*WAYS, "cpu"])
 def open_raster(request, device):
     """Open rasterisers of every kind, for the laws that all of them keep."""
     with ExitStack() as stack:
@@ -128,6 +134,8 @@ def open_raster(request, device):
         def open_one(mesh, camera, **options):
             if request.param == "cpu":
                 return stack.enter_context(CPURasterizer(mesh, camera, **options))
-            return stack.enter_context(GLRasterizer(mesh, camera, device=device, **options))
+            return stack.enter_context(
+                GLRasterizer(mesh, camera, device=device, **WAYS[request.param], **options)
+            )
 
         yield open_one

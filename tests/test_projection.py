@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import NEAR_TO_FAR, near_cuts, near_limit, nearest_depth_in_view
-from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
+from rastercov.camera.projection import box_corners, image_boxes, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.reference.criteria import clip_near, clip_polygons, clip_to_image, polygon_area
 
@@ -208,20 +208,25 @@ def bounds_of(vertices: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 @given(rng=seeds, offset=st.sampled_from([0.0, 3.0, 100.0]), near=st.sampled_from([0.0, 0.3]))
-def test_what_is_cut_in_view_is_told(rng, offset, near):
+def test_depth_range_holds_every_depth_in_view(rng, offset, near):
     camera = Camera(width=200, height=150, fx=100, fy=120, near=near)
     vertices, faces = rng.normal(size=(12, 3)), rng.integers(0, 12, size=(8, 3))
     eyes = rng.normal(size=(5, 3)) + offset * rng.choice([-1, 1], size=(5, 3))
     poses = look_at(eyes, rng.normal(size=(5, 3)))
     bounds = bounds_of(vertices)
     limits = near_limit(camera, bounds, poses)
-    clipped = near_cuts(vertices, faces, bounds, [(camera, poses)])
-    for pose, cut, limit in zip(poses, clipped, limits, strict=True):
+    z_near, z_far, clipped = depth_range(vertices, faces, bounds, camera, poses)
+    assert (z_near >= limits).all()
+    assert (z_near > 0).all()
+    assert (z_near < z_far).all()
+    for pose, first, last, cut, limit in zip(poses, z_near, z_far, clipped, limits, strict=True):
         depths = in_view(to_camera(samples(vertices[faces]), pose), camera, 0)[:, 2]
-        assert cut or (depths >= limit).all()
+        seen = depths[depths >= limit]
+        assert ((first <= seen) & (seen <= last)).all()
+        assert cut or len(seen) == len(depths)
 
 
-def test_it_is_known_which_poses_cut_a_surface_in_view():
+def test_depth_range_says_which_poses_cut_a_surface_in_view():
     # A floor of 20 x 20 m seen from 1 m above, from outside, and along it.
     vertices = np.array([[-10.0, -10, 0], [10, -10, 0], [10, 10, 0], [-10, 10, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
@@ -229,13 +234,18 @@ def test_it_is_known_which_poses_cut_a_surface_in_view():
         [(0, 0, 1), (0, -30, 5), (0, 0, 1), (0, 0, 0), (0, 0, 5)],
         [(0, 0, 0), (0, 0, 0), (0, 5, 1), (1, 0, 0), (0, 0, 10)],
     )
-    bounds = bounds_of(vertices)
-    clipped = near_cuts(vertices, faces, bounds, [(CAMERA, poses)])
+    near, far, clipped = depth_range(vertices, faces, bounds_of(vertices), CAMERA, poses)
     # The third passes beside the eye, but the view shows it from 1 m on only; the last is behind.
     assert np.array_equal(clipped, (False, False, False, True, False))
+    assert near[0] == pytest.approx(0.5, rel=1e-4)  # a level floor has one depth: far / 2
+    assert near[2] == pytest.approx(1, rel=1e-4)
+    assert far[2] == pytest.approx(10, rel=1e-4)
+    assert (far / near)[:3].max() < 100
+
     nearer = Camera(width=200, height=200, fx=100, fy=100, near=2)
-    clipped = near_cuts(vertices, faces, bounds, [(nearer, poses[[1, 2]])])
+    near, _, clipped = depth_range(vertices, faces, bounds_of(vertices), nearer, poses[[1, 2]])
     assert np.array_equal(clipped, (False, True))
+    assert near[1] == 2
 
 
 def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
@@ -243,8 +253,23 @@ def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
     wall = np.array([[-50.0, -50, 1], [50, -50, 1], [0, 50, 1]])
     vertices, faces = np.concatenate((wall, wall * (1, 1, 4))), np.array([[0, 1, 2], [3, 4, 5]])
     camera = Camera(width=200, height=200, fx=100, fy=100, near=2)
-    views = [(camera, np.eye(4)[None])]
-    assert near_cuts(vertices, faces, bounds_of(vertices), views).all()
+    near, far, clipped = depth_range(vertices, faces, bounds_of(vertices), camera, np.eye(4)[None])
+    assert clipped.all()
+    assert 2 <= near[0] <= 4 <= far[0]
+
+
+def test_image_boxes_are_tight_empty_or_whole():
+    bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
+    poses = look_at(
+        [(0, -11, 0), (0, -11, 0), (0, 0, 0), (0, -11, 0)],
+        [(0, 0, 0), (-90, 0, 0), (0, 1, 0), (0, -90, 0)],
+    )
+    boxes = image_boxes(box_corners(bounds), CAMERA, poses)
+    # The front of the box, 10 m ahead, reaches 10 px from the middle; one more is slack.
+    assert np.abs(boxes[0] - (90, 90, 110, 110)).max() <= 2
+    left, top, right, bottom = boxes[1]
+    assert (right - left) * (bottom - top) == 0
+    assert np.array_equal(boxes[2:], [(0, 0, 200, 200)] * 2)
 
 
 def test_near_limit_is_the_greater_of_the_camera_s_and_a_part_of_the_farthest():
@@ -266,9 +291,12 @@ def test_no_faces_and_no_poses_give_nothing():
     cut, counts = clip_to_image(cut[..., :2], counts, CAMERA)
     assert (cut.shape, polygon_area(cut, counts).shape) == ((0, 8, 2), (0,))
 
-    assert not near_cuts(vertices, none, bounds, [(CAMERA, poses)]).any()
-    assert near_cuts(vertices, none, bounds, [(CAMERA, poses[:0])]).shape == (0,)
+    near, far, clipped = depth_range(vertices, none, bounds, CAMERA, poses)
+    assert (near < far).all()
+    assert not clipped.any()
+    assert [a.shape for a in depth_range(vertices, none, bounds, CAMERA, poses[:0])] == [(0,)] * 3
     assert near_limit(CAMERA, bounds, poses[:0]).shape == (0,)
+    assert image_boxes(box_corners(bounds), CAMERA, poses[:0]).shape == (0, 4)
 
 
 def test_faces_without_area_have_depths_and_no_area():

@@ -23,7 +23,7 @@ __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "op
 BACKENDS = ("auto", "cpu", "gl")
 _OPTIONS = {
     "cpu": ("threads",),
-    "gl": ("device",),
+    "gl": ("device", "plan", "max_layers"),
 }
 """Options of `open_rasterizer` that each backend takes."""
 
@@ -57,7 +57,7 @@ def open_rasterizer(
         same image. Turned by an odd angle, counts are nearer to areas where edges run along the
         rows and columns of pixels, as those of manufactured parts do.
     **options
-        Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device` to
+        Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
         `rastercov.raster.gl.GLRasterizer`, which "auto" then means. A device "auto", "cpu" or "gl"
         is the backend of this name, as `--device` is on the command line.
 
@@ -65,7 +65,7 @@ def open_rasterizer(
     ------
     ConfigError
         For an unknown backend, an option that it does not take, a supersample that is not 1 to 64,
-        or a roll that is no angle.
+        a roll that is no angle, or a plan of OpenGL that draws pinholes only for another camera.
     DeviceError
         When the device cannot be opened or fails its self-test.
     """
@@ -125,10 +125,6 @@ def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str,
         backend = device if backend == "auto" else backend
     if backend == "auto" and left:
         backend = "cpu" if left.keys() <= {*_OPTIONS["cpu"]} else "gl"
-    if retired := left.keys() & {"plan", "max_layers"}:
-        raise ConfigError(
-            f"OpenGL draws in one way, by compute shaders; leave out {', '.join(sorted(retired))}"
-        )
     if unknown := left.keys() - _OPTIONS.get(backend, ()):
         takes = "; ".join(f"{each} takes {', '.join(names)}" for each, names in _OPTIONS.items())
         raise ConfigError(

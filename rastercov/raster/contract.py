@@ -47,11 +47,12 @@ class RasterizerInfo:
     backend : str
         `"gl"` or `"cpu"`.
     plan : str
-        How it ran: `"threads"` on the CPU, `"compute"` on OpenGL.
+        How it ran: `"threads"` on the CPU; on OpenGL `"pipeline"` or `"compute"` (without the
+        graphics pipeline).
     renderer, driver, device : str
         The device's own names.
     depth : str
-        What depth is compared as, such as `"float32 1/z"`.
+        Depth buffer in use, such as `"float32 reversed"`.
     shaders : str
         SHA-256 of the shader sources.
     """

@@ -21,8 +21,9 @@ from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, Int32Array
+from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 
 Box = tuple[int, int, int, int]
@@ -89,8 +90,7 @@ class SampleGrid:
     @cached_property
     def n_samples(self) -> int:
         """Samples inside the image; without a roll, S^2 times its pixels."""
-        first, last = self.runs
-        return int((last - first).sum(dtype=np.int64))
+        return self.n_inside((0, 0, self.width, self.height))
 
     @property
     def count_type(self) -> type[np.int32] | type[np.int64]:
@@ -143,3 +143,41 @@ class SampleGrid:
         for axis in range(2):
             mixed[:, :3, axis] = mix[axis, 0] * poses[:, :3, 0] + mix[axis, 1] * poses[:, :3, 1]
         return mixed
+
+    def boxes(self, boxes: IntArray) -> IntArray:
+        """Boxes of the canvas, (P, 4) left, top, right, bottom, that contain boxes of the image.
+
+        Parameters
+        ----------
+        boxes : (P, 4) int
+            left, top, right, bottom in pixels.
+        """
+        u = self.supersample * boxes[:, [0, 2, 0, 2]]
+        v = self.supersample * boxes[:, [1, 1, 3, 3]]
+        x = self._c * u + self._s * v + self._from_corner[0]
+        y = self._c * v - self._s * u + self._from_corner[1]
+        found = np.stack((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)), axis=1)
+        found = np.concatenate((np.floor(found[:, :2]) - 1, np.ceil(found[:, 2:]) + 1), axis=1)
+        size = (self.width, self.height, self.width, self.height)
+        return np.clip(found, 0, size).astype(np.int64)
+
+    def n_inside(self, box: Box) -> int:
+        """Number of samples of a part of the canvas that are inside the image."""
+        if not self.is_rolled:
+            return box[2] * box[3]
+        first, last = self._of(box)
+        return int((last - first).sum(dtype=np.int64))
+
+    def inside(self, values: NDArray[np.uint32], box: Box) -> NDArray[np.uint32]:
+        """Values inside the image, flat, of those (height, width) of a part of the canvas."""
+        if not self.is_rolled:
+            return values.ravel()
+        column = np.arange(box[2], dtype=np.int32)
+        first, last = self._of(box)
+        return values[(column >= first[:, None]) & (column < last[:, None])]
+
+    def _of(self, box: Box) -> tuple[Int32Array, Int32Array]:
+        """First and last sample inside the image of each row of a part, from its left edge."""
+        left, top, width, height = box
+        first, last = (self.runs[:, top : top + height] - left).clip(0, width)
+        return first, last

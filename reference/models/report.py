@@ -25,7 +25,7 @@ from rastercov.base.format import number, plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.projection import image_boxes, to_camera, to_image
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -398,10 +398,9 @@ def _with_frame(picture: Image.Image, look: Scene, closer: Scene) -> Image.Image
 
 def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
     """Bounding box of the mesh in the image with a margin; the image where there is none."""
-    points = to_camera(mesh.vertices, pose)
-    left, top, right, bottom = 0, 0, camera.width, camera.height
-    if not camera.is_pinhole or points[:, 2].min() > 0:
-        pixels = to_image(points, camera)
+    left, top, right, bottom = image_boxes(mesh.vertices, camera, pose[None])[0].tolist()
+    if not camera.is_pinhole:
+        pixels = to_image(to_camera(mesh.vertices, pose), camera)
         pixels = pixels[np.isfinite(pixels).all(axis=1)].clip(0, (camera.width, camera.height))
         if len(pixels):
             (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()

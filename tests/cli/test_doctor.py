@@ -19,7 +19,7 @@ from rastercov.base.errors import DeviceError
 from rastercov.cli import doctor
 from rastercov.raster import self_test
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer, devices, diagnose, libraries
+from rastercov.raster.gl import WAYS, GLRasterizer, devices, diagnose, libraries
 from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(
@@ -160,20 +160,24 @@ def test_printed_report_has_every_device_and_ends_with_the_default(report, width
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["visible", "drawn", "background"])
-@pytest.mark.parametrize(("scene", "n_faces"), [("box", 48), ("sphere", 80)])
-def test_one_wrong_count_fails_the_self_test(device, monkeypatch, name, scene, n_faces):
+@pytest.mark.parametrize("row", range(9))
+def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
+    """Each plan and count, on one of the scenes."""
+    plan, name = list(WAYS)[row // 3], ("visible", "drawn", "background")[(row // 3 + row) % 3]
+    scene, n_faces = (("box", 48), ("sphere", 80))[row % 2]
     count = GLRasterizer.count
 
     def miscount(self, poses):
-        counts = count(self, poses)
-        if self.mesh.n_faces == n_faces:
+        counts, way = count(self, poses), self.info.plan
+        if way == "pipeline" and self._strategy._layers > 1:
+            way = "layers"
+        if (way, self.mesh.n_faces) == (plan, n_faces):
             most = counts.visible.argmax() if name != "background" else 0
             getattr(counts, name).flat[most] += 1
         return counts
 
     monkeypatch.setattr(GLRasterizer, "count", miscount)
-    words = rf"^{scene}: 1 of 4 poses are counted wrongly"
+    words = rf"plan {plan}: {scene}: 1 of 4 poses are counted wrongly"
     with pytest.raises(DeviceError, match=words):
         diagnose.verify_device("surfaceless")
 
@@ -186,7 +190,7 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, name, scene, n
      ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
      ("exit 0", "ended with code 0 and no answer"),
      ("echo '{}'; kill -SEGV $$", "crashed with SIGSEGV"),  # after the answer
-     ('echo \'{"problem": "box: bad"}\'; exit 0', "box: bad")],
+     ('echo \'{"problem": "plan pipeline: box: bad"}\'; exit 0', "plan pipeline: box: bad")],
 )  # fmt: skip
 def test_a_driver_that_fails_is_reported(bad_driver, script, problem, when):
     bad_driver(script, when)
@@ -291,7 +295,7 @@ def test_a_graphics_card_is_shown_with_its_driver_and_named_at_the_end(gpu_repor
 )  # fmt: skip
 def test_a_default_that_fails_is_answered_with_what_passes(gpu_report, cpu, surfaceless, advice):
     card, other = gpu_report["reports"]
-    card["self_test"] = problem = "box: 1 of 4 poses are counted wrongly"
+    card["self_test"] = problem = "plan layers: box: 1 of 4 poses are counted wrongly"
     other["self_test"], gpu_report["cpu"]["self_test"] = surfaceless, cpu
     assert doctor.exit_code(gpu_report) == 1
     text = flat(printed(gpu_report))

@@ -43,6 +43,7 @@ def assert_right(mesh, poses):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("open_raster", ["pipeline", "cpu"], indirect=True)
 def test_rasterisers_see_the_back_of_a_bow_tie(open_raster):
     mesh = prism(BOW_TIE)
     area = rational.visible_area(mesh, CAMERA, OUTSIDE[0])

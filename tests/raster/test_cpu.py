@@ -242,7 +242,7 @@ def test_limits_are_refused_before_anything_is_allocated():
     assert MAX_SIDE * STEPS <= GUARD_BAND
 
 
-@pytest.mark.parametrize(("skew", "drawing"), [(0, ("gl", "compute")), (1.5, ("cpu", "threads"))])
+@pytest.mark.parametrize(("skew", "drawing"), [(0, ("gl", "pipeline")), (1.5, ("cpu", "threads"))])
 def test_opengl_takes_pinholes_when_its_options_are_given(device, skew, drawing):
     camera = replace(CAMERA, skew=skew)
     with open_rasterizer(shapes.box(), camera) as rasterizer:

@@ -8,12 +8,13 @@ from image_laws import is_ambiguous, reference_view
 
 from rastercov.base.checks import LONGEST as LONGEST_LENS
 from rastercov.base.checks import SHORTEST as SHORTEST_LENS
-from rastercov.base.errors import CameraError
+from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import shapes
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.raster.gl import rasterizer as gl_module
 
 MESH = shapes.torus(16, 8)
 
@@ -51,6 +52,7 @@ LENSES = {
     "short": {"fx": 1e-3, "fy": 1e-3},
     "the shortest": {"fx": SHORTEST_LENS, "fy": SHORTEST_LENS},
     "long": {"fx": 3e4, "fy": 3e4},
+    "as long as float32 goes": {"fx": gl_module.MAX_FOCAL_LENGTH, "fy": gl_module.MAX_FOCAL_LENGTH},
     "narrow and wide": {"fx": 6e4, "fy": 2.0},
     "shifted": {"fx": 80, "fy": 80, "cx": 500, "cy": -300},
     "shifted far": {"fx": 2e4, "fy": 2e4, "cx": 6e4, "cy": -1e4},
@@ -73,16 +75,28 @@ def test_any_lens_is_right_on_all_rasterisers(open_raster, lens):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("plan", ["threads", "compute", "auto"])
 @pytest.mark.parametrize("lens", LONG_LENSES)
-def test_a_very_long_lens_is_right_on_all_rasterisers(device, lens):
+def test_a_very_long_lens_is_right_where_corners_are_projected_in_doubles(device, lens, plan):
     camera = Camera(width=64, height=48, **LONG_LENSES[lens])
     pose = seen_through(camera)
     with CPURasterizer(MESH, camera) as cpu:
         expected = cpu.render(pose).face
         if lens != "the longest in one direction":  # whose margins the reference cannot tell
             assert_right(cpu, camera, pose)
-    with GLRasterizer(MESH, camera, device=device) as rasterizer:
-        np.testing.assert_array_equal(rasterizer.render(pose).face, expected)
+    if plan != "threads":
+        with GLRasterizer(MESH, camera, device=device, plan=plan) as rasterizer:
+            assert rasterizer.info.plan == "compute"
+            np.testing.assert_array_equal(rasterizer.render(pose).face, expected)
+
+
+@pytest.mark.parametrize("plan", ["pipeline", "layers"])
+@pytest.mark.parametrize("lens", LONG_LENSES)
+def test_a_lens_too_long_for_float32_is_refused_by_the_graphics_pipeline(device, lens, plan):
+    camera = Camera(width=64, height=48, **LONG_LENSES[lens])
+    wanted = r"^[^\n]* up to 65,536 px, got [^\n]*; use plan 'compute' or backend 'cpu'$"
+    with pytest.raises(ConfigError, match=wanted):
+        GLRasterizer(MESH, camera, device=device, **WAYS[plan])
 
 
 @pytest.mark.slow

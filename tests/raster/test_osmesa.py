@@ -7,7 +7,7 @@ from coplanar_scenes import scene_of as coplanar_scene
 from image_laws import assert_same, assert_same_image, everything, reference_view
 from test_raster_laws import CAMERA, SCENES, scene_of
 
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
 
 ALL = [(CAMERA, name, scene_of) for name in SCENES]
 ALL += [(SMALL, kind, lambda kind: coplanar_scene(kind, 5)) for kind in COPLANAR]
@@ -16,12 +16,12 @@ ALL += [(SMALL, kind, lambda kind: coplanar_scene(kind, 5)) for kind in COPLANAR
 @pytest.mark.slow
 @pytest.mark.parametrize(("camera", "name", "made"), ALL, ids=lambda value: str(value)[:12])
 def test_osmesa_gives_the_bits_of_egl_or_the_image_of_the_reference(
-    osmesa_context, gl_context, camera, name, made
+    osmesa_context, gl_context, plan, camera, name, made
 ):
     mesh, poses = made(name)
 
     def seen(context):
-        with GLRasterizer(mesh, camera, device=context) as rasterizer:
+        with GLRasterizer(mesh, camera, device=context, **WAYS[plan]) as rasterizer:
             return everything(rasterizer, poses)
 
     found = seen(osmesa_context)

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import itertools
 import pickle
 import re
 import threading
@@ -16,14 +17,16 @@ from image_laws import assert_same_counts
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.observer import SampledObserver, open_observer
 from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer, pipeline
 from rastercov.raster.gl import rasterizer as rasterizer_module
 from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.resources import Resources
+from rastercov.raster.gl.scene import Scene
+from rastercov.raster.gl.strategy import Strategy
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
@@ -36,18 +39,58 @@ def rasterizer(open_gl):
     return open_gl(MESH, CAMERA)
 
 
+# --- what a device lacks --------------------------------------------------------------------------
+
+
+def counted(context, plan, mesh=MESH, **options):
+    with GLRasterizer(mesh, CAMERA, device=context, **WAYS.get(plan, {}), **options) as rasterizer:
+        return rasterizer.count(np.concatenate((POSES, CLOSE))), rasterizer.info
+
+
+@pytest.mark.parametrize("plan", ["pipeline", "layers"])
+def test_a_mesh_with_more_counters_than_a_storage_block_holds_is_refused(device, monkeypatch, plan):
+    limits = device.info.limits | {"max_ssbo_bytes": 4 * MESH.n_faces}
+    monkeypatch.setattr(device, "info", dataclasses.replace(device.info, limits=limits))
+    line = rf"a storage block of {4 * MESH.n_faces + 4} bytes .* use backend 'cpu'"
+    with pytest.raises(ResourceError, match=line):
+        counted(device, plan)
+
+
+def test_a_device_without_layers_draws_one_pose_at_a_time(device, monkeypatch):
+    info = dataclasses.replace(device.info, extensions=frozenset())
+    expected, _ = counted(device, "layers")
+    monkeypatch.setattr(device, "info", info)
+    found, _ = counted(device, "layers")
+    assert_same_counts(found, expected)
+
+
+@pytest.mark.parametrize(("is_software", "most"), [(True, 1), (False, 128)])
+def test_layers_are_used_on_a_gpu_unless_told(device, monkeypatch, is_software, most):
+    info = dataclasses.replace(device.info, is_software=is_software)
+    monkeypatch.setattr(device, "info", info)
+    for options, expected in (({}, most), ({"max_layers": 3}, 3)):
+        with GLRasterizer(MESH, CAMERA, device=device, **options) as rasterizer:
+            assert rasterizer.info.plan == "pipeline"
+            assert rasterizer._strategy._layers == expected
+    assert counted(device, "compute")[1].plan == "compute"
+
+
 # --- what a caller gets wrong ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("backend", "options", "words"),
     [
-        ("auto", {"speed": 1}, "takes no option speed; cpu takes threads; gl takes device"),
-        ("cpu", {"device": 0}, "backend cpu takes no option device"),
+        ("auto", {"speed": 1}, "takes no option speed; cpu takes threads; gl takes device, plan"),
+        ("cpu", {"plan": "compute"}, "backend cpu takes no option plan"),
         ("gl", {"threads": 1}, "backend gl takes no option threads"),
-        ("auto", {"threads": 1, "device": 0}, "backend gl takes no option threads"),
+        ("auto", {"threads": 1, "plan": "compute"}, "backend gl takes no option threads"),
         ("gl", {"device": "cpu"}, "device must be one of backend gl, got 'cpu'"),
-        ("gl", {"plan": "pipeline", "max_layers": 1}, "in one way, .* leave out max_layers, plan"),
+        *(
+            ("gl", {"max_layers": value}, "max_layers must be a whole number 1 to 128")
+            for value in ("8", 0, 1.5, 129)
+        ),
+        ("gl", {"plan": "fast"}, "plan must be .* got 'fast'"),
         ("vulkan", {}, "backend must be .* got 'vulkan'"),
         *(
             ("cpu", {"supersample": value}, "supersample must be a whole number 1 to 64")
@@ -144,7 +187,8 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(devic
 @pytest.mark.slow
 def test_rasterisers_take_turns_on_one_and_on_two_contexts(open_gl):
     first, second = open_gl(MESH, CAMERA), open_gl(shapes.box(), CAMERA, supersample=2)
-    with open_rasterizer(MESH, CAMERA, "gl", device="surfaceless") as third:
+    plan = first.info.plan
+    with open_rasterizer(MESH, CAMERA, "gl", device="surfaceless", plan=plan) as third:
         turns = [first, second, third, first, third, second]
         counts = {rasterizer: rasterizer.count(POSES) for rasterizer in turns[:3]}
         for rasterizer in turns:
@@ -174,6 +218,21 @@ def test_barrier_comes_before_every_reading_of_counters(rasterizer, monkeypatch)
     assert {calls[at - 1] for at in reads} == {"memory_barrier"}
 
 
+def one_pixel_off(ids):
+    ids = ids.copy()
+    row, column = np.argwhere(ids > 0)[0]
+    ids[row, column] ^= 1
+    return ids
+
+
+@pytest.mark.parametrize("wrong", [np.zeros_like, one_pixel_off, np.ones_like])
+def test_wrong_image_is_caught_at_opening(device, monkeypatch, wrong):
+    read = Resources.read_faces
+    monkeypatch.setattr(Resources, "read_faces", lambda *arguments: wrong(read(*arguments)))
+    with pytest.raises(DeviceError, match=r"llvmpipe .* cannot be trusted, see `rastercov doctor`"):
+        GLRasterizer(MESH, CAMERA, device=device)
+
+
 def one_count_moved(counters):
     if counters.ndim != 2:  # no counters
         return counters
@@ -184,28 +243,32 @@ def one_count_moved(counters):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("plan", WAYS)
 @pytest.mark.parametrize("roll", [0.0, 0.4])
 @pytest.mark.parametrize("wrong", [np.zeros_like, one_count_moved])
-def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, roll):
+def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, plan, roll):
     read = Resources.read_words
     monkeypatch.setattr(Resources, "read_words", lambda *arguments: wrong(read(*arguments)))
-    with pytest.raises(DeviceError, match=r"llvmpipe .* cannot be trusted, see `rastercov doctor`"):
-        GLRasterizer(MESH, CAMERA, device=device, roll=roll)
+    with pytest.raises(DeviceError, match="cannot be trusted"):
+        GLRasterizer(MESH, CAMERA, device=device, **WAYS[plan], roll=roll)
 
 
 def stuck(monkeypatch):
     """From now on images keep what they hold: nothing is cleared, nothing is drawn."""
+    monkeypatch.setattr(Resources, "clear", lambda *_, **__: None)
     monkeypatch.setattr(Compute, "_clear", lambda *_: None)
     blind(monkeypatch)
 
 
 def blind(monkeypatch):
     """From now on nothing is drawn."""
+    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
     monkeypatch.setattr(Compute, "_fill", lambda *_: None)
 
 
 def no_depth_test(monkeypatch):
-    """From now on no face wins, because depth comes in a pass of its own."""
+    """From now on the face drawn last wins, or none where depth comes in a pass of its own."""
+    monkeypatch.setattr(pipeline.moderngl, "DEPTH_TEST", 0)
     clear, fill = Compute._clear, Compute._fill
 
     def clear_again(self, *arguments):
@@ -226,23 +289,32 @@ def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, mon
         rasterizer.count(np.concatenate((POSES, POSES)))
 
 
-def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch):
+def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):
     rasterizer = open_gl(MESH, CAMERA)
-    honest = rasterizer._compute._count_on_device
+    name = "_count_on_host" if plan == "pipeline" else "_count_on_device"
+    honest = getattr(rasterizer._strategy, name)
 
     def lossy(*arguments):
         seen, empty = honest(*arguments)
         return seen, empty - 1
 
-    monkeypatch.setattr(rasterizer._compute, "_count_on_device", lossy)
+    monkeypatch.setattr(rasterizer._strategy, name, lossy)
     with pytest.raises(DeviceError, match="counted 4799 samples of 4800; its answers cannot"):
         rasterizer.count(POSES)
+
+
+def test_face_that_does_not_exist_is_refused(device, monkeypatch):
+    read = Resources.read_faces
+    with GLRasterizer(MESH, CAMERA, device=device) as rasterizer:
+        monkeypatch.setattr(Resources, "read_faces", lambda *arguments: read(*arguments) * 1000)
+        with pytest.raises(DeviceError, match=r"drew face \d+ of 192"):
+            rasterizer.count(POSES)
 
 
 @pytest.mark.slow
 def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch):
     expected = rasterizer.count(POSES)
-    steps = ((Resources, "read_words"), (Compute, "_fill"), (Resources, "poll"))
+    steps = ((Resources, "read_words"), (Scene, "draw"), (Compute, "_fill"), (Resources, "poll"))
     for victim, name in steps:
         for call in range(4):
             honest, calls = getattr(victim, name), []
@@ -286,8 +358,18 @@ def test_fault_that_the_driver_reports_is_raised(
 # --- shaders and memory ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["raster.comp", "count.comp"])
-def test_shader_that_does_not_compile_is_named(device, monkeypatch, name):
+@pytest.mark.parametrize(
+    ("plan", "name"),
+    [
+        ("layers", "face.vert"),
+        ("layers", "face.frag"),
+        ("layers", "drawn.frag"),
+        ("layers", "count.comp"),
+        ("compute", "raster.comp"),
+        ("compute", "count.comp"),
+    ],
+)
+def test_shader_that_does_not_compile_is_named(device, monkeypatch, plan, name):
     honest = shaders.source
 
     def broken(asked, **defines):
@@ -296,7 +378,7 @@ def test_shader_that_does_not_compile_is_named(device, monkeypatch, name):
     monkeypatch.setattr(shaders, "source", broken)
     words = rf"{name} .*{shaders.digest()[:12]}.*(nonsense|syntax error)"
     with pytest.raises(DeviceError, match=words) as caught:
-        GLRasterizer(MESH, CAMERA, device=device)
+        GLRasterizer(MESH, CAMERA, device=device, **WAYS[plan])
     assert "\n" not in str(caught.value)
 
 
@@ -304,24 +386,31 @@ def test_missing_shader_file_is_named(device, monkeypatch, tmp_path):
     monkeypatch.setattr(shaders, "files", lambda package: tmp_path)
     shaders.source.cache_clear()
     try:
-        with pytest.raises(DeviceError, match=r"raster.comp.glsl is missing .* reinstall"):
+        with pytest.raises(DeviceError, match=r"face.vert.glsl is missing .* reinstall rastercov"):
             GLRasterizer(MESH, CAMERA, device=device)
     finally:
         shaders.source.cache_clear()
 
 
+@pytest.mark.parametrize(
+    ("plan", "maker"),
+    [
+        *itertools.product(("pipeline", "layers"), ("buffer", "texture_array", "framebuffer")),
+        ("compute", "buffer"),  # where it keeps everything
+    ],
+)
 @pytest.mark.parametrize("way", ["raises", "error flag"])
-def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, way):
-    make, error = moderngl.Context.buffer, moderngl.Context.error
+def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, plan, maker, way):
+    make, error = getattr(moderngl.Context, maker), moderngl.Context.error
 
     def refuse(self, *arguments, **options):
         if way == "raises":
             raise moderngl.Error("cannot create it")
-        failed.append(way)
+        failed.append(maker)
         return make(self, *arguments, **options)
 
     failed = []
-    monkeypatch.setattr(moderngl.Context, "buffer", refuse)
+    monkeypatch.setattr(moderngl.Context, maker, refuse)
     monkeypatch.setattr(
         moderngl.Context,
         "error",
@@ -330,3 +419,13 @@ def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, way):
     with pytest.raises(ResourceError, match=r"the device refused .* \([\d.]+ MiB\): "):
         open_gl(MESH, CAMERA)
     monkeypatch.undo()
+
+
+def test_batch_that_the_device_has_no_memory_for_is_refused(device, monkeypatch):
+    large = Camera(width=4096, height=4096, fx=4096, fy=4096)
+    monkeypatch.setattr(Strategy, "image_budget", 1 << 50)
+    with pytest.raises(ResourceError, match=r"128 images of 4096 x 4096 \([\d,.]+ MiB\)"):
+        GLRasterizer(MESH, large, device=device, max_layers=128)
+    monkeypatch.undo()
+    with GLRasterizer(MESH, CAMERA, device=device) as rasterizer:
+        assert rasterizer.count(look_at((4, 0, 0), (0, 0, 0))).visible.any()

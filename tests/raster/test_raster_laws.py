@@ -1,4 +1,8 @@
-"""Laws of the rasterisers, against the reference where it has a say, up to ambiguous samples."""
+"""Laws of the rasteriser, against the reference where it has a say, up to ambiguous samples.
+
+Laws of counts, edges, depths and clipping hold under all plans; the others are shown for plan
+"pipeline" and the CPU, since `test_image_and_counts_equal_reference` ties all plans together.
+"""
 
 from dataclasses import replace
 from functools import cache, lru_cache
@@ -16,6 +20,7 @@ from image_laws import (
     assert_same_image,
     is_ambiguous,
     reference_view,
+    shown_by_two,
 )
 from scenes import joined, soup, square
 from solids import tessellated_plane
@@ -24,7 +29,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import rasterizer as rasterizer_module
-from rastercov.raster.gl.compute import Compute
+from rastercov.raster.gl.strategy import Strategy
 from rastercov.reference import samples
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
@@ -121,6 +126,7 @@ def test_counts_add_up_and_do_not_depend_on_each_other(open_raster, scene):
         np.testing.assert_array_equal(getattr(mixed, name), np.concatenate((once, once[::-1])))
 
 
+@shown_by_two
 def test_finer_samples_are_those_of_a_larger_image(open_raster):
     mesh, poses = SCENES["teapot"]()
     large = Camera(width=480, height=360, fx=450, fy=420, cx=3 * CAMERA.cx, cy=3 * CAMERA.cy)
@@ -149,6 +155,7 @@ def grid(cx, cy):
 
 
 @pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize("centre", [(64, 48), (64.5, 48.5), (64.25, 48.5)])
 def test_edges_through_pixel_centres_share_their_samples_once(open_raster, centre):
     mesh, camera, pose = grid(*centre)
@@ -223,6 +230,7 @@ def test_rolled_samples_are_given_out_exactly_once(open_raster, roll):
 
 
 @pytest.mark.slow
+@shown_by_two
 def test_rolling_by_quarter_turns_changes_nothing_and_by_less_no_picture(open_raster, scene):
     mesh, poses = scene
     plain, rolled = open_raster(mesh, CAMERA), open_raster(mesh, CAMERA, roll=0.4)
@@ -242,7 +250,7 @@ COARSE_TORUS = shapes.torus(12, 6)
 def test_rolled_counts_are_those_of_tiles_together(open_gl, monkeypatch):
     mesh = COARSE_TORUS
     poses = mixed_poses(mesh)[:3]
-    monkeypatch.setattr(Compute, "max_tile", 37)
+    monkeypatch.setattr(Strategy, "max_tile", 37)
     with open_gl(mesh, SMALL, roll=0.4) as rasterizer:
         for pose in poses:
             assert_rolled_counts(rasterizer.count(pose), mesh, SMALL, pose, 1, 0.4)
@@ -252,6 +260,7 @@ def test_rolled_counts_are_those_of_tiles_together(open_gl, monkeypatch):
 
 
 @pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize("seed", range(2))
 def test_moving_mesh_and_camera_together_changes_nothing(open_raster, scene, seed):
     mesh, poses = scene
@@ -267,6 +276,7 @@ def test_moving_mesh_and_camera_together_changes_nothing(open_raster, scene, see
 
 
 @pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize(
     ("scale", "offset"),
     [(1.0, (4.0, -8.0, 0.5)), (1.0, (1e7, -2e7, 5e6)), (2.0**-20, 0.0), (2.0**12, 0.0)],
@@ -288,6 +298,7 @@ def test_exact_translation_and_scaling_change_not_one_sample(open_raster, scene,
 
 
 @pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize("name", ["box", "sphere", "icosahedron"])
 def test_convex_body_shows_its_front_whole_and_its_back_not_at_all(open_raster, name):
     mesh = shapes.by_name(name)
@@ -334,6 +345,7 @@ FRACTIONS = {
 """Mesh, visible fractions of its faces, and lines in px where faces cross."""
 
 
+@shown_by_two
 @pytest.mark.parametrize("name", FRACTIONS)
 def test_visible_fractions_are_the_analytic_ones_within_a_rigorous_bound(open_raster, name):
     mesh, fractions, crossings = FRACTIONS[name]
@@ -353,6 +365,7 @@ def test_visible_fractions_are_the_analytic_ones_within_a_rigorous_bound(open_ra
         )
 
 
+@shown_by_two
 @pytest.mark.parametrize("tilt", [0, 0.3])
 def test_surfaces_1e_5_apart_are_told_apart_a_thousand_times_beyond_the_nearest(open_raster, tilt):
     nearest = triangles(((0, 0, 0.02), (0.002, 0, 0.02), (0, 0.002, 0.02)))
@@ -390,6 +403,7 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample_wherever_they_st
 # --- the near plane -------------------------------------------------------------------------------
 
 
+@shown_by_two
 def test_face_through_the_near_plane_is_cut_there(open_raster):
     mesh = triangles(((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1)))
     camera = Camera(width=400, height=400, fx=100, fy=100, cx=200, cy=100, near=1 / 8)
@@ -461,7 +475,7 @@ def test_poses_a_batch_and_checks_between_change_nothing(open_gl, monkeypatch, i
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
     whole = open_gl(mesh, CAMERA)
-    monkeypatch.setattr(Compute, "image_budget", 8 * CAMERA.width * CAMERA.height * images)
+    monkeypatch.setattr(Strategy, "image_budget", 8 * CAMERA.width * CAMERA.height * images)
     parts = open_gl(mesh, CAMERA)
     monkeypatch.setattr(rasterizer_module, "SELF_TEST_INTERVAL", 2)
     assert_same_counts(parts.count(poses), whole.count(poses))
@@ -472,7 +486,7 @@ def test_poses_a_batch_and_checks_between_change_nothing(open_gl, monkeypatch, i
 def test_tiles_make_the_whole_image(open_gl, scene, monkeypatch):
     mesh, poses = scene
     whole = open_gl(mesh, CAMERA)
-    monkeypatch.setattr(Compute, "max_tile", 64)
+    monkeypatch.setattr(Strategy, "max_tile", 64)
     with whole, open_gl(mesh, CAMERA) as tiled:
         for pose in poses:
             found, expected = tiled.render(pose), whole.render(pose)

@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from image_laws import shown_by_two
 from wheels import with_wheel
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
+from rastercov.raster.gl import WAYS
 from rastercov.reference import samples
 
 TriangleMesh = with_wheel("embreex.mesh_construction").TriangleMesh
@@ -81,8 +83,8 @@ def outside(mesh, n=3):
 @pytest.mark.parametrize(
     ("open_raster", "name"),
     [
-        *itertools.product(("gl", "cpu"), ("teapot", "aeroplane")),
-        ("gl", "aeroplane-9856"),
+        *itertools.product((*WAYS, "cpu"), ("teapot", "aeroplane")),
+        ("pipeline", "aeroplane-9856"),
         ("cpu", "torus"),
     ],
     indirect=["open_raster"],
@@ -106,6 +108,7 @@ def stored_mesh(name):
 
 
 @pytest.mark.slow
+@shown_by_two
 @pytest.mark.parametrize(
     "name",
     [

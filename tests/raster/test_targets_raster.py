@@ -19,7 +19,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
 from rastercov.native.engine_raster import TIE_REL, count_triangle
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl.compute import Compute
+from rastercov.raster.gl.strategy import Strategy
 from rastercov.reference import samples
 from rastercov.reference import triangle_samples as twin
 
@@ -99,7 +99,7 @@ def test_counts_of_targets_equal_those_of_the_reference(open_raster):
 def test_tiles_of_an_image_add_up(open_gl, monkeypatch):
     mesh = in_room(4)
     whole = open_gl(mesh, SMALL)
-    monkeypatch.setattr(Compute, "max_tile", 16)
+    monkeypatch.setattr(Strategy, "max_tile", 16)
     tiled = open_gl(mesh, SMALL)
     assert_same_counts(tiled.count(VIEWS), whole.count(VIEWS))
 

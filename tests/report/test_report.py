@@ -32,7 +32,7 @@ from rastercov.report import tables, theme
 from rastercov.report.coverage_files import write_coloured_mesh
 from rastercov.report.panorama import seen
 
-INFO = RasterizerInfo("gl", "compute", "renderer", "driver", "device", "float32", "hash")
+INFO = RasterizerInfo("gl", "pipeline", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
 
 # Three squares side by side in the plane z = 0, two faces each, seen from z = 5:

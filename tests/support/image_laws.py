@@ -8,12 +8,15 @@ samples are called ambiguous here; everywhere else the laws hold without excepti
 from functools import lru_cache
 
 import numpy as np
+import pytest
 
 from rastercov.reference import samples
 
 EDGE, GAP = 1 / 128, 1e-4
 FEW = 0.005
 """Most of an image that may differ at ambiguous samples; they are 1 % of these scenes or less."""
+shown_by_two = pytest.mark.parametrize("open_raster", ["pipeline", "cpu"], indirect=True)
+"""For laws of images: those of all plans equal the reference's, and so each other's."""
 
 
 @lru_cache(maxsize=64)

@@ -98,6 +98,8 @@ OWN: dict[str, dict[str, Any]] = {
     "open_rasterizer": {"backend": "cpu", "roll": 0.1, "threads": 1},
     "open_rasterizer, OpenGL": {
         "device": "auto",
+        "plan": "auto",
+        "max_layers": 2,
         "backend": "gl",
     },
     "Engine.of": {"method": "certified"},

@@ -3,10 +3,12 @@
     GLRasterizer (rasterizer)           contract, ownership, self-test
         HeadlessContext (context)       OpenGL context of a device (devices, libraries)
         Resources (resources)           every OpenGL object, error polling
-        Compute (compute)               shaders that draw and count
+        Strategy (strategy)             one of two:
+            Pipeline (pipeline)         plan "pipeline"; scene, coplanar
+            Compute (compute)           plan "compute"
 
 `rastercov.raster.contract` asks `devices` for hardware even when the CPU then counts. The
-rasteriser and moderngl are therefore imported when it is first used.
+rasteriser and moderngl are therefore imported when one of the names below is first used.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -14,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 from rastercov.base.errors import DeviceError
 
 if TYPE_CHECKING:
-    from rastercov.raster.gl.rasterizer import GLRasterizer
+    from rastercov.raster.gl.rasterizer import PLANS, WAYS, GLRasterizer
 
-__all__ = ["GLRasterizer"]
+__all__ = ["PLANS", "WAYS", "GLRasterizer"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the rasteriser on first use of `GLRasterizer`.
+    """Import the rasteriser on first use of `GLRasterizer`, `PLANS` or `WAYS`.
 
     Raises
     ------

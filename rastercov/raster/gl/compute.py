@@ -1,36 +1,31 @@
-"""Compute shaders that fill triangles and count faces.
+"""Strategy of the plan "compute": compute shaders fill the triangles.
 
-The graphics pipeline is not used: it would interpolate the depths of two faces of one plane each
-for itself, and place edges in float32. `shaders/raster.comp.glsl` describes the fill; this module
-orders the passes. A batch of poses takes these steps, and only counts are read back:
+For data-centre GPUs, most of whose units can compute but not rasterise. `shaders/raster.comp.glsl`
+describes the fill; this module orders the passes. A batch of poses takes these steps, and only
+counts are read back:
 
 1. clear the keys, 64 bits a sample: inverse depth, then face index;
 2. project, clip and fill all faces of all poses, larger ones through a queue;
 3. without 64-bit atomics, a second pass to find the faces that have the depths found;
 4. count the faces in the keys; repeat all steps in parts if the queue was too small.
 
-Results equal those of the CPU rasteriser.
+Results equal those of the CPU rasteriser, so its near plane is used, not the one fitted to a pose.
 """
 
 from collections.abc import Iterator
-from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ResourceError
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base.memory import FloatArray, Int32Array
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits, near_limit
+from rastercov.camera.near_plane import limits
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.resources import Resources, set_uniforms
+from rastercov.raster.gl.strategy import COUNTER_BYTES, Strategy, WordArray
 from rastercov.raster.sample_grid import Box, SampleGrid
-from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
-
-WordArray = NDArray[np.uint32]
 
 MAX_POSES = 256  # poses in one batch, within the limits of memory: enough to fill a large device
 GROUP_FACES = 64  # faces of a workgroup, local_size_x of raster.comp
@@ -46,10 +41,7 @@ FAR_OUT = 1 << 25
 """Steps of 1/256 sample from the tile beyond which triangles are clipped: products of two such
 lengths are integers below 2^53, which a double holds exactly."""
 KEY_BYTES, PIECE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 72, 24, 12, 8
-COUNTER_BYTES = 4
 """Bytes of a sample's key, a struct `Piece`, a vertex (3 doubles), a face, a row of samples."""
-COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
-"""Samples of a workgroup of `count.comp`: 8 x 8 invocations, each a run of 16 samples of a row."""
 # Rows of struct Pose of raster.comp, dvec4; the last is (near, cull).
 RIGHT, DOWN, FORWARD, EYE, LENS, NEAR_AND_CULL, RECORD_ROWS = range(7)
 RECORD_VALUES = 4 * RECORD_ROWS
@@ -90,32 +82,14 @@ class ComputePoses:
         self.records = fields.reshape(-1, RECORD_VALUES)
 
 
-class Compute:
-    """Programs and buffers on a device, for one mesh and camera.
+class Compute(Strategy):
+    """`Strategy` on compute shaders; `image_budget` covers counters, too."""
 
-    Attributes
-    ----------
-    tile : (width, height)
-        Largest part of a canvas that is drawn at once.
-    max_tile : int
-        Largest side of a tile, in samples.
-    image_budget : int
-        Bytes of the keys and counters of one batch of poses.
-    """
-
-    max_tile: ClassVar = 8192
-    image_budget: ClassVar = 512 << 20
+    depth = "float32 1/z"
 
     def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
-        self._resources = resources
-        info = resources.context.info
-        needed = max(CORNERS_BYTES * (mesh.n_faces + 1), VERTEX_BYTES * mesh.n_vertices)
-        block = int(info.limits["max_ssbo_bytes"])
-        if needed > block:
-            raise ResourceError(
-                f"OpenGL needs a storage block of {needed:,} bytes for this mesh, "
-                f"{info.renderer} has {block:,}; use backend 'cpu'"
-            )
+        super().__init__(resources, mesh, CORNERS_BYTES, VERTEX_BYTES * mesh.n_vertices)
+        block = self._block
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
         width = min(self.max_tile, wide, block // KEY_BYTES)
         self.tile = (width, min(self.max_tile, high, block // (KEY_BYTES * width)))
@@ -131,11 +105,11 @@ class Compute:
         self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
         defines = {"SMALL": SMALL, "ROWS": ROWS, "FAR_OUT": FAR_OUT}
         self._n_passes = 2
-        if info.has_int64_atomics:
+        if resources.context.info.has_int64_atomics:
             defines["ATOMIC64"] = self._n_passes = 1
         self._small = resources.compute("raster", **defines)
         self._pieces = resources.compute("raster", QUEUED=1, **defines)
-        self._counting = resources.compute("count")
+        self._counting = resources.compute("count", KEYS=1, ROLLED=1)
         self._records = resources.buffer("poses", size=8 * RECORD_VALUES * self._layers)
         self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
         self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
@@ -144,8 +118,17 @@ class Compute:
         rows = max(grid.height, camera.height, self_test.HEIGHT)
         self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
 
-    def batches(self, n_poses: int) -> Iterator[slice]:
+    def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
+        """Upload a mesh."""
+        return ComputeScene(self._resources, mesh, camera, grid)
+
+    def prepare(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> ComputePoses:
+        """Compute the storage buffers of the poses."""
+        return ComputePoses(scene, poses, grid)
+
+    def batches(self, prepared: ComputePoses) -> Iterator[slice]:
         """Rows of the poses of each batch."""
+        n_poses = len(prepared.near)
         for start in range(0, n_poses, self._layers):
             yield slice(start, min(start + self._layers, n_poses))
 
@@ -155,9 +138,10 @@ class Compute:
         self._runs.write(prepared.runs)
 
     def count(
-        self, scene: ComputeScene, n_poses: int, tile: Box, *, drawn: bool
+        self, scene: ComputeScene, prepared: ComputePoses, rows: slice, tile: Box, *, drawn: bool
     ) -> tuple[WordArray, WordArray, WordArray | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
+        n_poses = rows.stop - rows.start
         while True:
             drawn_counts = self._draw(scene, n_poses, tile, drawn=drawn)
             visible, background = self._count_on_device(scene, tile, n_poses)
@@ -180,42 +164,7 @@ class Compute:
         # A face cut at the near plane can cover a sample 1/512 sample beyond its edge.
         return face, np.maximum(depth, np.float32(prepared.near[0]))
 
-    def count_targets(
-        self, scene: ComputeScene, targets: TargetFaces, poses: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Visible and drawn samples of the targets, (P, N) each.
-
-        They are counted on the CPU: the depths of each pose are read back.
-        """
-        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
-        grid, near = scene.grid, near_limit(scene.camera, scene.mesh.bounds, poses)
-        for row in range(len(poses)):
-            depths = partial(self._depths, scene, poses[row : row + 1])
-            visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
-        return visible, drawn
-
     # --- steps ----------------------------------------------------------------------------------
-
-    def _depths(
-        self, scene: ComputeScene, pose: FloatArray, top: int, bottom: int
-    ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
-        """Depths of one pose, (1, 4, 4), in tiles that hold some rows; see `targets.Depths`."""
-        prepared = ComputePoses(scene, pose, scene.grid)
-        self.begin(prepared, slice(0, 1))
-        for tile in scene.grid.tiles(self.tile):
-            if tile[1] < bottom and tile[1] + tile[3] > top:
-                yield tile, self.image(scene, prepared, tile)[1]
-
-    def _count_on_device(
-        self, scene: ComputeScene, tile: Box, n_poses: int
-    ) -> tuple[WordArray, WordArray]:
-        """Count the faces of a batch in its keys."""
-        stride = scene.mesh.n_faces + 1
-        set_uniforms(self._counting, size=tile[2:], corner=tile[:2], stride=stride)
-        self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
-        self._counting.run(-(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses)
-        counters = self._resources.read_words(self._counters, n_poses, stride)
-        return counters[:, 1:], counters[:, 0]
 
     def _draw(
         self, scene: ComputeScene, n_poses: int, tile: Box, *, drawn: bool

@@ -38,6 +38,12 @@ LIMITS = {  # name: that of moderngl
     "max_ssbo_bytes": "GL_MAX_SHADER_STORAGE_BLOCK_SIZE",
     "subpixel_bits": "GL_SUBPIXEL_BITS",
 }
+LAYER_EXTENSIONS = (
+    "GL_ARB_shader_viewport_layer_array",
+    "GL_AMD_vertex_shader_layer",
+    "GL_NV_viewport_array2",
+)
+"""gl_Layer in vertex shaders, an extension of every core version: any of them."""
 SOFTWARE_RENDERERS = re.compile(
     r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE
 )
@@ -113,6 +119,11 @@ class ContextInfo:
     device: DeviceInfo
     limits: dict[str, Any]
     extensions: frozenset[str]
+
+    @property
+    def has_batches(self) -> bool:
+        """Features of layers: many poses in one draw, counted on the device."""
+        return not self.extensions.isdisjoint(LAYER_EXTENSIONS)
 
     @property
     def has_int64_atomics(self) -> bool:

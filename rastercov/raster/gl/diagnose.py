@@ -192,19 +192,23 @@ def open_device(label: str) -> Report:
 
 
 def verify_device(label: str) -> Report:
-    """Count known and convex scenes on a device; for `ask`.
+    """Count known and convex scenes in every way; for `ask`.
 
     Raises
     ------
     DeviceError
-        Names the scene or the count that is wrong.
+        Names the way, and the scene or the count that is wrong.
     """
     # Not above, as in `open_device`.
     from rastercov.raster.gl.context import open_context
-    from rastercov.raster.gl.rasterizer import GLRasterizer
+    from rastercov.raster.gl.rasterizer import WAYS, GLRasterizer
 
     with open_context(label) as context:
-        _verify(partial(GLRasterizer, device=context))
+        for way, options in WAYS.items():
+            try:
+                _verify(partial(GLRasterizer, device=context, **options))
+            except RastercovError as error:
+                raise DeviceError(f"plan {way}: {error}") from error
     return {}
 
 

@@ -1,4 +1,10 @@
-"""OpenGL rasteriser: the contract of `raster.contract` around the shaders of `compute`.
+"""OpenGL rasteriser: the contract of `raster.contract` around one of two strategies.
+
+- *pipeline*: graphics pipeline of any driver, many poses a draw where a GPU can; see `pipeline`.
+- *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
+
+"auto" is "pipeline", and "compute" for a focal length so long that the graphics pipeline would
+misplace edges.
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -6,21 +12,37 @@ poses, with the programs, images and buffers in use.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
+from rastercov.base.arguments import check_choice
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
-from rastercov.raster.gl.compute import Compute, ComputePoses, ComputeScene
+from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.raster.gl.pipeline import MAX_POSES, Pipeline
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.sample_grid import SampleGrid
 
+PLANS = ("pipeline", "compute")
+WAYS: dict[str, dict[str, Any]] = {
+    "pipeline": {"plan": "pipeline", "max_layers": 1},
+    "layers": {"plan": "pipeline", "max_layers": MAX_POSES},
+    "compute": {"plan": "compute"},
+}
+"""Options of every way to draw and count, for self-tests."""
+MAX_FOCAL_LENGTH = 1 << 16
+"""Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
+edges to about 2^-23 of that: 1/128 px."""
 SELF_TEST_INTERVAL = 256
 """Poses between two self-tests of the device."""
 
@@ -35,12 +57,18 @@ class GLRasterizer(Rasterizer):
     device : str, int or HeadlessContext
         "auto", "hardware", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context
         that is already open is used and left open.
+    plan : {"auto", "pipeline", "compute"}
+        Way to draw and count.
+    max_layers : int, optional
+        Most poses of a draw of plan "pipeline", up to 128, each an image of its own; above 1 they
+        are counted on the device. By default 128 on a GPU, else 1; always 1 where the device
+        cannot draw in layers.
 
     Raises
     ------
-    CameraError, DeviceError, ResourceError
-        For a lens, which `open_rasterizer` draws; a device that lacks a feature or fails its
-        self-test; lack of memory.
+    CameraError, ConfigError, DeviceError, ResourceError
+        For a lens, which `open_rasterizer` draws; a bad argument; a device that lacks a feature or
+        fails its self-test; lack of memory.
     """
 
     def __init__(
@@ -51,40 +79,63 @@ class GLRasterizer(Rasterizer):
         supersample: int = 1,
         roll: float = 0.0,
         device: str | int | HeadlessContext = "auto",
+        plan: str = "auto",
+        max_layers: int | None = None,
     ) -> None:
         camera.check_pinhole(
             "GLRasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
         )
+        check_choice("plan", plan, ("auto", *PLANS))
+        if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
+            raise ConfigError(
+                f"max_layers must be a whole number 1 to {MAX_POSES}, got {shown(max_layers)}"
+            )
         super().__init__(mesh, camera, supersample, roll)
         self._owns_context = not isinstance(device, HeadlessContext)
         self._context = device if isinstance(device, HeadlessContext) else open_context(device)
         self._resources = Resources(self._context)
         try:
-            self._prepare()
+            known = self._context.info
+            by_default = 1 if known.is_software else MAX_POSES
+            layers = by_default if max_layers is None else int(max_layers)
+            self._prepare(self._chosen(plan), layers if known.has_batches else 1)
             self._run_self_test()
         except BaseException:
             self.close()
             raise
 
-    def _prepare(self) -> None:
+    def _chosen(self, plan: str) -> str:
+        """Plan to run; ConfigError when it cannot run."""
+        reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        if plan == "auto":
+            plan = "compute" if reach > MAX_FOCAL_LENGTH else "pipeline"
+        if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
+            raise ConfigError(
+                f"OpenGL's pipeline takes fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px, "
+                f"got {reach:,g}: float32 would misplace edges; use plan 'compute' or backend 'cpu'"
+            )
+        return plan
+
+    def _prepare(self, plan: str, max_layers: int) -> None:
         """Compile the programs, allocate the images and upload the mesh."""
         resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
-        self._compute = Compute(resources, mesh, camera, grid)
+        kind: Any = Compute if plan == "compute" else partial(Pipeline, max_layers=max_layers)
+        self._strategy: Any = kind(resources, mesh, camera, grid)
         self.info = RasterizerInfo(
             backend="gl",
-            plan="compute",
+            plan=plan,
             renderer=self._context.info.renderer,
             driver=self._context.info.version,
             device=str(self._context.info.device),
-            depth="float32 1/z",
+            depth=self._strategy.depth,
             shaders=shaders.digest(),
         )
-        self._scene = ComputeScene(resources, mesh, camera, grid)
+        self._scene = self._strategy.scene(mesh, camera, grid)
         # Not rotated, since its counts are known for that grid; the programs are the same.
-        known = self_test.MESH, self_test.CAMERA, SampleGrid(self_test.CAMERA)
-        self._self_test_scene = ComputeScene(resources, *known)
+        test_grid = SampleGrid(self_test.CAMERA)
+        self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
         self._pixels = SampleGrid(camera)
         self._self_test_view = 0
 
@@ -97,7 +148,7 @@ class GLRasterizer(Rasterizer):
             counts = self._count(self._scene, poses, drawn)
             if self._targets is None:
                 return counts
-            found = self._compute.count_targets(self._scene, self._targets, poses)
+            found = self._strategy.count_targets(self._scene, self._targets, poses)
             return self._with_targets(counts, *found)
 
     def _drawn(self, poses: FloatArray) -> tuple[Int32Array, NDArray[np.float32]]:
@@ -105,12 +156,12 @@ class GLRasterizer(Rasterizer):
         shape = grid.height, grid.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         with self._current():
-            prepared = ComputePoses(self._scene, poses, grid)
-            self._compute.begin(prepared, slice(0, 1))
-            for tile in grid.tiles(self._compute.tile):
+            prepared = self._strategy.prepare(self._scene, poses, grid)
+            self._strategy.begin(prepared, np.array([0]))
+            for tile in grid.tiles(self._strategy.tile):
                 x, y, width, height = tile
                 part = np.s_[y : y + height, x : x + width]
-                face[part], depth[part] = self._compute.image(self._scene, prepared, tile)
+                face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
         return face, depth
 
     def close(self) -> None:
@@ -134,26 +185,26 @@ class GLRasterizer(Rasterizer):
 
     # --- counting -------------------------------------------------------------------------------
 
-    def _count(self, scene: ComputeScene, poses: FloatArray, with_drawn: bool) -> FaceCounts:
+    def _count(self, scene: Any, poses: FloatArray, with_drawn: bool) -> FaceCounts:
         """Count poses in batches and tiles; run the self-test when it is due."""
         shape = (len(poses), scene.mesh.n_faces)
         visible = np.zeros(shape, scene.grid.count_type)
         drawn = np.zeros(shape, scene.grid.count_type) if with_drawn else None
         background = np.zeros(len(poses), np.int64)
-        grid, compute = scene.grid, self._compute
-        prepared = ComputePoses(scene, poses, grid)
-        for rows in compute.batches(len(poses)):
-            compute.begin(prepared, rows)
-            for tile in grid.tiles(compute.tile):
-                counts = compute.count(scene, rows.stop - rows.start, tile, drawn=with_drawn)
+        grid, strategy = scene.grid, self._strategy
+        prepared = strategy.prepare(scene, poses, grid)
+        for rows in strategy.batches(prepared):
+            strategy.begin(prepared, rows)
+            for tile in grid.tiles(strategy.tile):
+                counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
                 tile_visible, tile_background, tile_drawn = counts
                 visible[rows] += tile_visible
                 background[rows] += tile_background
-                if drawn is not None and tile_drawn is not None:
+                if drawn is not None:
                     drawn[rows] += tile_drawn
             self._resources.poll("drawing")
             if scene is self._scene:
-                self._note(rows.stop - rows.start)
+                self._note(len(prepared.clipped[rows]))
         wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])

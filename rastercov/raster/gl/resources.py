@@ -17,8 +17,48 @@ from rastercov import shaders
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.raster.gl.context import HeadlessContext
 
-_R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x8236, 0x8D94, 0x1405
-_UINT, _POINTER, _SIZE = ctypes.c_uint, ctypes.c_void_p, ctypes.c_ssize_t
+_COLOR, _DEPTH = 0x1800, 0x1801
+_DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CAC
+_FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D_ARRAY = 0x8D40, 0x8CD5, 0x8C1A
+_LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
+_STORAGE_BUFFER, _R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x90D2, 0x8236, 0x8D94, 0x1405
+_UINT, _INT, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
+_SIZE = ctypes.c_ssize_t
+FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
+    "glBindBuffer": (None, _UINT, _UINT),
+    "glBindFramebuffer": (None, _UINT, _UINT),
+    "glBindTexture": (None, _UINT, _UINT),
+    "glCheckFramebufferStatus": (_UINT, _UINT),
+    "glClearBufferfv": (None, _UINT, _INT, _POINTER),
+    "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
+    "glClearBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER),
+    "glClipControl": (None, _UINT, _UINT),
+    "glDeleteTextures": (None, _INT, _POINTER),
+    "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
+    "glGenTextures": (None, _INT, _POINTER),
+    "glTexImage3D": (None, _UINT, *(_INT,) * 6, _UINT, _UINT, _POINTER),
+}
+
+FACE_BYTES, DEPTH_BYTES = 4, 4
+SAMPLE_BYTES = FACE_BYTES + DEPTH_BYTES
+"""Bytes of a sample of a `Target`: face index and depth."""
+
+
+class Target:
+    """Stack of triangle-ID images (uint32) with float32 depth, one layer a pose."""
+
+    def __init__(self, resources: "Resources", width: int, height: int, layers: int) -> None:
+        what = f"{layers} images of {width} x {height}"
+        size = width * height * layers * SAMPLE_BYTES
+        gl = resources.gl
+        self.faces = resources.make(
+            what, size, lambda: gl.texture_array((width, height, layers), 1, dtype="u4")
+        )
+        self.faces.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.frame = resources.make(what, size, lambda: gl.framebuffer([self.faces]))
+        resources.attach_depth(self.frame, width, height, layers, what)
+        # moderngl disables the depth mask for a depth attachment that it did not create.
+        self.frame.depth_mask = True
 
 
 class Resources:
@@ -35,47 +75,120 @@ class Resources:
         self.gl.objects.extend(left)
 
     def use(self) -> None:
-        """Make the context current."""
+        """Make the context current and set the state that all draws share."""
         self.context.check_owner()
         self.context.make_current()
+        self._call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
         self.gl.memory_barrier()  # shaders of an interrupted call may still write counters
+        self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
+        self.gl.cull_face = "back"
+
+    def _call(self, name: str, *arguments: object) -> Any:
+        return self.context.function(name, *FUNCTIONS[name])(*arguments)
 
     def own(self, thing: Any) -> Any:
         """Return an OpenGL object and release it in `release`."""
         self._stack.callback(thing.release)
         return thing
 
-    def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
-        """Buffer with the given contents, or of `size` bytes; ResourceError if it is refused."""
-        contents = None if data is None else np.ascontiguousarray(data)
-        n_bytes = size if contents is None else contents.nbytes
-        asked = f"{what} ({n_bytes / 2**20:,.1f} MiB)"
+    def make(self, what: str, size: int, create: Any) -> Any:
+        """Result of `create()`, owned; ResourceError with `what` and its `size` if it fails."""
+        asked = f"{what} ({size / 2**20:,.1f} MiB)"
         try:
-            made = self.gl.buffer(contents, size, dynamic=contents is None)
+            thing = create()
         except (moderngl.Error, MemoryError) as error:
             raise ResourceError(f"the device refused {asked}: {error}") from None
         reported = self.gl.error
         if reported != "GL_NO_ERROR":
-            made.release()
+            thing.release()
             raise ResourceError(f"the device refused {asked}: {reported}")
-        return self.own(made)
+        return self.own(thing)
+
+    def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
+        """Buffer with the given contents, or of `size` bytes."""
+        if data is None:
+            return self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True))
+        contents = np.ascontiguousarray(data)
+        return self.make(what, contents.nbytes, lambda: self.gl.buffer(contents))
+
+    def program(self, fragment: str, **defines: int) -> Any:
+        """Program of `face.vert` and the named fragment shader."""
+        stages = {
+            "vertex_shader": shaders.source("face.vert", **defines),
+            "fragment_shader": shaders.source(f"{fragment}.frag", **defines),
+        }
+        return self._compile(f"face.vert and {fragment}.frag", self.gl.program, **stages)
 
     def compute(self, name: str, **defines: int) -> Any:
         """Compute program of the named shader."""
+        text = shaders.source(f"{name}.comp", **defines)
+        return self._compile(f"{name}.comp", self.gl.compute_shader, source=text)
+
+    def _compile(self, names: str, build: Any, **stages: str) -> Any:
         try:
-            return self.own(self.gl.compute_shader(shaders.source(f"{name}.comp", **defines)))
+            return self.own(build(**stages))
         except moderngl.Error as error:
             log = " ".join(str(error).split())
             raise DeviceError(
-                f"{self.context.info.renderer} cannot compile {name}.comp "
+                f"{self.context.info.renderer} cannot compile {names} "
                 f"(shaders {shaders.digest()[:12]}): {log}"
             ) from None
 
+    def attach_depth(self, frame: Any, width: int, height: int, layers: int, what: str) -> None:
+        """Attach a float32 depth texture to a framebuffer; moderngl only makes 24-bit depth."""
+        name = _UINT(0)
+        self._call("glGenTextures", 1, ctypes.addressof(name))
+        delete = self.context.function("glDeleteTextures", *FUNCTIONS["glDeleteTextures"])
+        self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
+        self._call("glBindTexture", _TEXTURE_2D_ARRAY, name.value)
+        self._call(
+            "glTexImage3D",
+            _TEXTURE_2D_ARRAY,
+            0,
+            _DEPTH_COMPONENT32F,
+            width,
+            height,
+            layers,
+            0,
+            _DEPTH_COMPONENT,
+            _FLOAT,
+            None,
+        )
+        self._call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
+        self._call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
+        status = self._call("glCheckFramebufferStatus", _FRAMEBUFFER)
+        error = self.gl.error
+        if status != _FRAMEBUFFER_COMPLETE or error != "GL_NO_ERROR":
+            size = width * height * layers * DEPTH_BYTES / 2**20
+            raise ResourceError(
+                f"the device refused depth for {what} ({size:,.1f} MiB): "
+                f"{error}, framebuffer status {status:#x}"
+            )
+
+    def clear(self, target: Target) -> None:
+        """Set every sample of every layer to no face and the farthest depth."""
+        target.frame.use()
+        zeros = (_UINT * 4)()  # as a float, too
+        self._call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(zeros))
+        self._call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(zeros))
+
+    def read_faces(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.uint32]:
+        """Face indices + 1 of layer 0 inside box = (x, y, width, height), (height, width)."""
+        ids = np.empty((box[3], box[2]), np.uint32)
+        target.frame.read_into(ids, viewport=box, components=1, dtype="u4", alignment=FACE_BYTES)
+        return ids
+
+    def read_depth(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.float32]:
+        """Depth buffer values of layer 0 inside a box, unconverted."""
+        depth = np.empty((box[3], box[2]), np.float32)
+        target.frame.read_into(depth, viewport=box, components=1, attachment=-1, dtype="f4")
+        return depth
+
     def zero(self, buffer: Any, size: int) -> None:
         """Set the first `size` bytes of a buffer, a multiple of 4, to 0 on the device."""
-        types = _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER
-        clear = self.context.function("glClearNamedBufferSubData", None, *types)
-        clear(buffer.glo, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None)
+        self._call("glBindBuffer", _STORAGE_BUFFER, buffer.glo)
+        what = _STORAGE_BUFFER, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None
+        self._call("glClearBufferSubData", *what)
 
     def read_words(self, buffer: Any, *shape: int) -> NDArray[np.uint32]:
         """First words of a buffer, after a barrier: the only reader of what shaders wrote."""

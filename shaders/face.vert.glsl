@@ -1,0 +1,104 @@
+// Transforms the vertices of the mesh to clip space, one pose an instance.
+//
+// Positions and the eye (camera centre) are sums of two floats, high + low. They are subtracted
+// before rounding to one float, so a part at 10^7 m projects as at the origin.
+//
+// COPLANAR is for overlapping coplanar faces, whose depth is computed from their plane, as on the
+// CPU, instead of interpolated. In double precision 1/z is affine in the image, and on two faces of
+// one plane it rounds to the same float.
+
+#ifdef LAYERED
+#extension GL_ARB_shader_viewport_layer_array : enable
+#extension GL_AMD_vertex_shader_layer : enable
+#endif
+
+struct Pose {
+    vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
+    vec4 eye_high, eye_low;
+    vec4 near;                  // x is clip z
+};
+
+layout(std140) uniform Poses { Pose poses[MAX_POSES]; };
+
+uniform int first_pose;
+uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y + image.w * z
+
+in vec3 position_high;
+in vec3 position_low;
+
+// Every program places the corners of a face alike, so edges stay watertight.
+invariant gl_Position;
+
+#ifdef COPLANAR
+// The ray through the point (x, y) of the canvas is x right + y down + ahead at depth 1.
+struct Rays {
+    dvec4 right, down, forward;  // depth in the buffer is right.w / z
+    dvec4 eye;                   // relative to the centre of the mesh
+};
+
+layout(std140) uniform AllRays { Rays rays[MAX_POSES]; };
+
+uniform ivec2 corner;   // top-left of this image on the canvas
+uniform dvec2 middle;   // cx, cy in samples
+
+in uint number;         // index + 1 of the face whose last corner this is,
+in dvec3 corner_a;      // its corners
+in dvec3 corner_b;
+in dvec3 corner_c;
+in dvec3 normal;        // and its normal, of any length
+
+flat out dvec3 plane;   // depth in the buffer = plane.x x + plane.y y + plane.z
+flat out vec2 reach;    // least and greatest depth in the buffer of its corners
+#endif
+
+// Face index + 1, taken from the last corner of a face: vertex f is the last corner of face f alone.
+// gl_PrimitiveID would be simpler, but Mesa splits primitives to number them.
+flat out uint id;
+
+#ifdef LAYERED
+flat out int layer;
+#endif
+
+#ifdef COPLANAR
+void find_plane() {
+    Rays ray = rays[first_pose + gl_InstanceID];
+    dvec3 a = corner_a - ray.eye.xyz, b = corner_b - ray.eye.xyz, c = corner_c - ray.eye.xyz;
+    dvec3 z = dvec3(dot(ray.forward.xyz, a), dot(ray.forward.xyz, b), dot(ray.forward.xyz, c));
+    double nearest = min(z.x, min(z.y, z.z)), farthest = max(z.x, max(z.y, z.z));
+    // A face that reaches behind the eye has no nearest corner; it is cut at the near plane.
+    float first = nearest > 0.0lf ? float(ray.right.w / nearest) : 1.0;
+    float last = float(ray.right.w / max(farthest, nearest));
+    reach = vec2(min(first, last), max(first, last));
+
+    precise double height = dot(normal, a);  // offset of the plane from the eye
+    precise double x = dot(normal, ray.right.xyz), y = dot(normal, ray.down.xyz);
+    precise double ahead = dot(normal, ray.forward.xyz) - middle.x * x - middle.y * y;
+    // From an eye in the plane the face is a line, and may cover a sample by rounding: scale 0 gives
+    // it the farthest depth, clamped to that of its corners.
+    double scale = height == 0.0lf ? 0.0lf : ray.right.w / height;
+    plane = scale * dvec3(x, y, ahead + double(corner.x) * x + double(corner.y) * y);
+}
+#endif
+
+void main() {
+    Pose pose = poses[first_pose + gl_InstanceID];
+    vec3 from_eye = (position_high - pose.eye_high.xyz) + (position_low - pose.eye_low.xyz);
+    float x = dot(pose.right.xyz, from_eye);
+    float y = dot(pose.down.xyz, from_eye);
+    float z = dot(pose.forward.xyz, from_eye);
+    // Rows of images and of our framebuffers both run down, so nothing is flipped.
+    gl_Position = vec4(image.x * x + image.z * z,
+                       image.y * y + image.w * z,
+                       pose.near.x,
+                       z);
+#ifdef COPLANAR
+    id = number;
+    find_plane();
+#else
+    id = uint(gl_VertexID) + 1u;
+#endif
+#ifdef LAYERED
+    layer = gl_InstanceID;
+    gl_Layer = gl_InstanceID;
+#endif
+}
