@@ -179,7 +179,7 @@ def _certificates(report: Report, figures: int) -> None:
     done = wrong = 0
     rng = np.random.default_rng(1)
     runs = [
-        (mesh, *(Solver(surface_of(mesh).native, kind, False) for kind in (True, False)))
+        (mesh, *(Solver(surface_of(mesh), kind, False) for kind in (True, False)))
         for mesh in map(shapes.by_name, names)
     ]
     while done < figures:
@@ -225,7 +225,7 @@ class _Run:
     """Views of a mesh from a few poses on a sphere."""
 
     def __init__(self, is_certified: bool, mesh: rc.Mesh, front_only: bool, poses: int) -> None:
-        self.solver = Solver(surface_of(mesh).native, is_certified, False)
+        self.solver = Solver(surface_of(mesh), is_certified, False)
         self.poses = poses_around(f"sphere:{poses}", mesh, CAMERA)
         self.near = near_limit(CAMERA, mesh.bounds, self.poses)
         self.front_only = front_only

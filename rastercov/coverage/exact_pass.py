@@ -90,7 +90,7 @@ class ExactPass:
 
     @property
     def _surface(self) -> Any:
-        return surface_of(self.mesh).native
+        return surface_of(self.mesh)
 
     def _run(self, poses: Poses, seen: Observation | None, run: Callable[..., Found]) -> Found:
         """Result of a function of the poses and of the figures to fill."""

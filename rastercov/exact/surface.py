@@ -10,150 +10,21 @@ surface, in the order of the mesh where that is local, as generators and CAD pro
 where the mesh is small; otherwise sorted along a curve that fills space.
 """
 
-from collections import namedtuple
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 from weakref import ref
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.threads import once_each
 from rastercov.camera.near_plane import hides_its_back
 from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import Partners
 from rastercov.native import engine_surface
+from rastercov.native.engine_surface import Surface
 
 LEAST_SORTED = engine_surface.LEAST_SORTED
 """Faces from which on they, and vertices, are sorted: figures of fewer fit the cache in any order.
 """
-
-Blocks = namedtuple(
-    "Blocks", "has_flat patch patch_starts of_patch lowest joins is_plain starts of_edges"
-)
-"""Blocks of `BLOCK` faces of a surface, and of `BLOCK` consecutive edges.
-
-A patch is a part of a block whose faces are joined by edges that two of them use in opposite
-directions.
-
-Attributes
-----------
-has_flat : (N,) bool
-    Blocks with a face without area.
-patch : (F,) int32
-    Patch of each face.
-patch_starts : (N + 1,) int32
-    The patches of block b are patch_starts[b] ... patch_starts[b + 1] - 1.
-of_patch : (C,) int32
-    Block of each patch.
-lowest : (C,) int32
-    Lowest face of each patch.
-joins : (J, 2) int32
-    Pairs of patches with a common edge of two faces, the lower one first; the complement ~c of the
-    other where both faces run along the edge in the same direction.
-is_plain : (M,) bool
-    Blocks of edges that all have two faces which run along them in opposite directions.
-starts : (M + 1,) int32
-    The blocks of the faces of edges m are of_edges[starts[m]] ... of_edges[starts[m + 1] - 1], of
-    those that are plain.
-of_edges : (Q,) int32
-"""
-
-Edges = namedtuple("Edges", "vertices faces kind of_face")
-"""Edges of a surface.
-
-Attributes
-----------
-vertices : (E, 2) int32
-    Lower index first.
-faces : (E, 2) int32
-    Two of its faces; the second is -1 where there is only one.
-kind : (E,) int8
-    `CONSISTENT`, `REVERSED` or `NON_MANIFOLD`.
-of_face : (F, 3) int32
-    Edge from each corner of a face to the next.
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class Targets:
-    """Faces that hide nothing. They share no vertex and no edge with the surface.
-
-    Attributes
-    ----------
-    vertices, faces, blocks, source
-        As of `Surface`; faces in the order of the mesh.
-    """
-
-    vertices: FloatArray
-    faces: Int32Array
-    blocks: Blocks
-    source: IntArray
-
-
-class Surface:
-    """Faces and edges by position: vertices that files repeat along seams are merged.
-
-    All attributes but the last two are those of the opaque faces, bit for bit as without targets.
-
-    Attributes
-    ----------
-    native : engine_surface.Surface
-        What the engine takes.
-    centre : (3,) float64
-        Centre of the bounding box, metres.
-    diagonal : float
-        Diagonal of the bounding box, metres.
-    vertices : (V, 3) float64
-        Positions that faces use, each once; of a large mesh in the order of their use. Not shifted:
-        a difference of two positions is rounded once.
-    faces : (F, 3) int32
-        Vertices of each face. They are in the order of the mesh unless neighbours are far from one
-        another there, see `blocks`.
-    edges : Edges
-        Edges by position, see `Edges`.
-    blocks : Blocks
-        Groups of faces that are looked at together, see `Blocks`.
-    rank : (F,) int32
-        Index of each face among the opaque faces of the mesh, which decides where surfaces tie.
-    source : (V,) int64
-        Vertex of the opaque part of the mesh that each vertex is.
-    place : (F,) int64 or None
-        Place of each face of the mesh among the faces of the surface and, after them, the targets;
-        None where it is its own index.
-    targets : Targets or None
-        The other faces of the mesh, if it has any.
-    """
-
-    def __init__(self, native: engine_surface.Surface) -> None:
-        self.native, self.rank = native, native.rank
-        self.centre, self.diagonal = np.array(native.centre), native.diagonal
-        self.vertices, self.faces, self.blocks, self.source = _part(native.opaque)
-        self.edges = Edges(*native.edges)
-        self.place = native.place if len(native.place) else None
-        targets = Targets(*_part(native.targets))
-        self.targets = targets if len(targets.faces) else None
-
-    @property
-    def n_faces(self) -> int:
-        """Number of opaque faces and of targets together."""
-        return len(self.faces) + (0 if self.targets is None else len(self.targets.faces))
-
-    @property
-    def rows(self) -> Any:
-        """Index that puts figures of `n_faces` faces in the order of the mesh."""
-        return slice(None) if self.place is None else self.place
-
-    def contacts(self, distance: float) -> tuple[BoolArray, Partners]:
-        """Faces in contact, (F,), and with which; see `mesh.contacts.Contacts`."""
-        faces, *partners = self.native.contacts(distance)
-        return faces, Partners(*partners)
-
-
-def _part(part: tuple[Any, ...]) -> tuple[Any, ...]:
-    vertices, faces, blocks, source = part
-    return vertices, faces, Blocks(*blocks), source
 
 
 @once_each
@@ -163,22 +34,20 @@ def surface_of(mesh: Mesh, least_sorted: int = LEAST_SORTED) -> Surface:
     if moved is None or not len(moved.poses):
         return _build(mesh, least_sorted)
     rest, own = surface_of(moved.rest.mesh), (*_finder(mesh), _hides_its_back(mesh))
-    return Surface(rest.native.moved(mesh.opaque.vertices, mesh.vertices, *own))
+    return rest.moved(mesh.opaque.vertices, mesh.vertices, *own)
 
 
 def _build(mesh: Mesh, least_sorted: int) -> Surface:
     opaque, is_target = mesh.opaque, mesh.target_mask if mesh.has_targets else np.empty(0, bool)
     return Surface(
-        engine_surface.Surface(
-            opaque.vertices,
-            opaque.welded_faces,
-            mesh.vertices,
-            mesh.welded_faces,
-            is_target,
-            *_finder(mesh),
-            least_sorted,
-            _hides_its_back(mesh),
-        )
+        opaque.vertices,
+        opaque.welded_faces,
+        mesh.vertices,
+        mesh.welded_faces,
+        is_target,
+        *_finder(mesh),
+        least_sorted,
+        _hides_its_back(mesh),
     )
 
 

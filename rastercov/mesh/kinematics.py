@@ -145,16 +145,12 @@ class Kinematics:
     @cached_property
     def _is_turning(self) -> BoolArray:
         """(J,) True for joints that a turn brings back to where they are."""
-        kinds = [{e.kind for e in self.joints if e.column == j} for j in range(len(self.limits))]
-        factors = [[e.factor for e in self.joints if e.column == j] for j in range(len(kinds))]
-        is_whole = [all(float(f).is_integer() for f in each) for each in factors]
-        return np.array(
-            [
-                "prismatic" not in kind and whole
-                for kind, whole in zip(kinds, is_whole, strict=True)
-            ],
-            np.bool_,
-        )
+        found = np.ones(len(self.limits), np.bool_)
+        for each in self.joints:
+            if each.column >= 0:
+                is_whole = float(each.factor).is_integer()
+                found[each.column] &= each.kind != "prismatic" and is_whole
+        return found
 
     def _within_reach(
         self, poses: FloatArray, chain: Sequence[Joint], link_from_tip: FloatArray

@@ -6,36 +6,27 @@ Both are plain meshes; `with_target` adds one to a scene as a group of its own.
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import MeshError
 from rastercov.base.format import area, shortened
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, listed, named
 from rastercov.mesh.mesh import Mesh, names_of
+from rastercov.mesh.shapes import box
 
-Corner = tuple[float, ...]
-Piece = list[Corner]
-"""Corners (x, y, z) of a convex polygon."""
 STEEPEST_DEG = 45.0
 """Slope up to which a face counts as facing up."""
 COINCIDENT_REL = 1e-7
 """Distance up to which faces of a sheet coincide, relative to its diagonal."""
 MOST_BOXES = 100_000
 """Boxes of one grid."""
-BOX_FACES = np.array(
-    [
-        *[(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4)],
-        *[(2, 6, 7), (2, 7, 3), (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)],
-    ]
-)
-"""Outward faces of a box whose corner k has x, y, z from bits 0, 1, 2 of k."""
 
 
 @typed
@@ -82,106 +73,55 @@ def _counted_once(sheet: Mesh, name: str) -> Mesh:
     """The sheet without what lies on another face of it, and with a note that says so.
 
     Faces coincide up to `COINCIDENT_REL` of the diagonal; the first of the file stays whole. Of the
-    others convex pieces are left. Without such faces the sheet is returned as it is.
+    others triangles are left. Without such faces the sheet is returned as it is.
     """
-    corners = sheet.vertices[sheet.faces]
-    tolerance = COINCIDENT_REL * sheet.diagonal
-    _, first = np.unique(
-        np.sort(corners.view("f8,f8,f8")[..., 0], axis=1), axis=0, return_index=True
-    )
-    is_first = np.zeros(sheet.n_faces, np.bool_)
-    is_first[first] = True
-    under = _faces_under(corners, np.flatnonzero(is_first), tolerance)
-    if is_first.all() and not under:
+    import shapely
+
+    origin, tolerance = sheet.bounds[0], COINCIDENT_REL * sheet.diagonal
+    corners = sheet.vertices[sheet.faces] - origin
+    slopes = -sheet.normals[:, :2] / sheet.normals[:, 2:]
+
+    def heights(faces: IntArray, xy: FloatArray) -> FloatArray:
+        """Heights of the planes of faces (N,) at points (N, 2)."""
+        first = corners[faces, 0]
+        found: FloatArray = first[:, 2] + (slopes[faces] * (xy - first[:, :2])).sum(axis=1)
+        return found
+
+    seen = shapely.polygons(corners[..., :2])
+    one, other = shapely.STRtree(seen).query(seen)
+    one, other = one[other < one], other[other < one]
+    common = shapely.intersection(seen[one], seen[other])
+    is_same = _are_wide(common, tolerance)
+    xy, pair = shapely.get_coordinates(common, return_index=True)
+    is_apart = np.abs(heights(one[pair], xy) - heights(other[pair], xy)) > tolerance
+    is_same[pair[is_apart]] = False
+    one, other = one[is_same], other[is_same]
+    if not len(one):
         return sheet
-    kept = [corners[is_first & ~np.isin(np.arange(sheet.n_faces), list(under))]]
-    faces: list[Piece] = [[tuple(corner) for corner in face] for face in corners.tolist()]
-    rests: list[Piece] = []
-    for row, others in under.items():
-        pieces = [faces[row]]
-        for other in others:
-            pieces = [rest for piece in pieces for rest in _outside(piece, faces[other], tolerance)]
-        rests += [
-            [piece[0], *piece[k : k + 2]] for piece in pieces for k in range(1, len(piece) - 1)
-        ]
-    kept.append(np.array(rests, np.float64).reshape(-1, 3, 3))
-    vertices = np.concatenate(kept).reshape(-1, 3)
+    order = np.argsort(one, kind="stable")
+    cut, starts = np.unique(one[order], return_index=True)
+    before = [shapely.union_all(seen[each]) for each in np.split(other[order], starts[1:])]
+    rests, row = shapely.get_parts(shapely.difference(seen[cut], before), return_index=True)
+    is_wide = _are_wide(rests, tolerance)
+    triangles, part = shapely.get_parts(
+        shapely.constrained_delaunay_triangles(rests[is_wide]), return_index=True
+    )
+    xy = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
+    z = heights(cut[row[is_wide][part]].repeat(3), xy.reshape(-1, 2)).reshape(-1, 3, 1)
+    kept = np.concatenate((np.delete(corners, cut, axis=0), np.concatenate((xy, z), axis=2)))
+    vertices = kept.reshape(-1, 3) + origin
     found = Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3))
     lost = area(sheet.areas.sum() - found.areas.sum(), whole=float(sheet.areas.sum()))
     note = f"sheet above {shortened(name, 60)}: faces that coincide count once, {lost} less"
     return Mesh(found.vertices, found.faces, notes=(note,))
 
 
-def _faces_under(corners: FloatArray, rows: NDArray[Any], tolerance: float) -> dict[int, list[int]]:
-    """Faces that coincide with parts of each of some faces, (N, 3, 3), and come before it."""
+def _are_wide(polygons: Any, tolerance: float) -> BoolArray:
+    """True for polygons that are wider than rounding makes those of faces side by side."""
     import shapely
 
-    flat = corners[rows]
-    boxes = shapely.box(*flat[..., :2].min(axis=1).T, *flat[..., :2].max(axis=1).T)
-    one, other = shapely.STRtree(boxes).query(boxes)
-    one, other = rows[one[other < one]], rows[other[other < one]]
-    # Their heights meet, and no side of either has the other beyond it.
-    low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-    is_near = (low[one] <= high[other] + tolerance) & (low[other] <= high[one] + tolerance)
-    for a, b in ((one, other), (other, one)):
-        for k in range(3):
-            here = corners[a, k, None, :2]
-            u, v = np.moveaxis(corners[a, (k + 1) % 3, None, :2] - here, -1, 0)
-            x, y = np.moveaxis(corners[b, :, :2] - here, -1, 0)
-            beyond = (u * y - v * x).max(axis=1) / np.hypot(u, v)[:, 0]
-            is_near &= beyond > tolerance
-    one, other = one[is_near], other[is_near]
-    here = corners[other, :1]
-    normal = np.cross(corners[other, 1] - here[:, 0], corners[other, 2] - here[:, 0])
-    up = normal / normal[:, 2:]
-    is_flat = np.abs(np.einsum("nkc,nc->nk", corners[one] - here, up)).max(axis=1) <= tolerance
-    found: dict[int, list[int]] = {}
-    for row, (a, b) in enumerate(zip(one.tolist(), other.tolist(), strict=True)):
-        if not is_flat[row]:  # they may be of one height where they overlap
-            common, face = ([tuple(each) for each in corners[f].tolist()] for f in (a, b))
-            for k in range(3):
-                common = _beyond(common, face[k], face[(k + 1) % 3], 1.0)
-            if not common or np.abs((np.array(common) - face[0]) @ up[row]).max() > tolerance:
-                continue
-        found.setdefault(a, []).append(b)
-    return found
-
-
-def _beyond(piece: Piece, start: Corner, end: Corner, sign: float) -> Piece:
-    """Part of a convex polygon left of a line of the plane of x and y, or right of it.
-
-    Corners are tuples: arrays of a few numbers take ten times the time.
-    """
-    x, y = start[:2]
-    u, v = end[0] - x, end[1] - y
-    side = [sign * (u * (each[1] - y) - v * (each[0] - x)) for each in piece]
-    found: Piece = []
-    for k, corner in enumerate(piece):
-        before, here, there = piece[k - 1], side[k - 1], side[k]
-        if here * there < 0:
-            t = here / (here - there)
-            at = (p + t * (q - p) for p, q in zip(before, corner, strict=True))
-            found.append(tuple(at))
-        if there >= 0:
-            found.append(corner)
-    return found
-
-
-def _outside(piece: Piece, face: Piece, tolerance: float) -> list[Piece]:
-    """Convex parts of a convex polygon, seen from above, that lie outside of a triangle."""
-    found = []
-    for k in range(3):
-        start, end = face[k], face[(k + 1) % 3]
-        part = _beyond(piece, start, end, -1.0)
-        if len(part) >= 3:
-            away = [(each[0] - part[0][0], each[1] - part[0][1]) for each in part]
-            twice = sum(x * v - u * y for (x, y), (u, v) in pairwise(away))
-            if twice > tolerance * max(math.hypot(*each) for each in away):
-                found.append(part)
-        piece = _beyond(piece, start, end, 1.0)
-        if len(piece) < 3:
-            break
-    return found
+    wide: BoolArray = shapely.area(polygons) > tolerance * shapely.length(polygons) / 2
+    return wide
 
 
 @typed
@@ -222,11 +162,11 @@ def box_grid(
         most = f"{cell.min():.3g} m"
         raise MeshError(f"size must be above 0 and at most that of a cell, {most}, got {size:g} m")
     half = (cell / 2 if size is None else np.full(3, size)) / 2
-    corners = np.array([(k & 1, k >> 1 & 1, k >> 2) for k in range(8)]) * 2.0 - 1
     places = np.array(list(product(*(range(n) for n in cells.tolist()))))
     middles = lowest + (places + 0.5) * cell
-    vertices = (middles[:, None] + corners * half).reshape(-1, 3)
-    faces = BOX_FACES + 8 * np.arange(n_boxes)[:, None, None]
+    cube = box((2.0, 2.0, 2.0))
+    vertices = (middles[:, None] + cube.vertices * half).reshape(-1, 3)
+    faces = cube.faces + 8 * np.arange(n_boxes)[:, None, None]
     return Mesh(vertices, faces.reshape(-1, 3))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import swept_arm as arm
 from scenes import joined as joined_meshes
+from surfaces import surface_of
 from timed import regions_over_time
 
 import rastercov as rc
@@ -13,7 +14,6 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import Sights
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.table import joined
-from rastercov.exact.surface import surface_of
 from rastercov.mesh.bodies import MOST_PARTNERS
 from rastercov.mesh.targets import with_target
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from surfaces import surface_of
 
 import rastercov as rc
 from rastercov.camera.viewpoints import sphere_of_poses
@@ -17,7 +18,6 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, room_for
 from rastercov.exact.cameras import engine_camera
-from rastercov.exact.surface import surface_of
 from rastercov.mesh import shapes
 from rastercov.native import engine_visibility
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined
+from surfaces import Surface, surface_of
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.surface import Surface, surface_of
 from rastercov.mesh import Mesh, shapes
 from rastercov.native.engine_visibility import (
     BLOCK,

@@ -5,10 +5,10 @@ import pytest
 from exact_cases import hostile
 from exact_views import SEEDS, look, on_both_paths, see_again, soup
 from hypothesis import given, settings
+from surfaces import surface_of
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.surface import surface_of
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 

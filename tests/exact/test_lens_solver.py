@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
+from surfaces import surface_of
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import (
@@ -30,7 +31,6 @@ from rastercov.coverage.exact_pass import room_for
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
-from rastercov.exact.surface import surface_of
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind
 

@@ -5,9 +5,9 @@ import pytest
 from exact_views import HalfPlanes
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from surfaces import surface_of
 
 import rastercov as rc
-from rastercov.exact.surface import surface_of
 
 pytestmark = pytest.mark.native
 CAMERA = rc.Camera(width=640, height=480, fx=600, fy=600, cx=320, cy=240)

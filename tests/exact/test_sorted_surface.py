@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
+from surfaces import surface_of
 from target_scenes import only, some_as_targets
 
 import rastercov as rc
-from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 
 

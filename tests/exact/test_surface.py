@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 from surface_twin import part_of
+from surfaces import surface_of
 
-from rastercov.exact.surface import LEAST_SORTED, surface_of
+from rastercov.exact.surface import LEAST_SORTED
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.native import engine_surface
 

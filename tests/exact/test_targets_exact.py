@@ -7,10 +7,10 @@ from exact_views import SEEDS, HalfPlanes, look, on_both_paths
 from hypothesis import assume, given
 from nightly import examples
 from scenes import joined, square
+from surfaces import surface_of
 from target_scenes import beside, only, some_as_targets
 
 from rastercov.camera.near_plane import limits
-from rastercov.exact.surface import surface_of
 from rastercov.reference import polygons, rational
 
 FIGURES = ("visible", "area", "area_error", "is_certified")

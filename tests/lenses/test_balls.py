@@ -31,13 +31,13 @@ def complex_angle_over_r(r2, z):
     return complex_atan2(r, z + 0 * r) / r
 
 
-COMPLEX = formulas.bound_to(
+COMPLEX = formulas.project_on(
     {
         "sqrt": np.sqrt,
         "atan2": complex_atan2,
         "angle_over_r": complex_angle_over_r,
     }
-)["project"]
+)
 
 
 def inner_points(plane, n, rng):

@@ -10,8 +10,12 @@ from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses import BASES, Lens, formulas
-from rastercov.camera.lenses.balls import Interval, Jet
-from rastercov.camera.lenses.planes import base_limit, border_pixels, certified_radius
+from rastercov.camera.lenses.planes import (
+    are_positive,
+    base_limit,
+    border_pixels,
+    certified_radius,
+)
 
 LENSES = of_all_kinds()
 SIDE = {"width": WIDTH, "height": HEIGHT}
@@ -202,32 +206,18 @@ def test_wide_region_is_all_but_a_cone_behind():
     assert np.isfinite(lens.project([1, 0, 0.0])).all()
 
 
-NUMBERS = st.floats(-10, 10)
-
-
 @settings(max_examples=25)
-@given(NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.floats(0, 1), st.floats(0, 1))
-def test_intervals_hold_all_results(a, b, c, d, s, t):
-    one, other = Interval(min(a, b), max(a, b)), Interval(min(c, d), max(c, d))
-    x = min(max(a + s * (b - a), one.low), one.high)
-    y = min(max(c + t * (d - c), other.low), other.high)
-    for interval, value in (
-        (one + other, x + y),
-        (one - other, x - y),
-        (one * other, x * y),
-        (3.0 - one, 3.0 - x),
-        (2.0 * one * other + 1.0, 2.0 * x * y + 1.0),
-    ):
-        assert interval.low <= value <= interval.high
-    if y and not other.low <= 0 <= other.high:
-        quotient = one / other
-        assert quotient.low <= x / y <= quotient.high
-    assert (one / Interval(-1.0, 1.0)).high == math.inf
+@given(st.lists(st.floats(-10, 10), min_size=1, max_size=12), st.floats(0, 3), st.floats(1e-6, 2))
+def test_what_is_proved_to_be_positive_is(coefficients, low, width):
+    rows = np.array([coefficients, [1.0] + [0.0] * (len(coefficients) - 1)])
+    values = np.polynomial.Polynomial(coefficients)(np.linspace(low, low + width, 1000))
+    is_proved = are_positive(rows, low, low + width)
+    assert not is_proved or (values > 0).all()
+    assert is_proved or width > 1e-3 or values.min() < 1e3
 
 
-def test_jets_have_the_derivative():
-    x = Jet(1.7, 1.0)
-    value = (2.0 * x * x + 1.0) / (x * x * x + 3.0)
-    step = 1e-6
-    near = [(2 * z * z + 1) / (z**3 + 3) for z in (1.7 - step, 1.7 + step)]
-    assert value.slope == pytest.approx((near[1] - near[0]) / (2 * step), rel=1e-8)
+def test_a_polynomial_is_proved_to_be_positive_next_to_its_root():
+    rows = np.array([[6.0, -5.0, 1.0]])  # 2 and 3
+    assert are_positive(rows, 1.9999, 1.99999)
+    assert not are_positive(rows, 1.9999, 2.00001)
+    assert are_positive(rows, 3.00001, 3.0001)

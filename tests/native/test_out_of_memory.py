@@ -51,7 +51,7 @@ def mesh_of(n):
 
 def surface(call, n):
     mesh = mesh_of(2 * n)
-    return call(lambda: np.array(surface_of(mesh).edges.faces))
+    return call(lambda: np.array(surface_of(mesh).edges[1]))
 
 def observed(call, n, method):
     mesh, poses = mesh_of(n), rc.Poses.of(POSES)

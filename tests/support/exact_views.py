@@ -7,12 +7,12 @@ import pytest
 from exact_cases import triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from surfaces import surface_of
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.viewpoints import look_at
 from rastercov.exact.cameras import engine_camera
-from rastercov.exact.surface import surface_of
 from rastercov.native import engine_visibility
 from rastercov.native.engine_visibility import BLOCK, LIVE, MIXED
 from rastercov.reference import rational

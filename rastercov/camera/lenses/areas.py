@@ -1,11 +1,10 @@
 """Areas of polygons of an ideal plane in the image of a lens, and planes as loops take them.
 
 A plane has a window, few sides around all that the image shows of its region. The border of a
-region has 128 sides around a conic, nearly all of whose images are outside the image. A chord from
-corner i to corner j of the region cuts off a piece of it. The lens is a homeomorphism, so a piece
-whose border misses the image has either all of the image or nothing of it, and nothing if a point
-of the rest of the region has its pixel in the image. What is beyond a line along x or y is cut off
-for the same reason.
+region has 128 sides around a conic, nearly all of whose images are outside the image. A line cuts
+off a piece of it. The lens is a homeomorphism, so a piece whose border misses the image has either
+all of the image or nothing of it, and nothing if a point of the rest of the region has its pixel in
+the image.
 
 Where the image may show the conic itself, areas end at it: its arcs are integrated as edges are, by
 the turn around the axis of the cone (`native/lens/polygons.hpp`). For a complex step d of the turn,
@@ -14,31 +13,30 @@ known to stay within the radii at which the lens is bounded.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.errors import CameraError
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.lenses import balls, formulas
-from rastercov.camera.lenses.planes import IdealPlane, around, keep
+from rastercov.camera.lenses.planes import IdealPlane, around, keep, sides_of
 from rastercov.camera.lenses.quadrature import EdgeBounds, EdgeTable
 from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.native.lens_edges import MOST
 from rastercov.native.lens_rays import unproject_many
 
-Misses = Callable[[FloatArray, FloatArray], BoolArray]
-
-PARTS = 64
-"""Parts of a segment whose images are compared with the image, each with its bend."""
+PARTS = 512
+"""Parts of the border of a piece whose images are compared with the image, each with its bend."""
 ROUNDING_PX = 1e-9
 """More than the rounding of a pixel."""
 TRIMMINGS = 10
 """Halvings in the search for a line that cuts off what the image does not show."""
+EIGHTHS = (0, 2, 4, 6, 1, 3, 5, 7)
+"""Directions of the lines that cut off what the image does not show, in eighths of a turn."""
 FEW_SIDES = 8
-"""A region of so few sides is its own window."""
+"""A window of so few sides is not cut at its corners."""
 TURNS = 1024
 """Places of the border of the valid region whose surroundings are compared with the image."""
 
@@ -58,72 +56,47 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
     Returns
     -------
     (K, 2) float64
-        Some corners of the region, in its order, and where these are few, cut by lines along x and
-        y; all of the region if nothing is proved, or it has a hole. No corner if it is proved that
-        the image shows nothing.
+        The region, cut by lines; all of it if nothing is proved, or it has a hole. No corner if it
+        is proved that the image shows nothing.
     """
     region = plane.region
     if plane.hole is not None or not bend < math.inf:
         return region
 
-    def misses(start: FloatArray, end: FloatArray) -> BoolArray:
-        """True for segments of the plane whose images are outside the image."""
-        t = np.linspace(0.0, 1.0, PARTS + 1)[:, None, None]
-        u, v = _pixels(plane, (1 - t) * start + t * end)
-        stray = bend * ((end - start) ** 2).sum(axis=1) / (8 * PARTS**2) + ROUNDING_PX
+    def misses(piece: FloatArray) -> bool:
+        """True where the image of the border of a piece is outside the image."""
+        end = np.roll(piece, -1, axis=0)
+        n = max(PARTS // len(piece), 2)
+        t = np.linspace(0.0, 1.0, n + 1)[:, None, None]
+        u, v = _pixels(plane, (1 - t) * piece + t * end)
+        stray = bend * ((end - piece) ** 2).sum(axis=1) / (8 * n**2) + ROUNDING_PX
         is_out: Any = False
         for value, size in ((u, width), (v, height)):
             low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])
             is_out = is_out | (high < -stray) | (low > size + stray)
-        return is_out.all(axis=0)
+        return bool(is_out.all())
 
-    window = _between_chords(region, misses)
-    if not _shows(plane, window, width, height):
-        is_free = misses(region, np.roll(region, -1, axis=0)).all()
-        is_empty = is_free and _is_elsewhere(plane, width / 2, height / 2)
+    if not _shows(plane, region, width, height):
+        is_empty = misses(region) and _is_elsewhere(plane, width / 2, height / 2)
         return np.empty((0, 2)) if is_empty else region
-    if len(window) > FEW_SIDES:
-        return window  # the region ends in the image
-    for a, b in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
-        trimmed = _trimmed(window, a, b, misses)
-        if _shows(plane, trimmed, width, height):
-            window = trimmed
+    window = region
+    for eighth in EIGHTHS:
+        if eighth % 2 and len(window) <= FEW_SIDES:
+            break
+        a, b = math.cos(eighth * math.pi / 4), math.sin(eighth * math.pi / 4)
+        value = window @ (a, b)
+        low, high, found = float(value.min()), float(value.max()), window
+        # About the least c with nothing shown beyond the line a x + b y = c.
+        for _ in range(TRIMMINGS):
+            middle = (low + high) / 2
+            piece = keep(window, a, b, -middle)
+            if len(piece) >= 3 and misses(piece):
+                high, found = middle, keep(window, -a, -b, middle)
+            else:
+                low = middle
+        if _shows(plane, found, width, height):
+            window = found
     return window
-
-
-def _between_chords(region: FloatArray, misses: Misses) -> FloatArray:
-    """Fewest corners of a region between which chords cut off all of the others."""
-    n = len(region)
-    if n <= FEW_SIDES:
-        return region
-    index = np.arange(n)
-
-    # A chord is good if it misses the image, and if all sides that it cuts off do. Then so does any
-    # chord between corners of the piece that it cuts off.
-    is_free = np.tile(misses(region, np.roll(region, -1, axis=0)), 2)
-    next_met = np.minimum.accumulate(np.where(is_free, 2 * n, np.arange(2 * n))[::-1])[::-1]
-    low, high = np.ones(n, np.int64), np.maximum(np.minimum(next_met[:n] - index, n - 2), 1)
-    while (low < high).any():
-        middle = (low + high + 1) // 2
-        is_good = misses(region, region[(index + middle) % n])
-        low, high = np.where(is_good, middle, low), np.where(is_good, high, middle - 1)
-        low = np.minimum(low, np.maximum(high, 1))
-    fewest = min((_walk(int(first), low) for first in index), key=len)
-    return region[sorted(fewest)]
-
-
-def _trimmed(window: FloatArray, a: float, b: float, misses: Misses) -> FloatArray:
-    """Part of a window with a x + b y <= c, for about the least c beyond which nothing is shown."""
-    value = window @ (a, b)
-    low, high, found = float(value.min()), float(value.max()), window
-    for _ in range(TRIMMINGS):
-        middle = (low + high) / 2
-        piece = keep(window, a, b, -middle)
-        if len(piece) >= 3 and misses(piece, np.roll(piece, -1, axis=0)).all():
-            high, found = middle, keep(window, -a, -b, middle)
-        else:
-            low = middle
-    return found
 
 
 def _is_elsewhere(plane: IdealPlane, u: float, v: float) -> bool:
@@ -133,17 +106,7 @@ def _is_elsewhere(plane: IdealPlane, u: float, v: float) -> bool:
     x, y, z = ray[0] @ plane.frame
     if not np.isfinite(z):
         return False
-    start, side = plane.region, np.roll(plane.region, -1, axis=0) - plane.region
-    inner = side[:, 0] * (y - start[:, 1] * z) - side[:, 1] * (x - start[:, 0] * z)
-    return bool(z <= 0 or (inner < 0).any())
-
-
-def _walk(first: int, farthest: IntArray) -> list[int]:
-    """Corners of the region that the longest good chords from one of them meet."""
-    n, at, corners = len(farthest), first, [first]
-    while (at := at + int(farthest[at % n])) < first + n:
-        corners.append(at % n)
-    return corners
+    return bool(z <= 0 or (sides_of(plane.region) @ (x, y, z) < 0).any())
 
 
 def _shows(plane: IdealPlane, window: FloatArray, width: float, height: float) -> bool:

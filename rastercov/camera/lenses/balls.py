@@ -1,19 +1,15 @@
 """Numbers with bounds, and bounds of lenses over complex numbers: `reach`.
 
-The equations of `formulas` run on any numbers: intervals of real numbers that hold
-their exact results, values with one derivative, and balls.
-
-A ball is a centre and a radius, complex numbers within the radius of the centre; an operation gives
-a ball that holds all its results. Values are arrays: many balls are computed at once. Where a
-ball meets a pole or a branch, the radius is infinite. Real constants remain plain numbers, so that
-what is 0, as most coefficients of a lens are, costs nothing.
+The equations of `formulas` run on any numbers. A ball is a centre and a radius, complex numbers
+within the radius of the centre; an operation gives a ball that holds all its results. Values are
+arrays: many balls are computed at once. Where a ball meets a pole or a branch, the radius is
+infinite. Real constants remain plain numbers, so that what is 0, as most coefficients of a lens
+are, costs nothing.
 
 By Cauchy's estimate a bound M of |u - u0| within R of a point bounds the derivatives there: the
 second is at most 2 M / R^2. By Bernstein's, it bounds the error of a quadrature (`edge_rule`).
 """
 
-import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,12 +30,6 @@ class Arithmetic:
     __add__: Any
     __neg__: Any
     __mul__: Any
-    constant: Any  # a plain number as one of these
-
-    @classmethod
-    def of(cls, value: Any) -> Any:
-        """The value itself, or a constant."""
-        return value if isinstance(value, cls) else cls.constant(value)
 
     def __radd__(self, other: Any) -> Any:
         return self + other
@@ -53,81 +43,6 @@ class Arithmetic:
     def __rmul__(self, other: Any) -> Any:
         return self * other
 
-    def __rtruediv__(self, other: Any) -> Any:
-        return self.of(other) / self
-
-
-def _down(x: float) -> float:
-    return math.nextafter(x, -math.inf) if x == x else -math.inf
-
-
-def _up(x: float) -> float:
-    return math.nextafter(x, math.inf) if x == x else math.inf
-
-
-@dataclass(frozen=True)
-class Interval(Arithmetic):
-    """Numbers from `low` to `high`; each operation is rounded outwards."""
-
-    low: float
-    high: float
-
-    @classmethod
-    def constant(cls, value: Any) -> "Interval":
-        """A number as an interval."""
-        return cls(float(value), float(value))
-
-    def __add__(self, other: Any) -> "Interval":
-        other = Interval.of(other)
-        return Interval(_down(self.low + other.low), _up(self.high + other.high))
-
-    def __neg__(self) -> "Interval":
-        return Interval(-self.high, -self.low)
-
-    def __mul__(self, other: Any) -> "Interval":
-        other = Interval.of(other)
-        # A product with an exact 0 is 0, also of an unlimited interval.
-        products = [
-            0.0 if 0.0 in (a, b) else a * b
-            for a in (self.low, self.high)
-            for b in (other.low, other.high)
-        ]
-        return Interval(_down(min(products)), _up(max(products)))
-
-    def __truediv__(self, other: Any) -> "Interval":
-        other = Interval.of(other)
-        if other.low <= 0.0 <= other.high or other.low != other.low or other.high != other.high:
-            return Interval(-math.inf, math.inf)
-        return self * Interval(_down(1.0 / other.high), _up(1.0 / other.low))
-
-
-class Jet(Arithmetic):
-    """A value and its derivative by one variable, over any numbers with + - * /."""
-
-    def __init__(self, value: Any, slope: Any) -> None:
-        self.value, self.slope = value, slope
-
-    @classmethod
-    def constant(cls, value: Any) -> "Jet":
-        """A constant, of slope 0."""
-        return cls(value, 0.0)
-
-    def __add__(self, other: Any) -> "Jet":
-        other = Jet.of(other)
-        return Jet(self.value + other.value, self.slope + other.slope)
-
-    def __neg__(self) -> "Jet":
-        return Jet(-self.value, -self.slope)
-
-    def __mul__(self, other: Any) -> "Jet":
-        other = Jet.of(other)
-        return Jet(self.value * other.value, self.slope * other.value + self.value * other.slope)
-
-    def __truediv__(self, other: Any) -> "Jet":
-        other = Jet.of(other)
-        value = self.value / other.value
-        return Jet(value, (self.slope - value * other.slope) / other.value)
-
 
 class Ball(Arithmetic):
     """Complex numbers within `radius` of `centre`, arrays of one shape."""
@@ -136,10 +51,10 @@ class Ball(Arithmetic):
         self.centre = np.asarray(centre, np.complex128)
         self.radius = np.asarray(radius, np.float64)
 
-    @classmethod
-    def constant(cls, value: Any) -> "Ball":
-        """Numbers as balls of radius 0."""
-        return cls(value, 0.0)
+    @staticmethod
+    def of(value: Any) -> "Ball":
+        """The ball itself, or numbers as balls of radius 0."""
+        return value if isinstance(value, Ball) else Ball(value, 0.0)
 
     def __add__(self, other: Any) -> "Ball":
         if isinstance(other, float):
@@ -250,7 +165,7 @@ def _atan2(y: Any, x: Any) -> Ball:
 
 
 _PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
-_project = formulas.bound_to(_PLAIN)["project"]
+_project = formulas.project_on(_PLAIN)
 
 
 def reach(

@@ -7,7 +7,7 @@ A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels
     tilt         (a, b) -> (a, b)       homography of a tilted sensor
     pixels       u = fx a + skew b + cx,  v = fy b + cy
 
-This module runs as it is on floats and numpy arrays. `bound_to` gives the same functions on another
+This module runs as it is on floats and numpy arrays. `project_on` gives `project` on another
 arithmetic: intervals, and complex balls (`balls`). So branches depend on coefficients only, never
 on rays.
 
@@ -19,7 +19,7 @@ linear estimation of multiple view geometry and lens distortion. 2001.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
@@ -159,22 +159,9 @@ EQUATIONS = (based, radial_factor, distorted, imaged, project)
 """In the order in which they call one another."""
 
 
-def bound_to(
-    primitives: dict[str, Any], given: Sequence[Callable[..., Any]] = EQUATIONS
-) -> dict[str, Any]:
-    """Equations on another arithmetic, by name.
-
-    Parameters
-    ----------
-    primitives : dict
-        The functions of `PRIMITIVES` that the equations use, on that arithmetic.
-    given : tuple of functions
-        Equations to bind; all of them unless given.
-    """
-    names = {name: value for name, value in globals().items() if name.isupper()}
-    space = {"__builtins__": __builtins__, "__name__": __name__, **names, **primitives}
-    for equation in given:
-        bound = FunctionType(equation.__code__, space, equation.__name__)
-        bound.__doc__ = equation.__doc__
-        space[equation.__name__] = bound
-    return space
+def project_on(primitives: dict[str, Any]) -> Callable[..., Any]:
+    """`project` on another arithmetic, given `sqrt`, `atan2` and `angle_over_r` on it."""
+    space = {**globals(), **primitives}
+    for equation in EQUATIONS:
+        space[equation.__name__] = FunctionType(equation.__code__, space, equation.__name__)
+    return space["project"]

@@ -19,7 +19,7 @@ from rastercov.base.memory import FloatArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.areas import record_of
-from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, with_region
+from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, sides_of, with_region
 from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
 from rastercov.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord, Slopes, Tree
 from rastercov.camera.lenses.slopes import slopes_in
@@ -243,33 +243,37 @@ def curved_lens(camera: Camera) -> CurvedLens:
     """Lens of a camera for the loops."""
     lens, records = lens_of(camera), [record for _, record in planes_of(camera)]
 
-    def padded(polygons: list[FloatArray]) -> tuple[Any, Any]:
+    def stacked(name: str) -> Any:
+        return read_only(np.array([getattr(record, name) for record in records]))
+
+    def padded(name: str) -> tuple[Any, Any]:
+        polygons = [getattr(record, name) for record in records]
         rows = np.zeros((len(polygons), MOST_SIDES, 2))
         for row, polygon in zip(rows, polygons, strict=True):
             row[: len(polygon)] = polygon
         return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
 
-    regions, region_sides = padded([record.region for record in records])
-    holes, hole_sides = padded([record.hole for record in records])
+    regions, region_sides = padded("region")
+    holes, hole_sides = padded("hole")
     return CurvedLens(
-        code=lens.code,
-        params=read_only(lens.params),
-        width=float(camera.width),
-        height=float(camera.height),
-        by_distance=not MODELS[camera.model].is_planar,
-        frames=read_only(np.stack([record.frame for record in records])),
-        own_params=read_only(np.stack([record.params for record in records])),
-        regions=regions,
-        region_sides=region_sides,
-        holes=holes,
-        hole_sides=hole_sides,
-        longest=read_only(np.stack([record.longest for record in records])),
-        parts_of=read_only(np.array([record.parts_of for record in records], np.int64)),
-        is_graded=read_only(np.array([record.is_graded for record in records])),
-        bends=read_only(np.array([record.bend for record in records])),
-        arc_halves=read_only(np.array([record.arc_half for record in records])),
-        arc_bends=read_only(np.array([record.arc_bend for record in records])),
-        tolerance=records[0].tolerance,
+        lens.code,
+        read_only(lens.params),
+        float(camera.width),
+        float(camera.height),
+        not MODELS[camera.model].is_planar,
+        stacked("frame"),
+        stacked("params"),
+        regions,
+        region_sides,
+        holes,
+        hole_sides,
+        stacked("longest"),
+        stacked("parts_of"),
+        stacked("is_graded"),
+        stacked("bend"),
+        stacked("arc_half"),
+        stacked("arc_bend"),
+        records[0].tolerance,
     )
 
 
@@ -300,9 +304,9 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> Tree:
     right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
     box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
     # The window has few sides; a region has up to 128, by which all surfaces would be cut.
-    region = _lines(record.window if len(record.window) else record.region)
+    region = sides_of(record.window if len(record.window) else record.region)
     region = region[(box @ region[:, :2].T + region[:, 2] < -lens_field.ON_LINE).any(axis=0)]
-    hole = _lines(record.hole)
+    hole = sides_of(record.hole)
     n = FIRST_NODES
     while True:
         parts = np.empty((n, 3)), np.empty((n, 2), np.int32), np.empty(n, np.uint8)
@@ -321,15 +325,6 @@ def _is_shown(plane: IdealPlane, record: PlaneRecord) -> bool:
     out = np.empty((len(parts), 3))
     measure_polygons(record, np.concatenate(parts), starts, out)
     return bool((out[:, 0] == out[:, 1]).all())
-
-
-def _lines(polygon: FloatArray) -> FloatArray:
-    """Lines (K, 3) along the sides of a polygon, positive inside, with normals of unit length."""
-    side = np.roll(polygon, -1, axis=0) - polygon
-    size = np.hypot(side[:, 0], side[:, 1])
-    side, start = side[size > 0] / size[size > 0, None], polygon[size > 0]
-    a, b = -side[:, 1], side[:, 0]
-    return np.column_stack((a, b, -(a * start[:, 0] + b * start[:, 1])))
 
 
 @dataclass(frozen=True, eq=False)

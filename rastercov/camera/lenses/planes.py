@@ -14,7 +14,8 @@ So nothing outside the valid region is ever projected. The proof has three parts
 
    and a map whose derivative has a positive symmetric part on a convex set is injective on it.
    Where the tangential terms take the radially distorted point, both parts are injective:
-   min(f / r, f') > 0 and t(f) < 1. `certified_radius` proves it by intervals, from the axis on.
+   min(f / r, f') > 0 and t(f) < 1. `certified_radius` proves it by their Taylor series, from
+   the axis on.
 3. The horizon of a tilted sensor is beyond the image of the disc.
 
 The region is then made as small as covers the image, and 2 % more: a lens is known no further.
@@ -25,11 +26,12 @@ a wider one the sides of a cube that it reaches.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import zip_longest
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
@@ -37,7 +39,6 @@ from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import WIDEST_DEG, Camera, border_of
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses import formulas as lens
-from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.native.lens_rays import SECTORS, base_points, jacobian_many, rays_of, unproject_many
 
 PLANE_DEG = 89.9
@@ -59,8 +60,8 @@ FAR = 1e100
 """Radius beyond all pixels."""
 BORDER = 256
 """Places of a side of the image that are looked up to find the least region."""
-
-_BOUND = lens.bound_to({}, given=(lens.radial_factor,))
+ROUNDING_REL = 1e-9
+"""More than the rounding of a polynomial, relative to the sum of its terms without their signs."""
 
 
 def base_limit(code: int, params: FloatArray) -> float:
@@ -82,30 +83,42 @@ def base_angle(code: int, params: FloatArray, radius: float) -> float:
     return math.atan2(math.hypot(ray[0, 0], ray[0, 1]), ray[0, 2])
 
 
-def is_certified(params: Sequence[float], low: float, high: float) -> bool:
-    """True where the distortion is proved to be injective at radii from `low` to `high`.
+def conditions(params: FloatArray) -> FloatArray:
+    """Coefficients (5, N) of polynomials of the radius that must be positive up to it.
 
-    It must have been proved below `low`.
+    The proof of the module, times powers of the denominator of the radial factor.
     """
-    r = Interval(low, high)
-    q = r * r
-    factor = _BOUND["radial_factor"](params, Jet(q, Interval(1.0, 1.0)))
-    along = Interval.of(factor.value) + 2.0 * q * Interval.of(factor.slope)
-    across = Interval.of(factor.value)
-    least = min(along.low, across.low)
-    if not least > 0.0:  # a pole of the factor is within, or the radial part folds
-        return False
-    f = r * across
-    at = f if params[lens.LATE] else r
-    tangential = math.hypot(params[lens.P1], params[lens.P2])
-    prism = math.hypot(params[lens.S1], params[lens.S3])
-    prism4 = math.hypot(params[lens.S2], params[lens.S4])
-    turn = (6.0 * tangential + 2.0 * prism) * at + 4.0 * prism4 * at * at * at
-    if not (turn.high < 1.0 if params[lens.LATE] else least > turn.high):
-        return False
-    farthest = f + (3.0 * tangential + prism) * at * at + prism4 * at * at * at * at
-    horizon = math.hypot(params[lens.T20], params[lens.T21]) * farthest
-    return bool(horizon.high < params[lens.T22])
+    p, r, one = params.tolist(), Polynomial((0.0, 1.0)), Polynomial((1.0,))
+    radial = p[lens.K1 : lens.D1], p[lens.D1 : lens.P1]
+    above, below = (Polynomial((1.0, *each))(r * r) for each in radial)  # f = r above / below
+    across = above * below
+    along = across + r * (above.deriv() * below - above * below.deriv())
+    tangential = math.hypot(p[lens.P1], p[lens.P2])
+    prism, prism4 = math.hypot(p[lens.S1], p[lens.S3]), math.hypot(p[lens.S2], p[lens.S4])
+    # The place n / d of the tangential terms, and what they add to the derivative and to f.
+    n, d = (r * above, below) if p[lens.LATE] else (r, one)
+    turn = (6 * tangential + 2 * prism) * n * d**2 + 4 * prism4 * n**3  # times d^3
+    shift = (3 * tangential + prism) * n**2 * d**2 + prism4 * n**4  # times d^4
+    horizon = p[lens.T22] * below * d**4
+    horizon -= math.hypot(p[lens.T20], p[lens.T21]) * (r * above * d**4 + shift * below)
+    if p[lens.LATE]:
+        found = across, along, d**3 - turn, below, horizon
+    else:
+        found = across - turn * below**2, along - turn * below**2, one, below, horizon
+    return np.array(list(zip_longest(*(each.coef for each in found), fillvalue=0.0))).T
+
+
+def are_positive(rows: FloatArray, low: float, high: float) -> bool:
+    """True where polynomials (M, N) are proved to be positive from `low` to `high`.
+
+    By their Taylor series in the middle, whose other terms are less than the first.
+    """
+    order = np.arange(rows.shape[1])
+    middle, half = (low + high) / 2, (high - low) / 2
+    binomials = np.array([[math.comb(k, j) for j in order] for k in order], float)
+    series = rows * middle**order @ binomials * (half / middle) ** order
+    most = np.abs(rows) @ high**order * ROUNDING_REL
+    return bool((series[:, 0] - np.abs(series[:, 1:]).sum(axis=1) > most).all())
 
 
 def certified_radius(params: FloatArray, top: float, enough: float = math.inf) -> float:
@@ -114,13 +127,13 @@ def certified_radius(params: FloatArray, top: float, enough: float = math.inf) -
     0 where it folds at the axis itself. Found to `LEAST_CELL` of its value, unless the image of a
     disc that is `SPARE` times smaller has all points up to the distance `enough` from the axis.
     """
-    numbers = params.tolist()
+    rows = conditions(params)
     done, cell = 0.0, min(top, 1.0) / 16
     for _ in range(MOST_CELLS):
         if done >= top or cell < max(LEAST_CELL * done, FIRST_CELL * min(top, 1.0)):
             break
         following = min(done + cell, top)
-        if is_certified(numbers, done, following):
+        if are_positive(rows, done, following):
             done, cell = following, 2 * cell
             if forward_radius(params, done / SPARE) >= enough:
                 break
@@ -298,10 +311,8 @@ class IdealPlane:
         if self.hole is None:
             return [self.region]
         found, rest = [], self.region
-        for i in range(len(self.hole)):
-            (x0, y0), (x1, y1) = self.hole[i], self.hole[(i + 1) % len(self.hole)]
-            line = y0 - y1, x1 - x0, (y1 - y0) * x0 - (x1 - x0) * y0  # inside is positive
-            found.append(keep(rest, *(-value for value in line)))
+        for line in sides_of(self.hole):
+            found.append(keep(rest, *-line))
             rest = keep(rest, *line)
             if len(rest) < 3:
                 break
@@ -321,7 +332,7 @@ class IdealPlane:
         float, float
             Infinite where the lens has a pole or a branch that near.
         """
-        x, y, half = self._cells
+        x, y, half = self.cells(CELLS)
         reach_at = partial(balls.reach, self.code, self.params, self.frame)
         if self.has_pole:
             # Longitude does not change with the distance from the pole, and latitude changes less
@@ -367,10 +378,9 @@ class IdealPlane:
             found.append((radius, across, down))
         return tuple(found)
 
-    @cached_property
-    def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-        """Centres of cells that cover the region, and half their sides."""
-        x, y, half = cells_of(self.region, CELLS)
+    def cells(self, counts: int | FloatArray) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+        """Centres of cells that cover the region, and half their sides; see `cells_of`."""
+        x, y, half = cells_of(self.region, counts)
         is_near = self.meets(x, y, half)
         return x[is_near], y[is_near], half
 
@@ -382,19 +392,26 @@ class IdealPlane:
         return is_near
 
 
+def sides_of(polygon: FloatArray) -> FloatArray:
+    """Lines (K, 3) along the sides of a convex polygon, positive inside, with unit normals.
+
+    The polygon runs from x to y.
+    """
+    side = np.roll(polygon, -1, axis=0) - polygon
+    size = np.hypot(side[:, 0], side[:, 1])
+    side, start = side[size > 0] / size[size > 0, None], polygon[size > 0]
+    a, b = -side[:, 1], side[:, 0]
+    return np.column_stack((a, b, -(a * start[:, 0] + b * start[:, 1])))
+
+
 def _distance(polygon: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     """Greatest signed distance of points from the sides of a convex polygon, < 0 inside."""
-    start = polygon
-    side = np.roll(polygon, -1, axis=0) - start
-    size = np.hypot(side[:, 0], side[:, 1])
-    side, start = side[size > 0] / size[size > 0, None], start[size > 0]
-    # The polygon runs from x to y, so its inside is at the side (-dy, dx) of an edge.
-    across = (x[:, None] - start[:, 0]) * side[:, 1] - (y[:, None] - start[:, 1]) * side[:, 0]
-    return across.max(axis=1)
+    a, b, c = sides_of(polygon)[:, :, None].transpose(1, 0, 2)
+    return -(a * x + b * y + c).min(axis=0)
 
 
 def cells_of(
-    region: FloatArray, counts: "int | FloatArray"
+    region: FloatArray, counts: int | FloatArray
 ) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
     """Centres of cells of the bounding box of a region, row by row, and half their sides."""
     low, high = region.min(axis=0), region.max(axis=0)

@@ -30,7 +30,7 @@ from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.balls import Arithmetic
-from rastercov.camera.lenses.planes import IdealPlane, cells_of
+from rastercov.camera.lenses.planes import IdealPlane
 from rastercov.native import lens_edges
 from rastercov.native import lens_expansions as native
 from rastercov.native.lens_edges import FEWEST, MOST
@@ -139,7 +139,7 @@ def _atan2(y: Expansion, x: object) -> Any:
 
 
 _PRIMITIVES = {"sqrt": _sqrt, "angle_over_r": _angle_over_r, "atan2": _atan2}
-_project: Any = formulas.bound_to(_PRIMITIVES)["project"]
+_project = formulas.project_on(_PRIMITIVES)
 
 
 def coefficient_bounds(plane: IdealPlane) -> FloatArray:
@@ -175,7 +175,8 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
         return found
     radii, *reach = (np.array(each) for each in zip(*plane.reaches, strict=True))
     by_cauchy = np.stack([(each / radii ** order[:, None]).min(axis=1) for each in reach])
-    x, y, half = _cells(plane)
+    extent = np.ptp(plane.region, axis=0)
+    x, y, half = plane.cells(np.ceil(extent / (math.sqrt(float(np.prod(extent))) / CELLS)))
     middle, everywhere = _in_cells(plane, x, y, half)
     rounding = ROUNDING_REL * by_cauchy[:, :, None]
     best = np.minimum(everywhere + rounding, by_cauchy[:, :, None])
@@ -193,16 +194,6 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
     return found
 
 
-def _cells(plane: IdealPlane) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-    """Middles of cells that cover the region of a plane, and half their sides."""
-    extent = np.ptp(plane.region, axis=0)
-    x, y, half = cells_of(
-        plane.region, np.ceil(extent / (math.sqrt(float(np.prod(extent))) / CELLS))
-    )
-    is_near = plane.meets(x, y, half)
-    return x[is_near], y[is_near], half
-
-
 def _in_cells(
     plane: IdealPlane, x: FloatArray, y: FloatArray, half: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
@@ -211,13 +202,10 @@ def _in_cells(
     The first are those at the points, the second those at any point of the cells around them.
     """
     least = np.cos(np.arange(ORDER + 1) * np.pi / (2 * DIRECTIONS))
-    found = np.zeros((2, 2, ORDER + 1, len(x)))
+    centre, radius = pixels_along_lines(plane, x, y, half, ORDER)
     with np.errstate(all="ignore"):
-        for k, pixel in enumerate(pixels_along_lines(plane, x, y, half, ORDER)):
-            size, n = np.abs(pixel.centre), len(pixel.centre)
-            for out, most in zip(found, (size, size + pixel.radius), strict=True):
-                out[k, :n] = most.reshape(n, DIRECTIONS, -1).max(axis=1)
-    found /= least[:, None]
+        size = np.abs(centre)
+        found = np.stack((size, size + radius)).max(axis=3) / least[:, None]
     # Where an interval has no limit, its centre means nothing.
     middle, everywhere = np.where(np.isfinite(found[1]), found, np.inf)
     return middle, everywhere
@@ -229,10 +217,11 @@ def pixels_along_lines(
     y: FloatArray,
     half: tuple[float | FloatArray, float],
     order: int,
-) -> tuple[Expansion, Expansion]:
-    """Expansions of u and v at all points of N cells, in DIRECTIONS: DIRECTIONS times N intervals.
+) -> tuple[FloatArray, FloatArray]:
+    """Expansions of u and v at all points of N cells: centres and radii of their coefficients.
 
-    The first direction is along x, that after half of the DIRECTIONS along y.
+    (2, `order` + 1, DIRECTIONS, N) each. The first direction is along x, that after half of the
+    DIRECTIONS along y.
     """
     turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     one = np.ones((DIRECTIONS, len(x)))
@@ -243,9 +232,14 @@ def pixels_along_lines(
 
     X, Y = line(x, half[0], np.cos(turn)), line(y, half[1], np.sin(turn))
     rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in plane.frame]
+    centre, radius = np.zeros((2, 2, order + 1, DIRECTIONS, len(x)))
     with np.errstate(all="ignore"):
-        u, v = _project(plane.code, plane.params, *rays)
-    return u, v
+        pixels = _project(plane.code, plane.params, *rays)
+    for k, pixel in enumerate(pixels):
+        n = len(pixel.centre)
+        centre[k, :n] = pixel.centre.reshape(n, DIRECTIONS, -1)
+        radius[k, :n] = pixel.radius.reshape(n, DIRECTIONS, -1)
+    return centre, radius
 
 
 def _pair_errors(n: int) -> FloatArray:

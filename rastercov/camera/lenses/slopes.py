@@ -72,11 +72,7 @@ def derivatives_in_cells(
         for bound, order in zip(bounds, ORDERS, strict=True):
             cauchy = math.factorial(order) * np.hypot(*reach) / radius**order
             np.minimum(bound, cauchy, out=bound)
-    centre, radii = np.zeros((2, 2, ORDERS[-1] + 1, DIRECTIONS, len(x)))
-    for k, pixel in enumerate(pixels_along_lines(plane, x, y, half, ORDERS[-1])):
-        n = len(pixel.centre)
-        centre[k, :n] = pixel.centre.reshape(n, DIRECTIONS, -1)
-        radii[k, :n] = pixel.radius.reshape(n, DIRECTIONS, -1)
+    centre, radii = pixels_along_lines(plane, x, y, half, ORDERS[-1])
     with np.errstate(all="ignore"):
         most = (np.abs(centre) + radii).max(axis=2)
         for bound, order in zip(bounds, ORDERS, strict=True):
@@ -199,9 +195,12 @@ def _near_axis(plane: IdealPlane) -> FloatArray:
     d, half = (ends[1:] + ends[:-1]) / 2, (ends[1:] - ends[:-1]) / 2
     own = p.copy()
     own[: formulas.K1] = 1.0, 1.0, 0.0, 0.0, 0.0
-    u, v = pixels_along_lines(replace(plane, params=own), d, np.zeros(RINGS), (half, 0.0), 3)
-    F = float(plane.frame[0, 0]) * u + float(plane.frame[1, 0]) * v
-    centre, radius = (np.ascontiguousarray(each[:, :RINGS]) for each in (F.centre, F.radius))
+    pixels = pixels_along_lines(replace(plane, params=own), d, np.zeros(RINGS), (half, 0.0), 3)
+    along = plane.frame[:2, 0]
+    centre, radius = (
+        np.ascontiguousarray(np.tensordot(each, of_pixels[:, :, 0], 1))
+        for each, of_pixels in zip((along, np.abs(along)), pixels, strict=True)
+    )
     found = _around_axis(centre, radius, d, half)
     return found * np.append(np.full(2, np.linalg.norm(np.linalg.inv(M), 2)), (1.0, 1.0)) * ROUNDING
 

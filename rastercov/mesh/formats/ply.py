@@ -7,7 +7,6 @@ Source: G. Turk. The PLY Polygon File Format. 1994.
 """
 
 import re
-import struct
 from array import array
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -44,7 +43,6 @@ TYPES = {
     "float32": "f4",
     "float64": "f8",
 }
-STRUCT_CODES = dict(zip(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), "bBhHiIfd", strict=True))
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 LIST_NAMES = ("vertex_indices", "vertex_index")
 
@@ -323,7 +321,7 @@ def _row_lengths(data: bytes, offset: int, order: str, element: Element) -> tupl
     for p in element.properties:
         n = 1
         if p.count_type and offset + int(p.count_type[1]) <= len(data):
-            (n,) = struct.unpack_from(order + STRUCT_CODES[p.count_type], data, offset)
+            n = int(np.frombuffer(data, order + p.count_type, 1, offset)[0])
         offset += int(p.count_type[1:] or 0) + n * int(p.type[1])
         lengths.append(n)
         if n < 0 or offset > len(data):
