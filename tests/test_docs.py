@@ -13,9 +13,12 @@ from pathlib import Path
 import pytest
 import yaml
 from browser import CHROMIUM
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
+from nightly import IS_NIGHTLY, nightly
 from processes import python
 from reader import write_files
+from short_search import short_search  # noqa: F401 # a fixture
 
 import rastercov as rc
 from rastercov.camera.catalogue import catalogue
@@ -81,8 +84,8 @@ def run(line, capsys):
         assert "not read" not in err  # what one command writes another one knows
         return out
     if program == "python":
-        done = python(*words)
-        assert done.returncode == 0, done.stderr
+        done = python("-W", "error", *words)
+        assert (done.returncode, done.stderr) == (0, "")
         return done.stdout
     if program == "cp":
         shutil.copy(*words)
@@ -99,7 +102,15 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
 
 
+@pytest.fixture
+def searches(request):
+    """Searches of plans, short ones by day."""
+    if not IS_NIGHTLY:
+        request.getfixturevalue("short_search")
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("searches")
 @pytest.mark.parametrize("page", [p for p in PAGES if {"sh", "python"} & {*dict(blocks(p))}])
 def test_a_page_does_what_it_says(page, folder, capsys):
     """What is printed in a block without a language is printed by the commands."""
@@ -209,6 +220,7 @@ def anchors(path):
     return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
+@nightly
 @pytest.mark.slow
 def test_the_site_is_whole_and_asks_nothing_of_the_network(tmp_path):
     done = python(

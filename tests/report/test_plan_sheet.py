@@ -137,7 +137,8 @@ def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
     rc.write_views(
         "rig.json", rc.Views(rc.Rig([rc.Camera.preset("khepra")], ["a"]), AROUND, tuple("abc"))
     )
-    for line in (f"evaluate {parts} --pictures 0 -o out/evaluate", "place mine/plan.toml -o out/place",
+    for line in (f"evaluate {parts} --pictures 0 -o out/evaluate",
+                 "place mine/plan.toml -o out/place",
                  "audit rig.json mine/part.obj -o out/audit"):  # fmt: skip
         assert call(capsys, line)[0] == 0
     rc.place("mine/plan.toml", out="out/function")
