@@ -50,6 +50,12 @@ FILES = {
 """Pages whose first table is a file of the reader."""
 SHORT = {"--workers 8": "--workers 2", "as1.stp": "as1.obj", "audit/": "audit", "report/": "report"}
 """Words that are replaced: fewer processes, and the groups of a public file without the file."""
+LONG = {"tutorials/inspection"}
+"""Pages whose goals short searches do not reach."""
+OF_SEARCHES = {"plan_result", "tutorials/building"}
+"""Pages that say what long searches find, which are made at night."""
+AT_NIGHT = {"tutorials/print_monitor"}
+"""Pages of an example alone that tests/test_examples.py tries by day."""
 GIVEN = """
 import numpy as np
 import rastercov as rc
@@ -102,18 +108,19 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
 
 
-@pytest.fixture
-def searches(request):
-    """Searches of plans, short ones by day."""
-    if not IS_NIGHTLY:
-        request.getfixturevalue("short_search")
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("searches")
-@pytest.mark.parametrize("page", [p for p in PAGES if {"sh", "python"} & {*dict(blocks(p))}])
-def test_a_page_does_what_it_says(page, folder, capsys):
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=nightly if page in AT_NIGHT else ())
+        for page in PAGES
+        if {"sh", "python"} & {*dict(blocks(page))}
+    ],
+)
+def test_a_page_does_what_it_says(page, folder, capsys, request):
     """What is printed in a block without a language is printed by the commands."""
+    if page not in LONG and not IS_NIGHTLY:
+        request.getfixturevalue("short_search")
     if page in FILES:
         first = next(text for its, text in blocks(page) if its == "toml")
         Path(FILES[page]).write_text(first, encoding="utf-8")
@@ -124,7 +131,8 @@ def test_a_page_does_what_it_says(page, folder, capsys):
     said = "".join(run(line, capsys) for line in lines)
     exec(compile(GIVEN + text_of(page, "python"), page, "exec"), {})
     said += capsys.readouterr().out
-    assert [line for line in text_of(page, "").splitlines() if line not in said] == []
+    missing = [line for line in text_of(page, "").splitlines() if line not in said]
+    assert missing == [] or (page in OF_SEARCHES and not IS_NIGHTLY)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "toml" in dict(blocks(page))])
