@@ -4,6 +4,7 @@ import json
 import math
 
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from golden_runs import GOLDEN, NEEDS_CV2, RUNS, answer
 
 RELATIVE = 1e-8
