@@ -303,10 +303,14 @@ TASKS = [
     {"min_illuminance": 2, "max_highlight_deg": 12},
     {"max_highlight_deg": "polished"},
 ]
+CASES = amount(
+    [(own, row % 2 == 1) for row, own in enumerate(TASKS)],
+    at_night=[(own, sides) for own in TASKS for sides in (False, True)],
+)
+"""Tasks, by day with one or two sides of all faces, at night with both."""
 
 
-@pytest.mark.parametrize("two_sided", [False, True])
-@pytest.mark.parametrize("own", TASKS, ids=range(4))
+@pytest.mark.parametrize(("own", "two_sided"), CASES)
 def test_light_that_adds_up_is_as_by_points(own, two_sided):
     mesh, camera, poses = room()
     mesh = mesh.with_groups([], [each.name for each in mesh.groups] if two_sided else [])
