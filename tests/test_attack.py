@@ -1,19 +1,45 @@
-"""The campaigns of benchmarks/attack.py, a small part of each: nothing may be wrong."""
+"""The campaigns of benchmarks/attack.py, a small part of each: nothing may be wrong.
+
+By day the dearest are imported alone: a test of the suite has the law of each.
+"""
 
 import sys
 from pathlib import Path
 
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from nightly import nightly
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 # tests/test_threads.py runs all parts of the attack on threads.
 CAMPAIGNS = sorted({path.stem for path in BENCHMARKS.glob("attack_*.py")} - {"attack_threads"})
 EFFORT = 0.002
+AT_NIGHT = {
+    "attack_doors": "tests/test_doors.py",
+    "attack_inputs": "tests/camera_formats/test_hostile.py",
+    "attack_instances": "tests/test_repeated_parts.py",
+    "attack_light": "tests/area/test_light_cuts.py",
+    "attack_links": "tests/test_links.py",
+    "attack_numbers": "tests/test_numbers.py",
+    "attack_reports": "tests/report/test_report_folder.py",
+}
+"""The dearest, and where their law is tried by day."""
+
+
+@pytest.mark.parametrize("name", AT_NIGHT)
+def test_a_campaign_of_the_night_can_be_had_and_has_its_test_by_day(name, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    for module in ("rows", name):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    assert callable(__import__(name).attack)
+    assert (BENCHMARKS.parent / AT_NIGHT[name]).exists()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CAMPAIGNS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(each, marks=nightly if each in AT_NIGHT else ()) for each in CAMPAIGNS],
+)
 def test_a_small_part_of_each_campaign_finds_nothing(name, monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     for module in ("rows", name):

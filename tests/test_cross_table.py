@@ -41,6 +41,8 @@ from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session
 
 RULES, LAMPS, MOTIONS = ("any", "all", "at_least"), ("none", "fixed", "riding"), ("still", "moving")
+HALF_ANGLES = (10.0, 17.3, 28.9, 40.0)
+"""Of spots, degrees; few, because the lens of each is made but once."""
 N_POINTS = 300
 PER_CASE, AT_NIGHT = 11, 278
 """Scenes of each of 18 cases: some 200 by day, 5,000 at night."""
@@ -132,7 +134,7 @@ def lamp(rng, kind):
     """A point or a spot in the cell, or beside the cameras of the rig."""
     own = {"kind": "point"}
     if rng.random() < 0.5:
-        own = {"kind": "spot", "half_angle_deg": float(rng.uniform(10, 40))}
+        own = {"kind": "spot", "half_angle_deg": float(rng.choice(HALF_ANGLES))}
     at = rng.normal(size=3)
     place = {"position": (3 * at / np.linalg.norm(at)).tolist(), "aim": [0.0, 0.0, 0.0]}
     if kind == "riding":

@@ -7,6 +7,7 @@ import sys
 import cluster_job
 import pytest
 from hostile_folder import COMMANDS, command, executed, fill
+from nightly import nightly
 from open_doors import listening
 
 from rastercov.camera.camera import Camera
@@ -49,7 +50,10 @@ def test_a_module_in_the_folder_would_be_executed(hostile):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("line", COMMANDS)
+@pytest.mark.parametrize(
+    "line",
+    [pytest.param(each, marks=nightly if "markers" in each else ()) for each in COMMANDS],
+)
 def test_a_file_in_the_folder_is_not_executed(hostile, line):
     done = command(hostile, line.split())
     assert executed(hostile) == []

@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gymnasium.utils import env_checker
+from nightly import nightly
 from processes import python
 
 import rastercov as rc
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
+IN_PAGES = ("plan_a_warehouse", "print_monitor", "scan_a_room")
+"""Examples that take long: tests of a page or of their own run them by day."""
 
 
 def test_there_are_examples():
@@ -19,7 +22,13 @@ def test_there_are_examples():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=nightly if path.stem in IN_PAGES else (), id=path.stem)
+        for path in EXAMPLES
+    ],
+)
 def test_the_example_runs(path, tmp_path):
     result = python("-W", "error", path, cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import planted_links
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from nightly import amount
 from rigs_to_view import part, session_of
 
 from rastercov.base.errors import ConfigError
@@ -19,7 +21,7 @@ from rastercov.shards.store import ShardStore, remove, remove_halves, store
 
 ROOT = Path(__file__).parents[1]
 KIND = ReportKind("evaluate", re.compile(r"summary\.json|pose_\d+\.png"), last="summary.json")
-SAMPLE = 12
+SAMPLE = amount(4, at_night=12)
 """Links of each command in a run of the tests; `benchmarks/attack.py links` tries all."""
 
 

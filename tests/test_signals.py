@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from commands import ENTRY
+from nightly import amount
 
 import rastercov as rc
 from rastercov.base.interrupts import END_S
@@ -146,7 +147,9 @@ def test_a_signal_at_any_time_ends_an_evaluation(options, threads):
     poses = rc.sphere_of_poses((0, 0, 0), 4.0, 400)
     side = 4000 if options["method"] == "sampled" else 800
     camera = rc.Camera(width=side, height=side, fx=0.9 * side, fy=0.9 * side)
-    for after in np.random.default_rng(threads).uniform(0.05, 5, 3):
+    for after in np.random.default_rng(threads).uniform(
+        0.05, amount(1.5, at_night=5), amount(2, at_night=3)
+    ):
         delay = delay_of(
             lambda: rc.evaluate(mesh, camera, poses, method=method, by=options["by"]), after
         )

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 from cone_cases import area_in_cone, image_in_cone, lamp_camera, triangle_case
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 
 import rastercov as rc
 from rastercov.camera.lenses.of_camera import blind_area, lens_of
@@ -69,7 +70,7 @@ def test_parabolas_hyperbolas_and_what_is_outside_of_them(half_deg, tilt_deg):
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@examples(30)
 @given(seed=st.integers(0, 2**32), half_deg=st.sampled_from([0.5, 20, 70, 100, 160]))
 def test_random_faces_in_random_cones(seed, half_deg):
     corners, eye, pose = triangle_case(np.random.default_rng(seed))
@@ -128,7 +129,7 @@ def test_an_image_circle_has_the_area_of_a_circle(angle_deg):
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@examples(30)
 @given(
     seed=st.integers(0, 2**32),
     angle_deg=st.sampled_from([3, 40, 85, 120]),

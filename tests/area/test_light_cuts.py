@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from exact_views import SEEDS
 from hypothesis import given
-from nightly import examples
+from nightly import examples, nightly
 from surface_cases import hostile_scene, room
 
 import rastercov as rc
@@ -175,17 +175,26 @@ def test_light_that_is_not_decided_on_a_sliver_is_in_the_bounds_beside_highlight
     assert sure[1] >= sure[0] - 1e-9 * mesh.areas[1]
 
 
-@pytest.mark.slow
-def test_what_cuts_of_light_leave_is_said(monkeypatch):
-    """A curve that is to be as thin as 1e-10 of the diagonal takes more cuts than there may be."""
-    monkeypatch.setattr(cut, "STRIP_REL", 1e-10)
+def seen_triangle():
     mesh = rc.Mesh([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2)])
     camera = rc.Camera(width=300, height=300, fx=200, fy=200)
-    seen = rc.regions(mesh, camera, rc.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0)))
+    return mesh, rc.regions(mesh, camera, rc.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0)))
+
+
+@nightly
+@pytest.mark.slow
+def test_what_cuts_of_light_leave_is_in_the_bound(monkeypatch):
+    """A curve that is to be as thin as 1e-10 of the diagonal takes more cuts than there may be."""
+    monkeypatch.setattr(cut, "STRIP_REL", 1e-10)
+    _, seen = seen_triangle()
     found = seen.by_devices().where(rc.Illuminance([(0.1, 0, 0.5)], limit=3))
     assert 0 < found.cut_short <= found.bound.sum()
     true = np.pi * ((0.5 / 3) ** (2 / 3) - 0.25)
     assert abs(found.area.sum() - true) <= found.bound.sum()
+
+
+def test_what_cuts_leave_is_said():
+    mesh, seen = seen_triangle()
     network = AreaNetwork(mesh, rc.Task())
     assert network.doubts() == []
     network.add(replace(seen, bound=seen.bound + 0.5, cut_short=0.2))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined
 from surface_cases import moved, room
 from timed import evaluate_over_time, regions_over_time
@@ -158,7 +159,7 @@ def of_each_frame(motion, camera, poses, task, lamps):
     return [job.regions(np.array([row])) for row in range(len(motion))]
 
 
-@settings(max_examples=25, deadline=None)
+@examples(8, at_night=25)
 @given(
     st.lists(
         st.tuples(*[st.sampled_from([0.0, 90.0, 31.7])] * 2, *[st.floats(-4, 4)] * 3),

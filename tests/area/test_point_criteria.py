@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import amount, examples
 from surface_cases import PANORAMA, assert_pointwise, hostile_scene, in_regions, room, whole
 
 import rastercov as rc
@@ -98,7 +99,7 @@ KINDS = ("angle", "light", "highlight", "beams")
 @pytest.mark.parametrize("kind", KINDS)
 def test_slopes_and_doubts_hold_on_random_pieces(kind):
     rng, n_directions, tight = np.random.default_rng(1), 40, []
-    for _ in range(200):
+    for _ in range(amount(70, at_night=200)):
         mesh = rc.Mesh(rng.normal(size=(150, 3)), np.arange(150).reshape(50, 3))
         criterion = random_criterion(kind, rng)
         face = np.arange(50)
@@ -154,7 +155,7 @@ def test_regions_of_a_room_are_as_by_points(kind, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=100)
+@examples(30)
 @given(seed=SEEDS)
 def test_regions_of_hostile_scenes_are_as_by_points(kind, seed):
     mesh, _, pose = hostile_scene(seed)

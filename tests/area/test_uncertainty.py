@@ -6,7 +6,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import amount, examples
 from surface_cases import hostile_scene, in_regions, room, whole
 
 import rastercov as rc
@@ -180,7 +181,7 @@ def random_uncertainty(rng, n, size=1.0, centre=(0, 0, 0)):
 
 def test_slopes_and_doubts_hold_on_random_pieces():
     rng, tight = np.random.default_rng(3), []
-    for turn in range(200):
+    for turn in range(amount(70, at_night=200)):
         mesh = rc.Mesh(rng.normal(size=(150, 3)), np.arange(150).reshape(50, 3))
         criterion = random_uncertainty(rng, 2 if turn % 2 else int(rng.integers(2, 6)))
         face = np.arange(50)
@@ -249,7 +250,7 @@ def test_bounds_are_narrow_where_a_device_is_much_nearer_than_others(n, along, h
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
+@examples(30)
 @given(seed=SEEDS)
 def test_devices_in_hostile_scenes_are_as_by_points(seed):
     mesh = hostile_scene(seed)[0]

@@ -22,7 +22,7 @@ def from_above(count, seed=1, spread=0.4):
 
 
 @pytest.mark.slow
-@examples(4, at_night=12)
+@examples(2, at_night=12)
 @given(seed=st.integers(0, 999), by=st.sampled_from(["area", "face"]), views=st.integers(1, 3))
 def test_the_promise_of_suggested_images_is_the_audit_of_all_images(seed, by, views):
     task, poses = rc.Task(views=views, min_angle_deg=8 * (views - 1)), from_above(5, seed)
@@ -38,7 +38,7 @@ def test_the_promise_of_suggested_images_is_the_audit_of_all_images(seed, by, vi
 
 
 @pytest.mark.slow
-@examples(4, at_night=12)
+@examples(2, at_night=12)
 @given(seed=st.integers(0, 999), count=st.integers(1, 9))
 def test_weak_zones_and_overlap_are_their_definitions(seed, count):
     found = audit(MESH, CAMERA, from_above(count, seed, 3.0), by="face")

@@ -49,7 +49,7 @@ def circle(height, half_deg):
 @pytest.mark.parametrize("kind", LAMPS)
 def test_what_a_lamp_lights_is_a_circle(capsys, kind):
     Path("lamps.toml").write_text(LAMPS[kind])
-    line = "evaluate floor.obj -c camera.json -p poses.json --lamps lamps.toml --by area --json"
+    line = "evaluate floor.obj -c camera.json -p poses.json --lamps lamps.toml --pictures 0 --json"
     found = json.loads(done(capsys, line)[0])
     true, most = circle(HEIGHT, 60)
     covered, light = found["covered_area"], found["light"]
@@ -66,7 +66,7 @@ def test_what_a_lamp_lights_is_a_circle(capsys, kind):
 )
 def test_what_a_lens_is_trusted_with_is_a_circle(capsys, lens):
     Path("camera.json").write_text(json.dumps(CAMERA | lens | {"max_angle_deg": 25}))
-    line = "evaluate floor.obj -c camera.json -p poses.json --by area --json"
+    line = "evaluate floor.obj -c camera.json -p poses.json --pictures 0 --json"
     found = json.loads(done(capsys, line)[0])
     true, most = circle(EYE, 25)
     covered = found["covered_area"]

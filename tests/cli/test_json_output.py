@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from bungalow import bungalow
 from commands import process, write_part
+from nightly import nightly
 from step_crate import crate
 
 import rastercov as rc
@@ -70,9 +71,10 @@ SLOW = {
     "check": "check fewest_greedy_area.toml -p rig.json --json",
     "audit": "audit six.json part.obj --json -o out",
     "convert": "convert rig.json out.npy --json",
-    "markers": "validate markers --scenes 0 --json -o out",
     "doctor": "doctor --json",
 }  # fmt: skip
+AT_NIGHT = {"markers": "validate markers --scenes 0 --json -o out"}
+"""It takes as long as all others."""
 
 
 @pytest.fixture
@@ -115,9 +117,9 @@ def test_a_library_prints_nothing_beside_the_answer(files, capfd, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize("name", [*SLOW, *(pytest.param(n, marks=nightly) for n in AT_NIGHT)])
 def test_no_library_prints_beside_the_answer_of_any_command_method_or_format(files, capfd, name):
-    check_output(SLOW[name], capfd)
+    check_output((SLOW | AT_NIGHT)[name], capfd)
 
 
 def test_the_command_as_a_process_prints_json_alone(files):

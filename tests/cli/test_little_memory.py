@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from commands import ENTRY, write_part
+from nightly import amount
 
 from rastercov import cli
 from rastercov.base.errors import is_out_of_memory
@@ -52,7 +53,7 @@ def test_a_limit_below_what_is_needed_is_refused_in_one_line(here, megabytes):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have other limits")
 @pytest.mark.parametrize("line", LINES)
-@pytest.mark.parametrize("megabytes", [150, 300, *range(700, 1000, 60)])
+@pytest.mark.parametrize("megabytes", amount([150, 300, 700], [150, 300, *range(700, 1000, 60)]))
 def test_any_limit_gives_a_result_or_one_line(here, line, megabytes):
     write_part("part.obj")
     Path("plan.toml").write_text(PLAN)

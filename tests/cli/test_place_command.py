@@ -12,13 +12,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from commands import answer, call, content, done, refusal, write_part
+from short_search import short_search  # noqa: F401 # a fixture
 
 import rastercov as rc
 from rastercov.base.locks import locked
 from rastercov.camera.pose_file import read_poses, write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.placement.candidates.cavities import openings
-from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import schema
 
@@ -465,20 +464,6 @@ def test_a_plan_that_asks_for_nothing_needs_a_limit(capsys):
 # --- the examples ---------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def short_search(monkeypatch):
-    """Refinement that ends early, and views into few cavities; placement tests the whole."""
-
-    def few(*scene, faces, **options):
-        return openings(*scene, faces=faces & (np.cumsum(faces) <= 20), **options)
-
-    def short(*task, budget, **options):
-        return refine(*task, budget=min(budget, 200), **options)
-
-    monkeypatch.setattr(plan_run, "refine", short)
-    monkeypatch.setattr("rastercov.placement.plan.prepare.openings", few)
-
-
 def is_on_a_wall(eyes):
     """True where an eye is on a wall or the ceiling of the room, and not over its door."""
     is_over_door = (eyes[:, 0] >= 2) & (np.abs(eyes[:, 1]) <= 0.6)
@@ -511,8 +496,9 @@ LAWS = {
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_pages", "short_search")
 @pytest.mark.parametrize("name", LAWS)
-def test_an_example_plan_does_what_it_is_for(capsys, no_pages, short_search, name):
+def test_an_example_plan_does_what_it_is_for(capsys, name):
     code, out, _ = call(capsys, f"place {EXAMPLES / name}.toml --out placed")
     told = figures("placed")
     assert (code, told["met"]) == (0, True)
@@ -525,7 +511,8 @@ def test_an_example_plan_does_what_it_is_for(capsys, no_pages, short_search, nam
 
 
 @pytest.mark.slow
-def test_the_rig_is_audited(capsys, no_pages, short_search):
+@pytest.mark.usefixtures("no_pages", "short_search")
+def test_the_rig_is_audited(capsys):
     plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0
     code, out, _ = call(capsys, f"check {plan} -p {rig} --views 2")

@@ -19,6 +19,7 @@ from exact_views import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from visible_fractions import visibility
 
 from rastercov.camera.camera import Camera
@@ -99,7 +100,7 @@ def test_scaling_everything_by_a_power_of_two_changes_not_one_bit(path, seed, po
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=lambda kind: KINDS[kind].__name__)
 @given(turn=st.integers(0, 10_000))
-@settings(max_examples=4)
+@examples(2, at_night=20)
 def test_hostile_scenes_come_out_as_in_exact_arithmetic(kind, turn):
     """To 1e-9 px^2, within their bounds, certified ones all or nothing, and never more than all."""
     case = hostile(kind + turn * len(KINDS))

@@ -9,6 +9,7 @@ from exact_views import Certificate, HalfPlanes
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from nightly import amount
 from scenes import joined, square
 from surfaces import surface_of
 
@@ -109,7 +110,7 @@ def test_edges_that_run_where_a_wide_lens_does_not_see_change_nothing(name):
     room = Mesh(walls.vertices, walls.faces[:, ::-1])
     rng = np.random.default_rng(1)
     blind, poses = blind_area(lens_of(camera)), []
-    for _ in range(40):
+    for _ in range(amount(15, at_night=40)):
         # The direction opposite to the axis is at an edge, or so near to one.
         start, end = room.vertices[room.faces[rng.integers(12)]][:2]
         offset = rng.normal(size=3) * 10.0 ** rng.uniform(-6, -1)

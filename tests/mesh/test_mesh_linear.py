@@ -76,12 +76,12 @@ def test_time_grows_no_faster_than_the_file(name, tmp_path):
     assert 1.7 < sizes[1] / sizes[0] < 2.4
     Mesh.load(paths[0])  # compiles
     best = [np.inf, np.inf]
-    for _ in range(40):  # other work on the machine slows either, so the best of each counts
+    for turn in range(40):  # other work on the machine slows either, so the best of each counts
         for k in (0, 1):
             start = time.process_time()
             Mesh.load(paths[k])
             best[k] = min(best[k], time.process_time() - start)
-        if best[1] < 2.4 * best[0]:
+        if best[1] < (2.4 if turn < 5 else MOST_GROWTH) * best[0]:
             break
     assert best[1] < MOST_GROWTH * best[0], best
 

@@ -4,8 +4,9 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
@@ -108,7 +109,7 @@ def spoil(array, rng, share):
 
 @pytest.mark.parametrize("name", NAMES)
 @given(seed=st.integers(0, 2**32 - 1), share=st.sampled_from((0.02, 0.2, 1.0)))
-@settings(max_examples=150, deadline=None)
+@examples(50, at_night=150)
 def test_no_content_of_an_array_crashes(calls, name, seed, share):
     rng = np.random.default_rng(seed)
     function, real = calls[name][rng.integers(len(calls[name]))]

@@ -1,6 +1,7 @@
-"""Plans are read and run in a folder of their own, which has a room of walls and boxes."""
+"""Plans are run in a folder of their own, with a room of walls and boxes, and draw coarsely."""
 
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from plans import write_obj
 from surface_cases import room
 

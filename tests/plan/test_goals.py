@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import amount
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -125,7 +126,8 @@ def test_a_baseline_holds_goals_of_their_own_too(room):
 
 @pytest.mark.parametrize("method", ["greedy", "integer"])
 def test_cameras_are_chosen_for_the_task_and_all_goals(room, method):
-    selection = {"goal": "fewest_cameras", "coverage": 0.6, "method": method, "refine": True}
+    selection = {"goal": "fewest_cameras", "coverage": 0.6, "method": method}
+    selection |= {"refine": True, "refine_budget": amount(300, 20_000)}
     asked = plan(room, goals={"doors": DOORS, "window": PRIVATE}, selection=selection)
     placed = rc.place(asked)
     assert placed.is_met

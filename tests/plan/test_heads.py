@@ -52,6 +52,7 @@ PLAN = {
     "task": {"max_incidence_deg": 75.0},
     "candidates": [{"generator": "on_sphere", "count": 12, "distances": [4.0]}],
     "selection": {"goal": "fewest_cameras", "coverage": 0.5},
+    "outputs": {"page": False},
 }
 
 
@@ -229,7 +230,9 @@ def test_the_command_takes_poses_of_the_rig_and_reports_each_camera(capsys):
     summary = told("summary.json")
     assert summary["poses"] == 5
     assert Path("out", "report.html").exists()
-    code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 -o other")
+    code, _, err = call(
+        capsys, "evaluate icosahedron -c rig.json -p sphere:3 -o other --pictures 0"
+    )
     assert code == 0, err
     code, _, err = call(capsys, "evaluate icosahedron -c rig.json -p sphere:3 --by face -o third")
     assert code != 0

@@ -206,7 +206,7 @@ def test_chosen_lamps_go_from_place_to_check_and_to_the_pages(capsys):
     done(
         capsys,
         "evaluate icosahedron -p out/poses.json --by area --max-incidence-deg 75 "
-        '--min-illuminance "25 lx" --max-highlight-deg satin -o lit',
+        '--min-illuminance "25 lx" --max-highlight-deg satin -o lit --pictures 0',
     )
     summary = json.loads(Path("lit/summary.json").read_text())
     assert summary["covered_area"]["percent"] == pytest.approx(100 * content["share"], abs=1e-7)
@@ -229,7 +229,8 @@ def test_cameras_and_lamps_are_chosen_in_turns():
     own = [{"generator": "on_sphere", "count": 10, "distances": [4.0]}, *PLAN["candidates"]]
     plan = {name: value for name, value in PLAN.items() if name != "existing"}
     goal = {"goal": "best_coverage", "cameras": 2, "lamps": 2}
-    placed = rc.place(plan | {"candidates": own, "selection": goal}, out="out")
+    alone = {"outputs": {"page": False}}
+    placed = rc.place(plan | alone | {"candidates": own, "selection": goal}, out="out")
     assert (len(placed.cameras.placed), len(placed.lamps.chosen)) == (2, 2)
     found = rc.regions(
         placed.prepared.mesh, rc.Camera(**CAMERA), placed.cameras.placed, placed.prepared.task,
@@ -272,6 +273,7 @@ def test_a_lamp_is_chosen_for_a_sensor_and_a_part_of_what_it_sees():
     dark = {"meshes": PLAN["meshes"], "task": {"max_incidence_deg": 75.0}, **both}
     places = [{"generator": "on_sphere", "count": 6, "distances": [4.0], "cameras": ["fringe"]}]
     goal = {"goal": "best_coverage", "cameras": 2}
+    dark["outputs"] = {"page": False}
     seen = rc.place(dark | {"candidates": places, "selection": goal}, out="sensor")
     plan = changed(camera=None, existing="sensor/poses.json", **both)
     part = {"goal": "fewest_cameras", "coverage": 0.5, "of_reachable": True}

@@ -92,7 +92,7 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
     assert not suite.findall(".//failure")
     checked = rc.check("plan.toml", "out/poses.json")
     assert checked.whole.share == pytest.approx(content["share"], abs=1e-12)
-    prepared, placed = rc.place("plan.toml", out="again").prepared, checked.cameras.placed
+    prepared, placed = rc.place("plan.toml").prepared, checked.cameras.placed
     poses = rc.Poses.of(placed.world_from_camera, camera=placed.camera)
     task = prepared.task
     assert (task.min_illuminance, task.max_highlight_deg) == (25, 12)
@@ -136,6 +136,9 @@ pixel_size = 3.45e-6
 quantum_efficiency = 0.65
 full_well = 10500
 min_snr = 40
+
+[outputs]
+page = false
 """
 
 

@@ -212,8 +212,8 @@ def test_the_command_evaluates_light_over_time(capsys):
     )
     shares = []
     for more in (
-        (),
-        ("--lamps", "lamps.toml"),
+        ("--pictures", "0"),
+        ("--lamps", "lamps.toml", "--pictures", "0"),
         ("--lamps", "lamps.toml", "--min-illuminance", "60"),
     ):
         done(capsys, evaluated("m.toml", *more))

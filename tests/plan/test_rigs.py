@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import plans
 import pytest
-from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from plans import told
 from surface_cases import room
 

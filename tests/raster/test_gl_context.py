@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from nightly import nightly
 from processes import run_python
 
 from rastercov.base.errors import DeviceError
@@ -349,7 +350,9 @@ def test_a_forgotten_context_warns_and_is_released(context, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["context", "our-osmesa", "rasteriser"])
+@pytest.mark.parametrize(
+    "kind", ["context", "our-osmesa", pytest.param("rasteriser", marks=nightly)]
+)
 def test_a_context_that_was_closed_leaves_less_than_two_pages_behind(context, kind):
     if kind == "our-osmesa":
         open_or_skip("osmesa").release()

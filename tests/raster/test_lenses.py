@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack
-from itertools import product
+from itertools import cycle, product
 
 import lens_cameras
 import lens_cases
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from nightly import examples
+from nightly import amount, examples, nightly
 from scenes import joined, square
 from target_scenes import some_as_targets
 from visible_fractions import fractions_of
@@ -80,6 +80,11 @@ def open_lens():
         )
 
 
+EACH_LENS = amount(
+    list(zip(lens_cameras.CAMERAS, cycle(["torus", "room"]), strict=False)),
+    at_night=list(product(lens_cameras.CAMERAS, ["torus", "room"])),
+)
+"""By day each lens in one scene, at night in both."""
 SAMPLES = [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)]
 """Supersampling and roll."""
 
@@ -221,8 +226,7 @@ def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens, nears):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lens", lens_cameras.CAMERAS)
-@pytest.mark.parametrize("scene", ["torus", "room"])
+@pytest.mark.parametrize(("lens", "scene"), EACH_LENS)
 def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
     (mesh, poses), camera = SCENES[scene], lens_cameras.CAMERAS[lens].resized(0.2)
     with open_observer(mesh, camera, "certified") as exact:
@@ -351,7 +355,7 @@ def test_counts_are_those_of_the_picture_bit_for_bit_on_all_levels_and_threads(l
     assert len(answers) == 1
 
 
-@pytest.mark.parametrize("n_faces", [1970, 9856])
+@pytest.mark.parametrize("n_faces", [1970, pytest.param(9856, marks=nightly)])
 def test_a_picture_differs_from_rays_of_opencv_and_embree_in_sixty_pixels(n_faces):
     cv2, embree = with_wheel("cv2"), with_wheel("embreex.rtcore_scene")
     mesh = shapes.aeroplane(n_faces)

@@ -123,6 +123,7 @@ targets = [{ box = [[-2, -2, 1], [2, 2, 1.1]], count = [3, 3, 1] }]
 camera = { preset = "khepra" }
 candidates = [{ generator = "on_sphere", count = 6, distances = [6] }]
 selection = { goal = "best_coverage", cameras = 2 }
+outputs = { page = false }
 """
 
 
@@ -136,7 +137,8 @@ def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
     rc.write_views(
         "rig.json", rc.Views(rc.Rig([rc.Camera.preset("khepra")], ["a"]), AROUND, tuple("abc"))
     )
-    for line in (f"evaluate {parts} -o out/evaluate", "place mine/plan.toml -o out/place",
+    for line in (f"evaluate {parts} --pictures 0 -o out/evaluate",
+                 "place mine/plan.toml -o out/place",
                  "audit rig.json mine/part.obj -o out/audit"):  # fmt: skip
         assert call(capsys, line)[0] == 0
     rc.place("mine/plan.toml", out="out/function")

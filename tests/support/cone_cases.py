@@ -7,7 +7,7 @@ import numpy as np
 
 import rastercov as rc
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(96)
 
 
 def between(places, function):
@@ -46,15 +46,19 @@ def area_in_cone(corners, eye, axis, angle):
     cosine = math.cos(angle)
 
     def shares(s):
-        return np.array([share(each) for each in s]) * s
-
-    def share(s):
-        first, last = a + s * (b - a), a + s * (c - a)
-        cuts = roots(*quadratic(first, last, axis, cosine))
-        cuts = np.sort(np.concatenate([[0, 1], cuts[(cuts > 0) & (cuts < 1)]]))
-        middle = first + ((cuts[1:] + cuts[:-1]) / 2)[:, None] * (last - first)
-        is_in = middle @ axis >= cosine * np.linalg.norm(middle, axis=1)
-        return np.diff(cuts)[is_in].sum()
+        first, last = (a + s[:, None] * (end - a) for end in (b, c))
+        step, square = last - first, cosine**2
+        p, q, r = (
+            (x @ axis) * (y @ axis) - square * (x * y).sum(axis=1)
+            for x, y in ((step, step), (first, step), (first, first))
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            t = -(q + np.copysign(np.sqrt(q**2 - p * r), q))
+            cuts = np.clip(np.nan_to_num([t / p, r / t, 0 * s, 0 * s + 1]), 0, 1)
+        cuts = np.sort(cuts, axis=0)
+        middle = first + ((cuts[1:] + cuts[:-1]) / 2)[..., None] * step
+        is_in = middle @ axis >= cosine * np.linalg.norm(middle, axis=-1)
+        return (np.diff(cuts, axis=0) * is_in).sum(axis=0) * s
 
     # Lines through a corner, where the cone meets two sides, and those that touch it.
     places = [*roots(*quadratic(a, b, axis, cosine)), *roots(*quadratic(a, c, axis, cosine))]
