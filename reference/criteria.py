@@ -293,6 +293,21 @@ def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
     return points[..., 2]
 
 
+def blur_circle(camera: Camera, depth: FloatArray) -> FloatArray:
+    """Diameter of the blur circle at some depths, px, limited by (3.10) and (3.11).
+
+    A f (z - z_s) / (z (z_s - f)) over the smaller side of a pixel, so that it is negative before
+    the plane in focus; 0 for a camera without a lens.
+    """
+    if camera.aperture is None or camera.focus_distance is None:
+        return np.zeros_like(depth)
+    assert camera.focal_length is not None
+    assert camera.pixel_size is not None
+    size = camera.aperture / min(camera.pixel_size) * camera.focal_length
+    size /= camera.focus_distance - camera.focal_length
+    return size * (depth - camera.focus_distance) / depth
+
+
 def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:
     """Mask of the faces within the depth of field, (3.12).
 

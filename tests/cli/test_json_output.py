@@ -70,7 +70,7 @@ SLOW = {
     "check": "check fewest_greedy_area.toml -p rig.json --json",
     "audit": "audit six.json part.obj --json -o out",
     "convert": "convert rig.json out.npy --json",
-    "markers": "validate markers --scenes 0 --json -o out",
+    "markers": "validate markers --json -o out",
     "doctor": "doctor --json",
 }  # fmt: skip
 
