@@ -44,6 +44,7 @@ from rastercov.reference.pages import (
     Axis,
     Curve,
     Theme,
+    image_of,
     line_plot,
     milliseconds,
     new_axes,
@@ -147,7 +148,7 @@ def _draw(
                 f"Face {face.face} in pose {face.pose}: says {fraction(face.value)} ± "
                 f"{fraction(face.bound)}, truth {fraction(face.truth)}"
             )
-            pictures[name] = Picture.of(alt, image)
+            pictures[name] = Picture.of(alt, image_of(image))
     progress(len(wanted), len(wanted))
 
 

@@ -38,9 +38,9 @@ from rastercov.reference.methods.error_statistics import (
     FaceError,
     PoseFigures,
 )
-from rastercov.reference.methods.faces import Samples, face_picture, neighbourhood
+from rastercov.reference.methods.faces import face_picture, neighbourhood, samples_in
 from rastercov.reference.methods.report import comparison_plots, page, write_comparison
-from rastercov.reference.pages import LIGHT, Axis
+from rastercov.reference.pages import LIGHT, Axis, image_of
 from rastercov.reference.samples import grid_points
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
@@ -507,7 +507,7 @@ def test_an_interrupt_while_drawing_leaves_a_whole_page(tmp_path):
 @pytest.mark.parametrize(("supersample", "roll"), [(1, 0.4), (3, 0.4), (2, 0.0)])
 def test_samples_in_a_picture_stand_where_they_are_counted(supersample, roll):
     camera = Camera(width=15, height=8, fx=30, fy=30)
-    drawn = Samples(camera, supersample, roll).inside((-5.0, -5.0, 50.0))
+    drawn = samples_in(camera, supersample, roll, (-5.0, -5.0, 50.0))
     counted = grid_points(camera, supersample, roll)
     assert len(drawn) == len(counted)
     near = np.abs(drawn[:, None] - counted[None]).max(axis=2).min(axis=1)
@@ -535,7 +535,9 @@ def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
     floor = Mesh(vertices=[(-9, 1, -5), (9, 1, -5), (0, 1, 40)], faces=[(0, 1, 2)])
     for mesh, face in ((joined(floor, square(0.3, 2)), 0), (OVERLAP, 0), (OVERLAP, 1)):
         some = FaceError(0, face, 9.0, 4.5, 0.5, 0.4, 0.05, "statistical", False, 3.6)
-        assert face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll).size == (640, 772)
+        figure = face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll)
+        assert image_of(figure).size[0] > 600
+        assert len(figure.axes[0].patches) >= 3
 
 
 def test_a_face_that_is_not_in_the_image_has_no_picture():
