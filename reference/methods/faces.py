@@ -16,10 +16,10 @@ from rastercov.base.errors import RastercovError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
-from rastercov.raster.sample_grid import SampleGrid
 from rastercov.reference.methods.error_statistics import FaceError
 from rastercov.reference.pages import LIGHT, new_axes
 from rastercov.reference.polygons import images_of, visible_in
+from rastercov.reference.samples import grid_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,22 +75,6 @@ def square(bounds: Sequence[float]) -> Box:
     return (left + right - side) / 2, (top + bottom - side) / 2, side
 
 
-def samples_in(camera: Camera, supersample: int, roll: float, box: Box) -> FloatArray:
-    """Samples of a rasteriser in a square part of the image, (N, 2) px; see `SampleGrid`."""
-    grid = SampleGrid(camera, supersample, roll)
-    angle = math.remainder(roll, math.pi / 2)
-    turn = np.array(((math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))))
-    size, centre = np.array((camera.width, camera.height)), np.array((grid.width, grid.height)) / 2
-    left, top, side = box
-    corners = np.array([(u, v) for u in (left, left + side) for v in (top, top + side)])
-    places = supersample * (corners - size / 2) @ turn.T + centre
-    low, high = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
-    x, y = np.meshgrid(*(np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True)))
-    points = (np.stack((x.ravel(), y.ravel()), axis=1) - centre) @ turn / supersample + size / 2
-    least, most = np.maximum((left, top), 0), np.minimum((left + side, top + side), size)
-    return points[((points >= least) & (points <= most)).all(axis=1)]
-
-
 def face_picture(
     mesh: Mesh,
     camera: Camera,
@@ -113,7 +97,7 @@ def face_picture(
         f"{'' if of_face.held else ', BOUND BROKEN'}\nsays {fraction(of_face.value)} ± "
         f"{fraction(of_face.bound)}, truth {fraction(of_face.truth)}, error {error}"
     )
-    left, top, side = box = square(around.image.bounds)
+    left, top, side = square(around.image.bounds)
     figure, axes = new_axes(title, LIGHT, HEIGHT)
     axes.set(xlim=(left, left + side), ylim=(top + side, top), aspect="equal")
     axes.ticklabel_format(useOffset=False)
@@ -129,7 +113,7 @@ def face_picture(
     _add(axes, around.hidden, facecolor="#f0803c", edgecolor="#c2571a", hatch="//", label="hidden")
     _add(axes, around.image, facecolor="none", edgecolor=LIGHT.ink, linewidth=2)
     if roll is not None and side * supersample <= MAX_SAMPLES:
-        points = samples_in(camera, supersample, roll, box)
+        points = grid_points(camera, supersample, roll, (left, top, left + side, top + side))
         is_seen = shapely.contains_xy(around.seen, *points.T)
         is_hidden = shapely.contains_xy(around.image, *points.T) & ~is_seen
         axes.plot(*points[~is_seen & ~is_hidden].T, ".", color=LIGHT.soft, markersize=2)

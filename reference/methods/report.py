@@ -446,7 +446,7 @@ def _negligible(error: float) -> str:
 
 def _ramp(ends: tuple[str, str], count: int) -> list[str]:
     """Colours from one end to the other."""
-    first, last = (np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)]) for text in ends)
-    steps = np.linspace(0, 1, count)[:, None]
-    colours = np.rint(first + steps * (last - first)).astype(int).tolist()
-    return ["#" + "".join(f"{channel:02x}" for channel in colour) for colour in colours]
+    from matplotlib.colors import LinearSegmentedColormap, to_hex
+
+    ramp = LinearSegmentedColormap.from_list("", ends)
+    return [to_hex(ramp(step)) for step in np.linspace(0, 1, count)]

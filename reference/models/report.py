@@ -24,7 +24,7 @@ from rastercov.base.format import number, plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import image_boxes, to_camera, to_image
+from rastercov.camera.projection import image_boxes
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -354,11 +354,6 @@ def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Im
 def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
     """Bounding box of the mesh in the image with a margin; the image where there is none."""
     left, top, right, bottom = image_boxes(mesh.vertices, camera, pose[None])[0].tolist()
-    if not camera.is_pinhole:
-        pixels = to_image(to_camera(mesh.vertices, pose), camera)
-        pixels = pixels[np.isfinite(pixels).all(axis=1)].clip(0, (camera.width, camera.height))
-        if len(pixels):
-            (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     if right <= left or bottom <= top:
         return 0.0, 0.0, float(camera.width), float(camera.height)
     margin = MARGIN * (right - left)
