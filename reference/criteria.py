@@ -80,7 +80,7 @@ MEASURED = (
 def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, by the loops of `evaluate`, through any lens.
 
-    Outlines are those of `face_geometry`, and NaN through a lens.
+    Without outlines, which are NaN.
     """
     none = np.zeros((1, mesh.n_faces))
     kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
@@ -90,9 +90,6 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
     figures: dict[str, Any] = {name: values[0] for name, values in found.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
-    if camera.is_pinhole:
-        with np.errstate(all="ignore"):
-            outline = face_geometry(mesh, camera, pose).perimeter
     points = to_camera(mesh.vertices, pose)
     by_distance = not (camera.is_pinhole or MODELS[camera.model].is_planar)
     depth = np.linalg.norm(points, axis=1) if by_distance else points[:, 2]
