@@ -53,7 +53,7 @@ def attack(report: Report, effort: float) -> None:
     """Report the figures of all parts; `effort` 1.0 is the full campaign, 0.05 a smoke run."""
     runs = max(1, round(RUNS * effort))
     parts = [("shared", kind, threads) for kind in SHARED for threads in THREADS]
-    parts += [("first_use",), ("opened",), ("models", "own"), ("models", "auto")]
+    parts += [("first_use",), ("opened",), ("models",)]
     parts += [("closed", "certified"), ("closed", "rasteriser"), ("forked",)]
     for part in parts:
         _report(report, part, runs)
@@ -179,25 +179,24 @@ def opened(runs: int) -> Iterator[Run]:
         yield _in_threads(call, len(options))
 
 
-def models(runs: int, tracer: str) -> Iterator[Run]:
+def models(runs: int) -> Iterator[Run]:
     """Threads share one tracer of segments and one mesh, each for a model and a pose of its own."""
     known = shapes.room(6)
     poses = _poses(known, CALLERS, seed=6)
-    traced = zhang.ZhangParameters(tracer=tracer)
 
     def answer(mesh: rc.Mesh, sight: LineOfSight, caller: int) -> Answer:
         pose = poses[caller : caller + 1]
-        hidden = sight.hidden(mesh.vertices, pose[0], 1e-3)
+        hidden = sight.hidden(mesh.vertices, pose[0], 1e-3, CAMERA)
         return [
             hidden,
-            zhang.coverage(mesh, CAMERA, pose, parameters=traced),
+            zhang.coverage(mesh, CAMERA, pose),
             scott.coverage(mesh, CAMERA, pose),
         ]
 
-    expected = [answer(known, LineOfSight(known, tracer), caller) for caller in range(CALLERS)]
+    expected = [answer(known, LineOfSight(known), caller) for caller in range(CALLERS)]
     for _ in range(runs):
         mesh = rc.Mesh(known.vertices, known.faces)
-        sight = LineOfSight(mesh, tracer)
+        sight = LineOfSight(mesh)
 
         def call(caller: int, mesh: rc.Mesh = mesh, sight: LineOfSight = sight) -> Iterator[bool]:
             yield _same(answer(mesh, sight, caller), expected[caller])

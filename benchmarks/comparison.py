@@ -256,7 +256,7 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
     add(("open3d",), open3d)
     add(("trimesh", "embreex"), trimesh)
     add(("vtk",), vtk)
-    add(("embreex",), models)
+    add((), models)
     if mesh.n_faces <= ALGORITHM_1:
         add(("shapely",), of_thesis)
     return found

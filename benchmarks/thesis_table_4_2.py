@@ -3,7 +3,7 @@
 Times are wall seconds, as the thesis took them with tic and toc, for (3.6) of all faces of a mesh
 that is loaded; one thread. "CPU time" is their mean in CPU seconds, the same on an idle machine,
 and what the limits are for. "first" is the first answer for a mesh, with what is worked out once
-for it. Zhang's model builds its ray tracer each time.
+for it. Zhang's model builds its tree of triangles each time.
 
 Errors are what the thesis could not measure: the visible fraction of each face that has an image,
 against exact rational arithmetic on all faces, and (3.6) with that fraction in it, R_min = 100 px
@@ -36,7 +36,6 @@ from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.criteria import in_focus
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models import MODELS, zhang
-from rastercov.reference.models.line_of_sight import LineOfSight
 
 FloatArray = NDArray[np.float64]
 
@@ -101,7 +100,7 @@ class Zhang:
 
     def __init__(self, mesh, pose) -> None:
         self.mesh, self.pose = mesh, pose
-        self.renderer = f"ray tracer {LineOfSight(mesh).tracer}"
+        self.renderer = "tree of triangles"
 
     def coverage(self) -> FloatArray:
         """As for `Observed`; of its own making."""

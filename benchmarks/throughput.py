@@ -32,7 +32,7 @@ from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
 from rastercov.mesh.formats import READERS
-from rastercov.reference.pages import LIGHT, Axis, Curve, image_of, line_plot
+from rastercov.reference.pages import LIGHT, Curve, image_of, line_plot
 
 FACES = (1_000, 10_000, 100_000, 1_000_000)
 SIZES = ((128, 128), (256, 256), (512, 512), (1280, 1024), (2048, 2048))
@@ -253,14 +253,8 @@ def _write(out: Path, header, report, measured, field_of) -> None:
             if points:
                 colour = LIGHT.series[i % len(LIGHT.series)]  # peers are dashed
                 curves.append(Curve(contestant.name, points, colour, contestant.is_peer))
-        speeds = [y for curve in curves for _, y in curve.points]
-        figure = line_plot(
-            f"Face counts of {SCENES[scene]}, {width} x {height}",
-            Axis("faces", here[0][0] / 1.3, here[-1][0] * 1.3, is_log=True),
-            Axis("poses a second", min(speeds) / 2, max(speeds) * 2, is_log=True),
-            curves,
-            LIGHT,
-        )
+        title = f"Face counts of {SCENES[scene]}, {width} x {height}"
+        figure = line_plot(title, "faces", "poses a second", curves, LIGHT)
         image_of(figure).save(out / f"{scene}_{width}x{height}.png", optimize=True)
 
 

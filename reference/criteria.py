@@ -80,7 +80,7 @@ MEASURED = (
 def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, by the loops of `evaluate`, through any lens.
 
-    Outlines are those of `face_geometry`, and NaN through a lens.
+    Without outlines, which are NaN.
     """
     none = np.zeros((1, mesh.n_faces))
     kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
@@ -90,9 +90,6 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
     figures: dict[str, Any] = {name: values[0] for name, values in found.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
-    if camera.is_pinhole:
-        with np.errstate(all="ignore"):
-            outline = face_geometry(mesh, camera, pose).perimeter
     points = to_camera(mesh.vertices, pose)
     by_distance = not (camera.is_pinhole or MODELS[camera.model].is_planar)
     depth = np.linalg.norm(points, axis=1) if by_distance else points[:, 2]
@@ -291,6 +288,21 @@ def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
     if len(pinholes(camera, np.eye(4)[None])) > 1:
         return np.abs(points).max(axis=-1)
     return points[..., 2]
+
+
+def blur_circle(camera: Camera, depth: FloatArray) -> FloatArray:
+    """Diameter of the blur circle at some depths, px, limited by (3.10) and (3.11).
+
+    A f (z - z_s) / (z (z_s - f)) over the smaller side of a pixel, so that it is negative before
+    the plane in focus; 0 for a camera without a lens.
+    """
+    if camera.aperture is None or camera.focus_distance is None:
+        return np.zeros_like(depth)
+    assert camera.focal_length is not None
+    assert camera.pixel_size is not None
+    size = camera.aperture / min(camera.pixel_size) * camera.focal_length
+    size /= camera.focus_distance - camera.focal_length
+    return size * (depth - camera.focus_distance) / depth
 
 
 def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:

@@ -77,58 +77,6 @@ def milliseconds(seconds: float) -> str:
     return f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{1e3 * seconds:,.0f} ms"
 
 
-def short(value: float) -> str:
-    """The label of a tick: as many digits as the number has, such as 0.002, 50 or 2e-7."""
-    value = float(f"{value:.10g}")
-    if value == 0 or 1e-4 <= abs(value) < 1e5:
-        return f"{value:.10g}"
-    digit, power = f"{value:.0e}".split("e")
-    return f"{digit}e{int(power)}"
-
-
-@dataclass(frozen=True)
-class Axis:
-    """Label, limits and scale of an axis."""
-
-    label: str
-    low: float
-    high: float
-    is_log: bool = False
-    is_percent: bool = False
-    is_whole: bool = False
-
-    def ticks(self) -> list[float]:
-        """Positions of ticks.
-
-        Logarithmic: at most seven powers of ten, and their multiples by 2 and 5 on an axis shorter
-        than a decade. Linear: about six multiples of 1, 2 or 5 times a power of ten.
-        """
-        if not self.is_log:
-            step = (self.high - self.low) / 6
-            power = 10.0 ** math.floor(math.log10(step))
-            step = next(m * power for m in (1, 2, 5, 10) if m * power >= step * 0.999)
-            step = max(1.0, step) if self.is_whole else step
-            first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
-            return [round(step * k, 12) for k in range(first, last + 1)]
-        first = math.ceil(math.log10(self.low) - 1e-9)
-        last = math.floor(math.log10(self.high) + 1e-9)
-        if last - first < 1:
-            powers = range(math.floor(math.log10(self.low)), last + 2)
-            every = [m * 10.0**power for power in powers for m in (1, 2, 5)]
-            return [v for v in every if self.low * 0.999 <= v <= self.high * 1.001]
-        return [10.0**power for power in range(first, last + 1, max(1, -(-(last - first) // 6)))]
-
-    def share(self, value: float) -> float:
-        """Position of a value: 0 at the low end, 1 at the high one."""
-        if self.is_log:
-            return math.log(value / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
-
-    def text(self, value: float) -> str:
-        """Label of a tick."""
-        return f"{short(100 * value)} %" if self.is_percent else short(value)
-
-
 @dataclass(frozen=True)
 class Curve:
     """Points to join; curves without a name are not in the legend."""
@@ -142,33 +90,29 @@ class Curve:
 
 def line_plot(
     title: str,
-    across: Axis,
-    up: Axis,
+    across: str,
+    up: str,
     curves: Sequence[Curve],
     theme: Theme,
-    *,
-    marks: Sequence[tuple[str, float, str]] = (),
     notes: Sequence[str] = (),
 ) -> "Figure":
-    """Curves over two axes, their legend below with some notes above its entries.
+    """Curves over two logarithmic axes, their legend below with some notes above its entries."""
+    from matplotlib.ticker import LogFormatter
 
-    Marks (axis, value, text) are lines across the plot at a value of axis "x" or "y".
-    """
     names = [curve.name for curve in curves if curve.name]
     columns = max(1, min(len(names), 62 // (max(map(len, names), default=0) + 6)))
     rows = len(notes) + -(-len(names) // columns)
     figure, axes = new_axes(title, theme, HEIGHT + LEGEND_ROW * rows)
-    for axis, name in ((across, "x"), (up, "y")):
-        getattr(axes, f"set_{name}scale")("log" if axis.is_log else "linear")
-        getattr(axes, f"set_{name}lim")(axis.low, axis.high)
-        ticks = axis.ticks()
-        getattr(axes, f"set_{name}ticks")(ticks, [axis.text(value) for value in ticks])
-        getattr(axes, f"set_{name}ticks")([], minor=True)
-        getattr(axes, f"set_{name}label")(axis.label, color=theme.ink, fontsize=LABEL)
+    axes.set(xscale="log", yscale="log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(LogFormatter())
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.4)))
+        axis.set_tick_params("minor", labelsize=TICK, labelcolor=theme.soft)
+    axes.set_xlabel(across, color=theme.ink, fontsize=LABEL)
+    axes.set_ylabel(up, color=theme.ink, fontsize=LABEL)
     axes.grid(color=theme.grid, linewidth=0.8)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_visible(True)
-        axes.spines[side].set_color(theme.soft)
+    axes.spines[["left", "bottom"]].set_visible(True)
+    axes.spines[["left", "bottom"]].set_color(theme.soft)
     for curve in curves:
         axes.plot(
             [x for x, _ in curve.points],
@@ -180,44 +124,19 @@ def line_plot(
             marker="o" if curve.has_markers else "",
             markersize=6,
             markeredgecolor=theme.paper,
-            clip_on=not curve.has_markers,  # a marker on the border is whole
         )
-    for mark in marks:
-        _mark(axes, across, mark, theme)
-    if rows:
-        legend = figure.legend(
-            loc="outside lower left",
-            ncols=columns,
-            title="\n".join(notes) or None,
-            title_fontsize=TICK,
-            fontsize=TICK,
-            labelcolor=theme.ink,
-            frameon=False,
-            alignment="left",
-            handlelength=2.2,
-        )
-        legend.get_title().set_color(theme.soft)
-    return figure
-
-
-def _mark(axes: "Axes", across: Axis, mark: tuple[str, float, str], theme: Theme) -> None:
-    """Draw a line across the plot, with its text at its end, on the side with more room."""
-    name, value, text = mark
-    is_x = name == "x"
-    draw = axes.axvline if is_x else axes.axhline
-    draw(value, color=theme.ink, linewidth=1.0, linestyle=(0, (4, 4)))
-    is_left = is_x and across.share(value) > 0.5
-    axes.annotate(
-        text,
-        (value, 1) if is_x else (0, value),
-        (-4 if is_left else 4, -3),
-        axes.get_xaxis_transform() if is_x else axes.get_yaxis_transform(),
-        "offset points",
-        color=theme.ink,
+    figure.legend(
+        loc="outside lower left",
+        ncols=columns,
+        title="\n".join(notes) or None,
+        title_fontsize=TICK,
         fontsize=TICK,
-        ha="right" if is_left else "left",
-        va="top",
-    )
+        labelcolor=theme.ink,
+        frameon=False,
+        alignment="left",
+        handlelength=2.2,
+    ).get_title().set_color(theme.soft)
+    return figure
 
 
 def image_of(figure: "Figure") -> Image.Image:

@@ -107,7 +107,7 @@ def image_area(
     near: float | None = None,
 ) -> FloatArray:
     """Area of each face that would be visible were it alone, (N,) px^2; see `visible_area`."""
-    images = _images(mesh, camera, pose, cull, near)
+    images = images_of(mesh, camera, pose, cull=cull, near=near)
     return np.asarray(shapely.area(images.polygons[_asked(faces, mesh)]), dtype=np.float64)
 
 
@@ -125,12 +125,12 @@ def visible_polygons(
     Arguments and errors as for `visible_area`. Polygons and multipolygons, N of them; empty for
     faces that are not seen.
     """
-    images = _images(mesh, camera, pose, cull, near)
+    images = images_of(mesh, camera, pose, cull=cull, near=near)
     asked = _asked(faces, mesh)
     tree = shapely.STRtree(images.polygons)
     visible: list[BaseGeometry] = []
     for start in range(0, len(asked), BLOCK):
-        visible += _visible(images, tree, asked[start : start + BLOCK])
+        visible += visible_in(images, tree, asked[start : start + BLOCK])
     return visible
 
 
@@ -183,7 +183,14 @@ class Images:
         return near, far
 
 
-def _images(mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float | None) -> Images:
+def images_of(
+    mesh: Mesh,
+    camera: Camera,
+    pose: ArrayLike,
+    *,
+    cull: bool = False,
+    near: float | None = None,
+) -> Images:
     """Image of each face: cut in space by near plane and viewing pyramid, then projected."""
     camera.check_pinhole("a reference implementation wants a pinhole")
     matrix = np.asarray(pose, dtype=np.float64)
@@ -251,7 +258,7 @@ def _convex(shapes: Geometries) -> Geometries:
     return np.where(shapely.area(hulls) > 0, hulls, shapely.Polygon())
 
 
-def _visible(images: Images, tree: shapely.STRtree, faces: IntArray) -> list[BaseGeometry]:
+def visible_in(images: Images, tree: shapely.STRtree, faces: IntArray) -> list[BaseGeometry]:
     """Visible part of each of some faces."""
     rows, others = tree.query(images.polygons[faces], predicate="intersects")
     order = np.lexsort((others, rows))

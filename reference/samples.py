@@ -97,13 +97,19 @@ def count(
     return view.visible, view.drawn
 
 
-def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> FloatArray:
+def grid_points(
+    camera: Camera,
+    supersample: int = 1,
+    roll: float = 0.0,
+    box: tuple[float, float, float, float] | None = None,
+) -> FloatArray:
     """Points in the image of a square grid, S^2 a px^2, turned about the image centre, (N, 2).
 
     The grid has as many rows and columns as the turned image is high and wide, in whole spacings,
     and the same middle. Rows and columns are not distinguished: a quarter turn changes nothing.
 
     Points are 1 / S px apart; `roll` is in radians from the u axis to the rows, towards the v axis.
+    With a `box` (left, top, right, bottom) only those in it, px.
     """
     roll = np.remainder(roll + np.pi / 4, np.pi / 2) - np.pi / 4
     along = np.array((np.cos(roll), np.sin(roll)))
@@ -114,9 +120,13 @@ def grid_points(camera: Camera, supersample: int = 1, roll: float = 0.0) -> Floa
     )
     x = (np.arange(n_along) - (n_along - 1) / 2) / supersample
     y = (np.arange(n_across) - (n_across - 1) / 2) / supersample
+    low, high = np.array(box or (0, 0, *size), np.float64).reshape(2, 2).clip(0, size)
+    middle, reach = (low + high - size) / 2, np.linalg.norm(high - low) / 2
+    x = x[np.abs(x - middle @ along) <= reach]
+    y = y[np.abs(y - middle @ across) <= reach]
     points = size / 2 + x[:, None] * along + y[:, None, None] * across
     points = points.reshape(-1, 2)
-    return points[((points >= 0) & (points <= size)).all(axis=1)]
+    return points[((points >= low) & (points <= high)).all(axis=1)]
 
 
 def at_points(

@@ -21,7 +21,7 @@ FACE = rc.Mesh(vertices=[(-1, -1, 2), (0, -1, 2), (-1, 0, 2)], faces=[(0, 2, 1)]
 
 @pytest.fixture(scope="module")
 def comparison():
-    pytest.importorskip("embreex", reason="embreex is missing: pip install 'rastercov[models]'")
+    pytest.importorskip("embreex", reason="embreex is missing: pip install 'rastercov[bench]'")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(BENCHMARKS))
         yield import_module("comparison")

@@ -20,7 +20,7 @@ N_POSES = 6
 def modules(monkeypatch):
     """benchmarks/embree_packets.py and same_faces.py."""
     if find_spec("embreex") is None:
-        pytest.skip("embreex is missing: pip install 'rastercov[models]'")
+        pytest.skip("embreex is missing: pip install 'rastercov[bench]'")
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     for name in ("embree_packets", "same_faces"):
         monkeypatch.delitem(sys.modules, name, raising=False)

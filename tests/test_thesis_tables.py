@@ -59,7 +59,7 @@ def test_the_benchmark_says_what_the_docs_say():
     for method, column in methods.items():
         for gross, count in zip((0.01, 0.5), told[column].split("/"), strict=True):
             found = values[f"Teapot1: {method}: visible fraction, off by more than {gross}"]
-            # Embree and our own tracer differ at single vertices.
+            # Embree, of the docs, and our own tree differ at single vertices.
             assert abs(found - number(count)) <= 2, (method, gross)
 
 

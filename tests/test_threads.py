@@ -80,8 +80,7 @@ PROCESSES = {
             for kind in ("certified", "exact", "sampled", "supersample", "rasteriser")
         ),
         ("opened",),
-        ("models", "own"),
-        ("models", "auto"),
+        ("models",),
         ("closed", "certified"),
         ("closed", "rasteriser"),
     ],

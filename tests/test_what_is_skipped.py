@@ -34,5 +34,5 @@ def test_what_the_tests_import_is_installed_with_them():
     def names(lines):
         return {line.partition(">")[0] for line in lines}
 
-    for extra in ("place", "tables", "compare", "models", "markers"):
+    for extra in ("place", "tables", "compare", "markers"):
         assert names(extras[extra]) <= names(extras["dev"]), extra

@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import DeviceError
-from rastercov.mesh.arrays import frozen
+from rastercov.base.memory import FloatArray
 from rastercov.reference.markers.scene import CELLS
-
-FloatArray = NDArray[np.float64]
 
 MIN_PERIMETER = 128.0
 """P_min of the thesis, px of contour."""
@@ -45,45 +43,23 @@ def dictionary() -> Any:
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
 
 
-@cache
 def patterns() -> NDArray[np.uint8]:
     """Cells of all markers, (250, 8, 8): 1 is white; the border is black."""
     cv2, known = opencv(), dictionary()
     count = len(known.bytesList)
     images = [cv2.aruco.generateImageMarker(known, number, CELLS) for number in range(count)]
-    return frozen((np.stack(images) > 127).astype(np.uint8))
+    return (np.stack(images) > 127).astype(np.uint8)
 
 
-def detect(
-    image: NDArray[np.uint8],
-    *,
-    min_perimeter: float = MIN_PERIMETER,
-    subpixel: bool = False,
-    **parameters: object,
-) -> dict[int, FloatArray]:
-    """Markers found: number -> corners (4, 2) in our pixels, clockwise from the top left.
+def detect(image: NDArray[np.uint8], min_perimeter: float = MIN_PERIMETER) -> dict[int, FloatArray]:
+    """Markers found in a picture, (H, W): number -> corners (4, 2), clockwise from the top left.
 
-    Parameters
-    ----------
-    image : (H, W) uint8
-        A whole picture or a part of it.
-    min_perimeter : float
-        Least number of contour points; OpenCV's parameter is relative to the image's longer side.
-    subpixel : bool
-        Refine corners; OpenCV's default leaves them on whole pixels.
-    **parameters
-        Attributes of cv2.aruco.DetectorParameters; the others keep their defaults.
+    `min_perimeter` is the least number of contour points; the detector's other settings are
+    OpenCV's defaults.
     """
     cv2 = opencv()
     settings = cv2.aruco.DetectorParameters()
-    longer = max(image.shape)
-    settings.minMarkerPerimeterRate = min_perimeter / longer
-    # A marker may fill a picture that is a small part of an image.
-    settings.maxMarkerPerimeterRate = max(4.0, 4 * 1280 / longer)
-    if subpixel:
-        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    for name, value in parameters.items():
-        setattr(settings, name, value)
+    settings.minMarkerPerimeterRate = min_perimeter / max(image.shape)
     corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary(), settings).detectMarkers(image)
     if numbers is None:
         return {}

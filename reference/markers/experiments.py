@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import entries_of
-from rastercov.reference.markers.detect import MIN_PERIMETER, detect
-from rastercov.reference.markers.render import MarkerRenderer, sensor
+from rastercov.reference.markers.detect import MIN_PERIMETER, detect, patterns
+from rastercov.reference.markers.picture import reflected, sensor
 from rastercov.reference.markers.requirement import (
     DETECTOR,
     THESIS,
@@ -30,16 +31,7 @@ from rastercov.reference.markers.requirement import (
     Requirement,
     plate_figures,
 )
-from rastercov.reference.markers.scene import (
-    CELLS,
-    MARGIN,
-    MARKER_SIDE,
-    Plate,
-    PlateScene,
-    plate_pose,
-)
-
-FloatArray = NDArray[np.float64]
+from rastercov.reference.markers.scene import BOARD_SIDE, MARKER_SIDE, Plate
 
 ICUBE = "icube-ns4133bu-8mm"
 FOCUS_DEPTHS = (*range(2, 15), 17, 18)
@@ -107,26 +99,24 @@ class Experiment:
 
 
 def run_experiments(
-    renderer: MarkerRenderer,
-    seed: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> list[Experiment]:
     """All four, in the order of the thesis; the seed is that of the sensor's noise."""
     found = []
     for done, run in enumerate((field_of_view, resolution, focus, visibility)):
         progress(done, 4)
-        found.append(run(renderer, seed))
+        found.append(run(seed))
     progress(4, 4)
     return found
 
 
-def field_of_view(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
+def field_of_view(seed: int = 0) -> Experiment:
     """Table 5.3."""
-    camera, depth = Camera.preset(ICUBE), 4.0
+    camera = Camera.preset(ICUBE)
     inside = [(640, 512), (200, 200), (1080, 200), (200, 824), (1080, 824)]
     partly = [(0, 512), (1280, 400), (640, 0), (420, 1024), (1270, 1010)]
     outside = [(-150, 300), (1430, 700), (300, -150), (900, 1174), (1430, 1174)]
-    plates = _plates(camera, [*inside, *partly, *outside], [depth] * 15)
+    places = [*inside, *partly, *outside]
     where = ["inside"] * 5 + ["partly"] * 5 + ["outside"] * 5
 
     def row(index: int, figures: PlateFigures) -> dict[str, Any]:
@@ -141,10 +131,10 @@ def field_of_view(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
         }
 
     about = ("field of view", "Field of view, Table 5.3", "C_FOV")
-    return _run(renderer, camera, plates, about, row, seed)
+    return _run(camera, _plates(camera, places, [4.0] * 15), about, row, seed)
 
 
-def resolution(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
+def resolution(seed: int = 0) -> Experiment:
     """Table 5.4, the first of that number."""
     camera = Camera.preset(ICUBE)
     depths = [4.0 + step for step in range(15)]
@@ -162,10 +152,10 @@ def resolution(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
         }
 
     about = ("resolution", "Resolution, Table 5.4", "pixels, C_R")
-    return _run(renderer, camera, _plates(camera, places, depths), about, row, seed)
+    return _run(camera, _plates(camera, places, depths), about, row, seed)
 
 
-def focus(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
+def focus(seed: int = 0) -> Experiment:
     """Table 5.4, the second of that number, with P_min = 38 px and so R_min = (38 / 4)^2 px."""
     camera = Camera.from_lens(**entries_of(ICUBE, {}), f_number=0.25, focus_distance=4.0)
     top = [(170, 180), (440, 180), (650, 180), (830, 180), (990, 180)]
@@ -182,28 +172,26 @@ def focus(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
             "printed_detected": index <= 5,
         }
 
-    plates = _plates(camera, places, [float(z) for z in FOCUS_DEPTHS])
+    plates = _plates(camera, places, FOCUS_DEPTHS)
     about = ("focus", "Focus, the second Table 5.4", "C_F, blur")
-    return _run(renderer, camera, plates, about, row, seed, SMALL)
+    return _run(camera, plates, about, row, seed, SMALL)
 
 
-def visibility(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
+def visibility(seed: int = 0) -> Experiment:
     """Table 5.5: a marker at 3.5 m hides a part of one at 4 m."""
     camera = Camera.preset(ICUBE)
     before, behind = 3.5, 4.0
     plates = {}
     for cell, (marker, (occluder, part)) in enumerate([*HIDDEN.items(), (14, (-1, 0.0))]):
         place = (190 + 320 * (cell % 4), 256 + 512 * (cell // 4))
-        x, y = _aside(camera, place, behind)
-        plates[marker] = Plate(plate_pose((x, y, behind)), marker)
+        x, y, _ = centre = _centre(camera, place, behind)
+        plates[marker] = Plate(marker, centre)
         if occluder >= 0:
             # The right edge of the front board ends the hidden part of the marker behind it;
             # where all of it is hidden, the boards are concentric.
-            half_board = MARKER_SIDE * (0.5 + MARGIN / CELLS)
             edge = (x + MARKER_SIDE * (part - 0.5)) * before / behind
-            left = edge - half_board if part < 1 else x * before / behind
-            pose = plate_pose((left, y * before / behind, before))
-            plates[occluder] = Plate(pose, occluder)
+            left = edge - BOARD_SIDE / 2 if part < 1 else x * before / behind
+            plates[occluder] = Plate(occluder, (left, y * before / behind, before))
     ordered = [plates[marker] for marker in range(15)]
 
     def row(index: int, figures: PlateFigures) -> dict[str, Any]:
@@ -218,11 +206,10 @@ def visibility(renderer: MarkerRenderer, seed: int = 0) -> Experiment:
         }
 
     about = ("visibility", "Visibility, Table 5.5", "C_V")
-    return _run(renderer, camera, ordered, about, row, seed)
+    return _run(camera, ordered, about, row, seed)
 
 
 def _run(
-    renderer: MarkerRenderer,
     camera: Camera,
     plates: Sequence[Plate],
     about: tuple[str, str, str],
@@ -232,20 +219,19 @@ def _run(
 ) -> Experiment:
     """Predict, draw and detect the markers of one experiment."""
     began = time.perf_counter()
-    scene = PlateScene.of(plates)
-    figures = plate_figures(scene, camera)
-    image = sensor(renderer.render(scene, camera), np.random.default_rng(seed))
-    found = detect(image, min_perimeter=min_perimeter)
+    light = reflected(plates, patterns(), camera)
+    image = sensor(light, np.random.default_rng(seed))
+    found = detect(image, min_perimeter)
     by_table, by_detector = _relaxed(THESIS, min_perimeter), _relaxed(DETECTOR, min_perimeter)
     rows = tuple(
         Row(
-            marker=plate.marker,
-            predicted=figures[index].is_met(by_table),
-            predicted_by_detector=figures[index].is_met(by_detector),
-            detected=plate.marker in found,
-            **row(index, figures[index]),
+            marker=index,
+            predicted=figures.is_met(by_table),
+            predicted_by_detector=figures.is_met(by_detector),
+            detected=index in found,
+            **row(index, figures),
         )
-        for index, plate in enumerate(plates)
+        for index, figures in enumerate(plate_figures(plates, camera))
     )
     return Experiment(*about, rows, image, found, time.perf_counter() - began)
 
@@ -260,14 +246,14 @@ def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:
 def _plates(
     camera: Camera, places: Sequence[tuple[float, float]], depths: Sequence[float]
 ) -> list[Plate]:
-    """Markers 0, 1, ... that face the camera, with centres at some pixels and depths."""
+    """Markers 0, 1, ... with centres at some pixels and depths."""
     return [
-        Plate(plate_pose((*_aside(camera, place, depth), depth)), marker)
+        Plate(marker, _centre(camera, place, depth))
         for marker, (place, depth) in enumerate(zip(places, depths, strict=True))
     ]
 
 
-def _aside(camera: Camera, place: tuple[float, float], depth: float) -> tuple[float, float]:
-    """Camera x and y of a pixel at some depth, metres."""
+def _centre(camera: Camera, place: tuple[float, float], depth: float) -> tuple[float, float, float]:
+    """Point at a pixel and a depth, metres."""
     u, v = place
-    return (u - camera.cx) / camera.fx * depth, (v - camera.cy) / camera.fy * depth
+    return (u - camera.cx) / camera.fx * depth, (v - camera.cy) / camera.fy * depth, depth

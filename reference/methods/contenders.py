@@ -30,12 +30,9 @@ REFERENCES = {"exact": 0.0, "polygons": 1e-7, "rational": 0.0}
 """References and the error of their areas, px^2; "exact" gives its own bounds, too."""
 
 
-def open_engine(
-    engine: Engine, mesh: Mesh, camera: Camera, supersample: int | None = None, /
-) -> Observer:
-    """Observer of a scene, with another `supersample` if one is given."""
-    scale = supersample or engine.supersample
-    return open_observer(mesh, camera, replace(engine, supersample=scale))
+def open_engine(engine: Engine, mesh: Mesh, camera: Camera, supersample: int) -> Observer:
+    """Observer of a scene with another `supersample`."""
+    return open_observer(mesh, camera, replace(engine, supersample=supersample))
 
 
 class Timed:
@@ -129,7 +126,7 @@ def open_contender(
 ) -> Iterator[Contender]:
     """Open an engine and observe one pose, so that its kernels are compiled."""
     began = time.perf_counter()
-    with open_engine(engine, mesh, camera) as observer:
+    with open_observer(mesh, camera, engine) as observer:
         observer.observe(poses[:1])
         yield Contender(engine, observer, n_worst, time.perf_counter() - began)
 

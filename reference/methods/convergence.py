@@ -12,7 +12,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,12 +67,8 @@ class Convergence:
     slope_error: float | None  # its standard error
 
 
-class Opener(Protocol):
-    """Opens the rasteriser of a candidate for another camera, with another supersample."""
-
-    def __call__(self, mesh: Mesh, camera: Camera, supersample: int | None = None, /) -> Observer:
-        """Open it."""
-        ...
+Opener = Callable[[Mesh, Camera, int], Observer]
+"""Opens the rasteriser of a candidate for another camera, with another supersample."""
 
 
 @dataclass(frozen=True, eq=False)

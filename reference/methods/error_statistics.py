@@ -4,7 +4,6 @@
 number of poses and faces.
 """
 
-import heapq
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -207,6 +206,10 @@ class PoseFigures:
         return held
 
 
+Kept = tuple[bool, float, FaceError]
+"""True for one that comes last, its weight times -1, and the face."""
+
+
 class ErrorStatistics:
     """Sums over poses for one method; the `n_worst` faces with the greatest errors are kept."""
 
@@ -216,18 +219,18 @@ class ErrorStatistics:
         self.unjudged = self.missed = self.missed_unsaid = self.false_positives = 0
         self.missed_area = self.square_pixels = self.greatest_pixels = 0.0
         self._errors = np.zeros((n_classes, N_BINS), np.int64)
-        self._counts = np.zeros((4, n_classes), np.int64)  # all, partly hidden, held, missed
-        self._sums = np.zeros((4, n_classes))  # error^2, error; partly hidden: error^2, bound
+        self._counts = np.zeros((n_classes, 4), np.int64)  # all, partly hidden, held, missed
+        self._sums = np.zeros((n_classes, 4))  # error^2, error; partly hidden: error^2, bound
         self._greatest = np.zeros(n_classes)
         self._kinds = np.zeros((len(BoundKind), 4), np.int64)  # all, held; partly hidden: all, held
         self._ratios = np.zeros((len(BoundKind), N_BINS), np.int64)
         self._greatest_ratio = np.full(len(BoundKind), -1.0)
-        self._worst: list[tuple[float, float, int, int, FaceError]] = []
-        self._missed: list[tuple[float, float, int, int, FaceError]] = []
+        self._worst: list[Kept] = []
+        self._missed: list[Kept] = []
 
     def add(self, pose: int, figures: PoseFigures, unjudged: int) -> None:
         """Add the figures of one pose, and the number of faces too small to compare."""
-        error, held = figures.error, figures.is_held()
+        error, held, kind = figures.error, figures.is_held(), figures.kind
         partly, missed = figures.is_partly_hidden(), figures.is_missed()
         self.unjudged += unjudged
         self.missed += int(missed.sum())
@@ -238,74 +241,65 @@ class ErrorStatistics:
         self.square_pixels += float((pixels**2).sum())
         self.greatest_pixels = max(self.greatest_pixels, float(pixels.max(initial=0.0)))
 
-        size = np.searchsorted(SIZES, figures.area, side="right") - 1
-        n = len(SIZES) - 1
-        bins = size * N_BINS + _bins(error)
-        self._errors += np.bincount(bins, minlength=n * N_BINS).reshape(n, N_BINS)
-        for row, mask in enumerate((np.ones_like(held), partly, held, missed)):
-            self._counts[row] += np.bincount(size[mask], minlength=n)
+        size, every = np.searchsorted(SIZES, figures.area, side="right") - 1, np.ones_like(held)
+        np.add.at(self._errors, (size, _bins(error)), 1)
+        np.add.at(self._counts, size, np.stack((every, partly, held, missed), axis=1))
         terms = (error**2, error, error**2 * partly, figures.bound * partly)
-        for row, term in enumerate(terms):
-            self._sums[row] += np.bincount(size, term, minlength=n)
+        np.add.at(self._sums, size, np.stack(terms, axis=1))
         np.maximum.at(self._greatest, size, error)
-        for kind in BoundKind:
-            of_kind = figures.kind == kind
-            masks = (of_kind, of_kind & held, of_kind & partly, of_kind & partly & held)
-            self._kinds[kind] += [int(mask.sum()) for mask in masks]
-            counted = of_kind & partly & (figures.bound > 0)
-            with np.errstate(over="ignore"):
-                ratio = error[counted] / figures.bound[counted]
-            self._ratios[kind] += np.bincount(_bins(ratio), minlength=N_BINS)
-            self._greatest_ratio[kind] = max(
-                self._greatest_ratio[kind], float(ratio.max(initial=-1.0))
-            )
+        np.add.at(self._kinds, kind, np.stack((every, held, partly, partly & held), axis=1))
+        counted = partly & (figures.bound > 0)
+        with np.errstate(over="ignore"):
+            ratio = error[counted] / figures.bound[counted]
+        np.add.at(self._ratios, (kind[counted], _bins(ratio)), 1)
+        np.maximum.at(self._greatest_ratio, kind[counted], ratio)
         # The error of a face smaller than a pixel counts by its area, and one of rounding not at
         # all. A bound of 1 claims nothing; such faces are among the missed ones.
         weight = error * np.minimum(figures.area, 1.0)
         claimed = ~held | ((figures.bound < 1) & (weight > QUOTIENT_ROUNDING))
-        self._keep(self._worst, pose, figures, held, ~held, np.where(claimed, weight, -1.0))
-        self._keep(
-            self._missed, pose, figures, held, missed, np.where(missed, figures.visible, -1.0)
-        )
+        self._worst = self._kept(self._worst, pose, figures, held, np.where(claimed, weight, -1.0))
+        seen = np.where(missed, figures.visible, -1.0)
+        self._missed = self._kept(self._missed, pose, figures, every, seen)
 
-    def _keep(
+    def _kept(
         self,
-        kept: list[tuple[float, float, int, int, FaceError]],
+        kept: list[Kept],
         pose: int,
         figures: PoseFigures,
-        held: BoolArray,
-        first: BoolArray,
+        last: BoolArray,
         weight: FloatArray,
-    ) -> None:
-        """Keep the faces of greatest weight, those of `first` before all others; none below 0."""
-        best = np.lexsort((figures.face, -weight, ~first))[: self.n_worst]
-        for at in best[weight[best] >= 0].tolist():
-            of_face = FaceError(
+    ) -> list[Kept]:
+        """The faces of greatest weight, those of `last` after all others; none below 0."""
+        best = np.lexsort((figures.face, -weight, last))[: self.n_worst]
+        held = figures.is_held()
+        found = [
+            FaceError(
                 pose=pose,
                 face=int(figures.face[at]),
                 kind=BoundKind(figures.kind[at]).name.lower(),
                 held=bool(held[at]),
                 **{name: float(getattr(figures, name)[at]) for name in FACE_FIGURES},
             )
-            entry = (float(first[at]), float(weight[at]), -pose, -of_face.face, of_face)
-            heapq.heappush(kept, entry)
-            if len(kept) > self.n_worst:
-                heapq.heappop(kept)
+            for at in best
+        ]
+        order = zip(last[best].tolist(), (-weight[best]).tolist(), found, strict=True)
+        new = [entry for entry in order if entry[1] <= 0]
+        return sorted([*kept, *new], key=lambda entry: entry[:2])[: self.n_worst]
 
     @property
     def worst(self) -> tuple[FaceError, ...]:
         """Broken bounds first, then the greatest errors among figures with a bound below 1."""
-        return tuple(entry[4] for entry in sorted(self._worst, reverse=True))
+        return tuple(face for *_, face in self._worst)
 
     @property
     def missed_faces(self) -> tuple[FaceError, ...]:
         """Missed faces with the largest visible areas."""
-        return tuple(entry[4] for entry in sorted(self._missed, reverse=True))
+        return tuple(face for *_, face in self._missed)
 
     def classes(self) -> tuple[SizeClass, ...]:
         """Size classes of `SIZES` that have a face."""
         every = range(len(SIZES) - 1)
-        return tuple(self._class(slice(i, i + 1)) for i in every if self._counts[0, i])
+        return tuple(self._class(slice(i, i + 1)) for i in every if self._counts[i, 0])
 
     def all_sizes(self) -> SizeClass:
         """All size classes as one."""
@@ -331,8 +325,8 @@ class ErrorStatistics:
         )
 
     def _class(self, rows: slice) -> SizeClass:
-        n, partly, held, missed = self._counts[:, rows].sum(axis=1).tolist()
-        square, total, square_partly, bound_partly = self._sums[:, rows].sum(axis=1).tolist()
+        n, partly, held, missed = self._counts[rows].sum(axis=0).tolist()
+        square, total, square_partly, bound_partly = self._sums[rows].sum(axis=0).tolist()
         errors = self._errors[rows].sum(axis=0)
         return SizeClass(
             low=SIZES[rows.start],

@@ -1,6 +1,6 @@
 """Coverage models of the literature behind one signature, and ours.
 
-    coverage(mesh, camera, poses, task, *, parameters) -> (P, F) float64
+    MODELS[name](mesh, camera, poses, task) -> (P, F) float64
 
 One file per row of Tables 2.1 and 3.1 of E. S. Eissa. Image Space Coverage Model. 2020, each headed
 by its equations, its paper and its caveats. A new model is a new file of this package with a
@@ -9,12 +9,11 @@ docs/appendix/models.md compares the criteria of the models.
 """
 
 from importlib import import_module
-from typing import Any
 
 from rastercov.reference.models.base import CoverageModel
 
 NAMES = ("tarabanis", "scott", "mavrinac", "alarcon", "zhang", "image_space")
-MODELS: dict[str, CoverageModel[Any]] = {
+MODELS: dict[str, CoverageModel] = {
     name: import_module(f"{__name__}.{name}").coverage for name in NAMES
 }
 """The models by name, in the order of the tables."""

@@ -1,31 +1,26 @@
-"""Common parts of the coverage models: the signature, the loop over poses, the required density.
+"""Common parts of the coverage models: the signature, the view of a pose, the required density.
 
 Every model answers (P, F) for the same `Task`, so that models can be compared. A quantity that a
 model needs and a task does not have, such as a density of pixels, is derived here from the task.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from inspect import cleandoc
-from typing import Any, Protocol, TypeVar, cast
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, check_memory
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS as LENSES
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
+from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.reference.criteria import FaceGeometry, in_focus
-
-P = TypeVar("P")
-P_contra = TypeVar("P_contra", contravariant=True)
+from rastercov.reference.criteria import FaceGeometry, in_focus, measured_geometry
+from rastercov.reference.models.line_of_sight import LineOfSight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,163 +34,144 @@ class Criteria:
     angle: str = ""
 
 
-class CoverageModel(Protocol[P_contra]):
-    """Signature of all models."""
+@dataclass(frozen=True)
+class View:
+    """A scene as one pose has it, for a model."""
 
+    mesh: Mesh
+    camera: Camera
+    task: Task
+    sight: LineOfSight
+    pose: FloatArray  # world_from_camera, (4, 4)
+    near: float  # depth of the near plane, metres
+
+    @cached_property
+    def faces(self) -> FaceGeometry:
+        """Geometry of every face."""
+        return measured_geometry(self.mesh, self.camera, self.pose)
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Vertices in camera axes, (V, 3)."""
+        return to_camera(self.mesh.vertices, self.pose)
+
+    @property
+    def in_view_and_focus(self) -> BoolArray:
+        """(F,) front faces in the image (3.7) and within the depth of field (3.10)-(3.12)."""
+        limits = self.camera.depth_of_field(self.task.max_blur)
+        focused: BoolArray = in_focus(self.faces.depth, limits, self.task.focus_rule)
+        return self.faces.is_front & self.faces.in_view & focused
+
+    @property
+    def normals(self) -> FloatArray:
+        """Normals in camera axes, (F, 3); for two-sided groups that of the side that is seen."""
+        mesh = self.mesh
+        ray = self.pose[:3, 3] - mesh.centroids
+        is_back = mesh.two_sided_mask & (np.einsum("fi,fi->f", mesh.normals, ray) < 0)
+        return np.where(is_back, -1.0, 1.0)[:, None] * (mesh.normals @ self.pose[:3, :3])
+
+    def hidden(self, wanted: BoolArray) -> BoolArray:
+        """(F, 3) corners at hidden vertices; only those of wanted corners, (F,) or (F, 3)."""
+        vertices = np.unique(self.mesh.faces[wanted])
+        hidden = np.zeros(self.mesh.n_vertices, dtype=bool)
+        hidden[vertices] = self.hidden_points(self.mesh.vertices[vertices])
+        return hidden[self.mesh.faces]
+
+    def hidden_points(self, points: FloatArray) -> BoolArray:
+        """(N,) world points, (N, 3), with a face between them and the camera centre."""
+        return self.sight.hidden(points, self.pose, self.near, self.camera)
+
+    def share(self, density: FloatArray) -> FloatArray:
+        """min(1, density / required); 1 where nothing is required."""
+        required = required_density(self.mesh, self.task)
+        share = np.divide(density, required, out=np.ones_like(density), where=required > 0)
+        return np.minimum(share, 1.0)
+
+
+@dataclass(frozen=True)
+class CoverageModel:
+    """Coverage of each face in each pose by a function of one view."""
+
+    name: str
+    strength: Callable[[View], FloatArray]
     criteria: Criteria
     pinhole_because: str
     """Reason why it wants pinholes, or ""."""
 
     def __call__(
-        self,
-        mesh: Mesh,
-        camera: Camera,
-        poses: ArrayLike,
-        task: Task | None = None,
-        *,
-        parameters: P_contra = ...,
+        self, mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task | None = None
     ) -> FloatArray:
-        """Coverage of each face in each pose, (P, F)."""
-        ...
+        """Coverage of each face in each pose, (P, F).
+
+        Parameters
+        ----------
+        mesh, camera
+            What is seen, by what.
+        poses : (P, 4, 4) array_like
+            world_from_camera.
+        task : Task, optional
+            Thresholds; `Task()` unless given.
+
+        Raises
+        ------
+        CameraError
+            For a lens where the model wants a pinhole.
+        PoseError
+            For a pose that is no rigid motion.
+        ResourceError
+            Where the result takes more memory than is free.
+        """
+        if self.pinhole_because and isinstance(camera, Camera):
+            camera.check_pinhole(
+                f"the model {self.name} wants a pinhole, because {self.pinhole_because}",
+                "take image_space, scott or mavrinac",
+            )
+        return each_view(mesh, camera, poses, task or Task(), self.strength)
 
 
 def coverage_model(
-    defaults: P, criteria: Criteria | None = None, *, pinhole_because: str = ""
-) -> Callable[[Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray]], CoverageModel[P]]:
-    """Decorator that gives `answers(mesh, camera, poses, task, parameters)` the public signature.
+    criteria: Criteria, *, pinhole_because: str = ""
+) -> Callable[[Callable[[View], FloatArray]], CoverageModel]:
+    """Decorator that makes a model, named after its module, of its strength in a view, (F,)."""
 
-    Parameters
-    ----------
-    defaults : dataclass
-        Parameters of the model unless a call gives others.
-    criteria : Criteria, optional
-        For the table of a comparison.
-    pinhole_because : str
-        Reason why the model wants pinholes; any lens is taken without one.
-    """
-
-    def decorate(
-        answers: Callable[[Mesh, Camera, ArrayLike, Task, P], FloatArray],
-    ) -> CoverageModel[P]:
-        def coverage(
-            mesh: Mesh,
-            camera: Camera,
-            poses: ArrayLike,
-            task: Task | None = None,
-            *,
-            parameters: P = defaults,
-        ) -> FloatArray:
-            if pinhole_because and isinstance(camera, Camera):
-                name = answers.__module__.rpartition(".")[2]
-                camera.check_pinhole(
-                    f"the model {name} wants a pinhole, because {pinhole_because}",
-                    "take image_space, scott or mavrinac",
-                )
-            return answers(mesh, camera, poses, task or Task(), parameters)
-
-        coverage.__doc__ = f"""{cleandoc(answers.__doc__ or "")}
-
-Parameters
-----------
-mesh : Mesh
-camera : Camera
-poses : (P, 4, 4) array_like
-    world_from_camera.
-task : Task, optional
-    Thresholds; `Task()` unless given.
-parameters : {type(defaults).__name__}
-    Quantities that a task does not have.
-
-Raises
-------
-PoseError
-    For a pose that is no rigid motion.
-ResourceError
-    Where the result takes more memory than is free.
-"""
-        for name in ("__module__", "__name__", "__qualname__"):
-            setattr(coverage, name, getattr(answers, name))
-        model = cast("CoverageModel[P]", coverage)
-        model.criteria = criteria or Criteria()
-        model.pinhole_because = pinhole_because
-        return model
+    def decorate(strength: Callable[[View], FloatArray]) -> CoverageModel:
+        name = strength.__module__.rpartition(".")[2]
+        return CoverageModel(name, strength, criteria, pinhole_because)
 
     return decorate
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResolutionParameters:
-    """Parameters of a model that divides a pixel density by a required one.
-
-    Parameters
-    ----------
-    required_density : float, optional
-        R_req, pixels a metre; by `required_density` from the task unless given.
-    """
-
-    required_density: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.required_density is not None:
-            words = "0 or more pixels a metre, or None for the task's"
-            check_number("required_density", self.required_density, 0.0, 1e300, words)
-
-
-def each_pose(
+def each_view(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    strength: Callable[[FloatArray, float], FloatArray],
-    shape: tuple[int, ...] = (),
+    task: Task,
+    strength: Callable[[View], FloatArray],
 ) -> FloatArray:
-    """`strength(pose, near)` of every pose, (P, F) or (P, *shape); near: depth of the near plane.
-
-    Raises
-    ------
-    PoseError
-        For a pose that is no rigid motion.
-    ResourceError
-        Where the array takes more memory than is free, before any is allocated.
-    """
+    """`strength` of the view of every pose, (P, F)."""
     matrices = valid_poses(poses)
-    of_pose = shape or (mesh.n_faces,)
     check_memory(
         f"answers of {len(matrices):,} poses x {mesh.n_faces:,} faces",
-        8 * len(matrices) * math.prod(of_pose),
+        8 * len(matrices) * mesh.n_faces,
         "take fewer poses at a time",
     )
     near = near_limit(camera, mesh.opaque.bounds, matrices)
-    found = np.empty((len(matrices), *of_pose))
+    sight = LineOfSight(mesh)
+    found = np.empty((len(matrices), mesh.n_faces))
     for row, pose in enumerate(matrices):  # a few milliseconds for 10k faces
-        found[row] = strength(pose, float(near[row]))
+        found[row] = strength(View(mesh, camera, task, sight, pose, float(near[row])))
     return found
 
 
-def required_density(mesh: Mesh, task: Task, density: float | None = None) -> FloatArray:
+def required_density(mesh: Mesh, task: Task) -> FloatArray:
     """Pixels a metre that give a face resolution 1, (F,); inf for faces without area.
 
     The density at which a face seen head-on gets the R_min pixels of (3.8), sqrt(R_min / area), and
-    at least `Task.min_pixel_density`; or the given `density` for all faces.
+    at least `Task.min_pixel_density`.
     """
-    if density is not None:
-        return np.full(mesh.n_faces, density)
-    areas = np.asarray(mesh.areas)
     with np.errstate(divide="ignore"):
-        needed: FloatArray = np.sqrt(task.min_pixels / areas)
+        needed: FloatArray = np.sqrt(task.min_pixels / np.asarray(mesh.areas))
     return np.maximum(needed, task.min_pixel_density)
-
-
-def share_of(density: FloatArray, required: FloatArray) -> FloatArray:
-    """min(1, density / required); 1 where nothing is required."""
-    share = np.divide(density, required, out=np.ones_like(density), where=required > 0)
-    return np.minimum(share, 1.0)
-
-
-def in_view_and_focus(camera: Camera, task: Task, view: FaceGeometry) -> BoolArray:
-    """(F,) front faces in the image (3.7) and within the depth of field (3.10)-(3.12)."""
-    limits = camera.depth_of_field(task.max_blur)
-    focused: BoolArray = in_focus(view.depth, limits, task.focus_rule)
-    return view.is_front & view.in_view & focused
 
 
 def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
@@ -209,15 +185,8 @@ def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
         return np.where(z > 0, min(camera.fx, camera.fy) / np.where(z > 0, z, 1.0), 0.0)
     from rastercov.camera.lenses.of_camera import lens_of
 
-    slopes = lens_of(camera).jacobian(points)
-    across, down = np.moveaxis(np.nan_to_num(slopes), -2, 0)
-    a, b, c = (
-        np.einsum("...i,...i->...", *pair)
-        for pair in ((across, across), (down, down), (across, down))
-    )
-    greatest = np.sqrt((a + b + np.hypot(a - b, 2 * c)) / 2)
-    product = np.linalg.norm(np.cross(across, down), axis=-1)  # of both singular values
-    return np.divide(product, greatest, out=np.zeros_like(a), where=greatest > 0)
+    slopes = np.nan_to_num(lens_of(camera).jacobian(points))
+    return np.asarray(np.linalg.svd(slopes, compute_uv=False)[..., 1], np.float64)
 
 
 def focus_depth(points: FloatArray, camera: Camera) -> FloatArray:
@@ -228,13 +197,6 @@ def focus_depth(points: FloatArray, camera: Camera) -> FloatArray:
     if LENSES[camera.model].is_planar:
         return points[..., 2]
     return np.linalg.norm(points, axis=-1)
-
-
-def seen_normals(mesh: Mesh, pose: FloatArray) -> FloatArray:
-    """Normals in camera axes, (F, 3); for two-sided groups the normal of the side that is seen."""
-    ray = pose[:3, 3] - mesh.centroids
-    is_back = mesh.two_sided_mask & (np.einsum("fi,fi->f", mesh.normals, ray) < 0)
-    return np.where(is_back, -1.0, 1.0)[:, None] * (mesh.normals @ pose[:3, :3])
 
 
 def ramp(value: FloatArray, acceptable: ArrayLike, ideal: ArrayLike) -> FloatArray:
@@ -248,10 +210,3 @@ def ramp(value: FloatArray, acceptable: ArrayLike, ideal: ArrayLike) -> FloatArr
     # Between a finite ideal value and no limit at all the line is flat.
     between = np.where(np.isinf(limit) & (limit > 0), 1.0, between)
     return np.where(value <= best, 1.0, np.where(value >= limit, 0.0, between))
-
-
-def check_number(name: str, value: Any, low: float, high: float, words: str) -> None:
-    """Raise `ConfigError` unless the value is a number from `low` to `high`, as `words` say."""
-    is_number = isinstance(value, int | float | np.integer | np.floating)
-    if isinstance(value, bool) or not is_number or not low <= value <= high or math.isnan(value):
-        raise ConfigError(f"{name} must be {words}, got {shown(value)}")

@@ -8,7 +8,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one mo
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from heapq import nlargest
 from itertools import product
@@ -61,10 +61,10 @@ class Disagreement:
     covers: str
     does_not: str
     faces: int
-    mean_visibility: float
     hidden: int
     partly: int
     whole: int
+    mean_visibility: float
     image_pixels: float  # area of their images, px^2
     visible_pixels: float  # of the visible parts, px^2
 
@@ -79,9 +79,9 @@ class Bivalence:
     faces: int
     partly_hidden: int  # with a visible and a hidden part
     called_hidden: int  # called hidden although a part is visible
+    called_seen: int  # called seen although a part is hidden
     called_hidden_visibility: float  # mean visible fraction of these
     called_hidden_pixels: float  # their visible area, px^2
-    called_seen: int  # called seen although a part is hidden
     called_seen_visibility: float  # mean visible fraction of these
     called_seen_pixels: float  # their hidden area, px^2
 
@@ -212,11 +212,12 @@ class _Statistics:
         self.mesh, self.task, self.names = mesh, task, names
         self.seconds = dict.fromkeys((*names, OURS), 0.0)
         n = len(names)
-        # Covered, above 0, between 0 and 1, sum; visible px^2 and px^2 of covered faces.
-        self._of_model = np.zeros((n, 6))
-        # Faces, sum of visibility, hidden, partly, whole, px^2, visible px^2.
+        self._of_model = np.zeros((n, 3))  # above 0, between 0 and 1, coverage
+        # Of covered faces: how many, hidden, partly, whole; visibility, px^2, visible px^2.
+        self._covered = np.zeros((n, 7))
         self._of_pair = np.zeros((n, n, 7))
-        self._bivalent = np.zeros(8)
+        # Counted, partly; called hidden, called seen: how many, visible fraction, px^2.
+        self._judged, self._called = np.zeros(2), np.zeros((2, 3))
         self._misjudged: list[float] = []
         self._worst: list[tuple[float, FaceValues]] = []
 
@@ -225,46 +226,34 @@ class _Statistics:
         chosen = np.flatnonzero(self.mesh.task_mask)
         visibility = batch.visibility[row, chosen]
         image = batch.drawn_pixels[row, chosen]
-        seen = visibility * image
-        partly = (visibility > 0) & (visibility < 1)
-        whole = visibility >= 1
-        stack = np.stack([values[name][chosen] for name in self.names])
-        enough = covers(stack, self.task)
-        for model, (value, yes) in enumerate(zip(stack, enough, strict=True)):
-            above = value > 0
-            terms = (yes, above, above & (value < 1), value, seen[yes], image[yes])
-            self._of_model[model] += [term.sum() for term in terms]
-            for other in range(len(self.names)):
-                only = yes & ~enough[other]
-                hidden = only & ~partly & ~whole
-                counts = (only, visibility[only], hidden, only & partly, only & whole)
-                areas = (image[only], seen[only])
-                self._of_pair[model, other] += [term.sum() for term in (*counts, *areas)]
+        hidden, whole = visibility <= 0, visibility >= 1
+        kinds = (hidden | True, hidden, ~hidden & ~whole, whole)
+        terms = np.stack([*kinds, visibility, image, visibility * image], axis=1)
+        coverage = np.stack([values[name][chosen] for name in self.names])
+        above, enough = coverage > 0, covers(coverage, self.task)
+        of_face = np.stack((above, above & (coverage < 1), coverage), axis=2)
+        self._of_model += of_face.sum(axis=1)
+        self._covered += enough @ terms
+        self._of_pair += (enough[:, None] & ~enough) @ terms
         self._add_bivalent(batch, row, values, bivalent)
 
     def _add_bivalent(self, batch: Coverage, row: int, values: Values, bivalent: BoolArray) -> None:
         """Compare the bivalent test of one pose with the visible fractions."""
-        counted = self.mesh.task_mask & batch.in_view[row] & (batch.drawn_pixels[row] > 0)
+        image = batch.drawn_pixels[row]
+        counted = self.mesh.task_mask & batch.in_view[row] & (image > 0)
         counted &= batch.reason[row] > Reason.BACK_FACING
         visibility, bound = batch.visibility[row], batch.visibility_bound[row]
-        image = batch.drawn_pixels[row]
         # A computed fraction that is 0 or 1 to rounding counts as 0 or 1.
-        some = visibility > bound
-        all_of_it = visibility >= 1 - bound
-        called_hidden = counted & ~bivalent & some
-        called_seen = counted & bivalent & ~all_of_it
-        seen_part, hidden_part = visibility * image, (1 - visibility) * image
-        terms = (
-            *(counted, counted & some & ~all_of_it),
-            *(called_hidden, visibility[called_hidden], seen_part[called_hidden]),
-            *(called_seen, visibility[called_seen], hidden_part[called_seen]),
-        )
-        self._bivalent += [term.sum() for term in terms]
+        some, is_whole = visibility > bound, visibility >= 1 - bound
         off = np.where(counted, np.abs(bivalent - visibility) * image, 0.0)
+        wrong = counted & np.where(bivalent, ~is_whole, some)
+        self._judged += (counted.sum(), (counted & some & ~is_whole).sum())
+        terms = np.stack((np.ones(len(off)), visibility, off), axis=1)
+        self._called += np.stack((wrong & ~bivalent, wrong & bivalent)) @ terms
         pose = len(self._misjudged)
         self._misjudged.append(float(off.sum()))
         for face in np.argsort(-off, kind="stable")[:FACES_KEPT].tolist():
-            if called_hidden[face] or called_seen[face]:
+            if wrong[face]:
                 of_face = FaceValues(
                     pose=pose,
                     face=face,
@@ -282,53 +271,19 @@ class _Statistics:
         """Result of all poses."""
         n_poses = len(self._misjudged)
         n_faces = int(self.mesh.task_mask.sum())
-        pairs = max(1, n_poses * n_faces)
-        scores = []
-        for name, sums in zip(self.names, self._of_model.tolist(), strict=True):
-            covered, above, between, total, seen, image = sums
-            scores.append(
-                ModelScore(
-                    name=name,
-                    covered=int(covered),
-                    covered_percent=100 * covered / pairs,
-                    graded_percent=100 * between / max(1, above),
-                    mean=total / pairs,
-                    seen_percent=100 * _ratio(seen, image),
-                    seconds_per_pose=self.seconds[name] / n_poses,
-                )
-            )
-        disagreements = []
-        pairs_of_models = product(self.names, repeat=2)
-        for (a, b), sums in zip(
-            pairs_of_models, self._of_pair.reshape(-1, 7).tolist(), strict=True
-        ):
-            count, visibility, hidden, partly, whole, image, seen = sums
-            if count:
-                disagreements.append(
-                    Disagreement(
-                        covers=a,
-                        does_not=b,
-                        faces=int(count),
-                        mean_visibility=visibility / count,
-                        hidden=int(hidden),
-                        partly=int(partly),
-                        whole=int(whole),
-                        image_pixels=image,
-                        visible_pixels=seen,
-                    )
-                )
-        faces, partly, hidden, of_hidden, lost, seen, of_seen, gained = self._bivalent.tolist()
+        (n_hidden, of_hidden, lost), (n_seen, of_seen, gained) = self._called.tolist()
+        faces, partly = map(int, self._judged.tolist())
         return ModelComparison(
-            models=tuple(scores),
-            disagreements=tuple(disagreements),
+            models=tuple(map(self._score, range(len(self.names)))),
+            disagreements=tuple(self._disagreements()),
             bivalence=Bivalence(
-                faces=int(faces),
-                partly_hidden=int(partly),
-                called_hidden=int(hidden),
-                called_hidden_visibility=_ratio(of_hidden, hidden),
+                faces=faces,
+                partly_hidden=partly,
+                called_hidden=int(n_hidden),
+                called_seen=int(n_seen),
+                called_hidden_visibility=_ratio(of_hidden, n_hidden),
                 called_hidden_pixels=lost,
-                called_seen=int(seen),
-                called_seen_visibility=_ratio(of_seen, seen),
+                called_seen_visibility=_ratio(of_seen, n_seen),
                 called_seen_pixels=gained,
             ),
             worst=tuple(of_face for _, of_face in self._worst),
@@ -337,6 +292,30 @@ class _Statistics:
             task_faces=n_faces,
             run=run | {"task": asdict(self.task)},
         )
+
+    def _score(self, model: int) -> ModelScore:
+        n_poses = len(self._misjudged)
+        pairs = max(1, n_poses * int(self.mesh.task_mask.sum()))
+        above, between, total = self._of_model[model].tolist()
+        covered, *_, image, seen = self._covered[model].tolist()
+        return ModelScore(
+            name=self.names[model],
+            covered=int(covered),
+            covered_percent=100 * covered / pairs,
+            graded_percent=100 * between / max(1, above),
+            mean=total / pairs,
+            seen_percent=100 * _ratio(seen, image),
+            seconds_per_pose=self.seconds[self.names[model]] / n_poses,
+        )
+
+    def _disagreements(self) -> Iterator[Disagreement]:
+        pairs = product(self.names, repeat=2)
+        for (a, b), sums in zip(pairs, self._of_pair.reshape(-1, 7).tolist(), strict=True):
+            faces, hidden, partly, whole = map(int, sums[:4])
+            visibility, image, seen = sums[4:]
+            if faces:
+                mean = visibility / faces
+                yield Disagreement(a, b, faces, hidden, partly, whole, mean, image, seen)
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -16,54 +16,24 @@ Caveats
 - With `Task(cap_resolution=False)`, as `Task.thesis()` has it, coverage can exceed 1.
 """
 
-from dataclasses import dataclass
-
-from numpy.typing import ArrayLike
-
-from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.coverage.engine import METHODS
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.reference.models.base import Criteria, coverage_model
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImageSpaceParameters:
-    """Method of the model.
-
-    Parameters
-    ----------
-    method : {"certified", "exact", "sampled"}
-        Method that measures visibility, see `open_observer`.
-    """
-
-    method: str = "certified"
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise ConfigError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
+from rastercov.reference.models.base import Criteria, View, coverage_model
 
 
 @coverage_model(
-    ImageSpaceParameters(),
     Criteria(
         field_of_view="yes",
         resolution="pixels",
         focus="yes",
         occlusion="graded area",
         angle="limit",
-    ),
+    )
 )
-def coverage(
-    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ImageSpaceParameters
-) -> FloatArray:
-    """Coverage of each face in each pose, (P, F), in [0, 1] where resolution is capped.
+def coverage(view: View) -> FloatArray:
+    """Coverage of each face, (F,), in [0, 1] where resolution is capped; method certified.
 
     Depends on all of the task.
     """
-    method = parameters.method
-    found = evaluate(mesh, camera, poses, task, by="face", method=method, fields=("coverage",))
-    return found.coverage
+    scene = view.mesh, view.camera, view.pose
+    return evaluate(*scene, view.task, by="face", fields=("coverage",)).coverage[0]

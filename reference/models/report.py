@@ -7,8 +7,7 @@ models_*.png      coverage of that pose by every model
 
 They replace an earlier comparison together, when all are whole. White is covered and black is not,
 as in figures 4.2 to 4.6 of E. S. Eissa. Image Space Coverage Model. 2020; a third picture shows the
-difference of bivalent and graded occlusion in two hues, and the region where they differ most is
-enlarged.
+difference of bivalent and graded occlusion in two hues.
 """
 
 import re
@@ -18,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 from rich.table import Table
 
 from rastercov.base.format import number, plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import image_boxes, to_camera, to_image
+from rastercov.camera.projection import image_boxes
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -56,8 +55,6 @@ MODEL_COMPARISON = ReportKind(
 )
 MISSED, FALSELY_SEEN = (232, 92, 16), (24, 88, 214)
 """Visible but called hidden by the bivalent test, and hidden but called visible."""
-ENLARGED = (240, 190, 0)
-"""Frame around the enlarged part of a picture."""
 OF_TARGETS = 0.4
 """Strength of colours on targets, relative to surfaces."""
 POSES_DRAWN = 3
@@ -82,8 +79,6 @@ MAX_ASPECT = 1.0
 """Largest height of a picture, relative to its width."""
 MARGIN = 0.03
 """Margin around the part, relative to its size in the image."""
-DETAIL = 0.28
-"""Side of the enlarged region, relative to the picture."""
 MIN_DIFFERENCE = 0.01
 """Difference below which a face keeps its grey."""
 
@@ -127,8 +122,6 @@ def _draw(
     task = task or Task()
     graded = evaluate(mesh, camera, pose, fields=["visibility"], by="face").visibility[0]
     bivalent = zhang.visible(mesh, camera, pose[None])[0]
-    whole = look_at_part(mesh, camera, pose)
-    closer = look_closer(mesh, camera, pose, np.abs(graded - bivalent))
     values = {
         score.name: MODELS[score.name](mesh, camera, pose[None], task)[0]
         for score in comparison.models
@@ -138,9 +131,10 @@ def _draw(
         f"{name}: covers {100 * (covers(of_model, task) & mesh.task_mask).sum() / n_faces:.1f} %"
         for name, of_model in values.items()
     ]
+    small = look_at_part(mesh, camera, pose, SMALL)
     return {
-        "occlusion": occlusion_sheet(whole, closer, bivalent, graded),
-        "models": models_sheet(look_at_part(mesh, camera, pose, SMALL), values, captions),
+        "occlusion": occlusion_sheet(look_at_part(mesh, camera, pose), bivalent, graded),
+        "models": _sheet([coverage_picture(small, each) for each in values.values()], captions),
     }
 
 
@@ -266,27 +260,22 @@ def score_table(comparison: ModelComparison) -> Table:
 
 
 def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Scene:
-    """The part of the image that holds the mesh, `width` pixels wide."""
-    return _look(mesh, camera, pose, _box_of(mesh, camera, pose), width)
-
-
-def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArray) -> Scene:
-    """The region of the image with the largest sum of weights (F,), enlarged."""
-    whole = _box_of(mesh, camera, pose)
-    look = _look(mesh, camera, pose, whole, WIDTH)
-    height, width = look.face.shape
-    weight = np.append(weights, 0.0)[look.face]
-    side = max(8, round(DETAIL * width)), max(8, round(DETAIL * height))
-    total = np.zeros((height + 1, width + 1))
-    total[1:, 1:] = weight.cumsum(axis=0).cumsum(axis=1)
-    across, down = min(side[0], width), min(side[1], height)
-    sums = total[down:, across:] - total[:-down, across:] - total[down:, :-across]
-    sums = sums + total[:-down, :-across]
-    top, left = np.unravel_index(int(sums.argmax()), sums.shape)
-    zoom = (whole[2] - whole[0]) / width
-    corner = whole[0] + float(left) * zoom, whole[1] + float(top) * zoom
-    box = (*corner, corner[0] + across * zoom, corner[1] + down * zoom)
-    return _look(mesh, camera, pose, box, WIDTH)
+    """The part of the image that holds the mesh, `width` wide or `MAX_ASPECT * width` high."""
+    left, top, right, bottom = _box_of(mesh, camera, pose)
+    across, down = right - left, bottom - top
+    scale = min(width / across, MAX_ASPECT * width / down)
+    cut = replace(
+        camera,
+        width=max(1, round(across * scale)),
+        height=max(1, round(down * scale)),
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=(camera.cx - left) * scale,
+        cy=(camera.cy - top) * scale,
+        skew=camera.skew * scale,
+    )
+    with open_rasterizer(mesh, cut, "cpu") as rasterizer:
+        return seen(mesh, cut, pose, rasterizer.render(pose))
 
 
 def coverage_picture(scene: Scene, values: ArrayLike, title: str = "") -> Image.Image:
@@ -327,26 +316,12 @@ def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
     return paint(scene, colours)
 
 
-def occlusion_sheet(
-    whole: Scene, closer: Scene, bivalent: FloatArray, graded: FloatArray
-) -> Image.Image:
-    """Bivalent occlusion, graded occlusion and their difference, a row for each look.
-
-    Parameters
-    ----------
-    whole, closer : Scene
-        All of one pose, and a region of it.
-    bivalent, graded : (F,) float64
-        Visible fraction of each face.
-    """
-    pictures, captions = [], []
-    for look, more in zip((whole, closer), ("", ", enlarged"), strict=True):
-        three = [coverage_picture(look, values) for values in (bivalent, graded)]
-        three.append(difference_picture(look, bivalent, graded))
-        pictures += three if more else [_with_frame(each, whole, closer) for each in three]
-        names = ("(a) bivalent occlusion", "(b) graded occlusion", "(c) where they differ")
-        captions += [f"{name}{more}" for name in names]
-    return _sheet(pictures, captions)
+def occlusion_sheet(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+    """Bivalent occlusion, graded occlusion and their difference, of visible fractions, (F,)."""
+    three = [coverage_picture(look, values) for values in (bivalent, graded)]
+    three.append(difference_picture(look, bivalent, graded))
+    names = ("bivalent occlusion", "graded occlusion", "where they differ")
+    return _sheet(three, [f"({letter}) {name}" for letter, name in zip("abc", names, strict=True)])
 
 
 def difference_picture(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
@@ -371,39 +346,14 @@ def difference_picture(look: Scene, bivalent: FloatArray, graded: FloatArray) ->
     return framed(pixels.astype(np.uint8), "", keys)
 
 
-def models_sheet(
-    look: Scene, values: dict[str, FloatArray], captions: Sequence[str]
-) -> Image.Image:
-    """Coverage by every model, side by side."""
-    pictures = [coverage_picture(look, of_model) for of_model in values.values()]
-    return _sheet(pictures, captions)
-
-
 def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Image:
     """Pictures in rows of three, at their own size."""
     return contact_sheet(pictures, captions, 3, max(picture.width for picture in pictures))
 
 
-def _with_frame(picture: Image.Image, look: Scene, closer: Scene) -> Image.Image:
-    """Picture of a look with a frame around the region that another look enlarges."""
-    if picture.width != look.camera.width:  # a narrow one, which `framed` has enlarged
-        return picture
-    zoom = look.camera.fx / closer.camera.fx
-    left = look.camera.cx - closer.camera.cx * zoom
-    top = look.camera.cy - closer.camera.cy * zoom
-    box = (left, top, left + closer.camera.width * zoom, top + closer.camera.height * zoom)
-    ImageDraw.Draw(picture).rectangle(box, outline=ENLARGED, width=3)
-    return picture
-
-
 def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
     """Bounding box of the mesh in the image with a margin; the image where there is none."""
     left, top, right, bottom = image_boxes(mesh.vertices, camera, pose[None])[0].tolist()
-    if not camera.is_pinhole:
-        pixels = to_image(to_camera(mesh.vertices, pose), camera)
-        pixels = pixels[np.isfinite(pixels).all(axis=1)].clip(0, (camera.width, camera.height))
-        if len(pixels):
-            (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     if right <= left or bottom <= top:
         return 0.0, 0.0, float(camera.width), float(camera.height)
     margin = MARGIN * (right - left)
@@ -413,24 +363,6 @@ def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
         min(float(camera.width), right + margin),
         min(float(camera.height), bottom + margin),
     )
-
-
-def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) -> Scene:
-    """Draw a part of the image, `width` pixels wide or `MAX_ASPECT * width` high."""
-    across, down = box[2] - box[0], box[3] - box[1]
-    scale = min(width / across, MAX_ASPECT * width / down)
-    cut = replace(
-        camera,
-        width=max(1, round(across * scale)),
-        height=max(1, round(down * scale)),
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=(camera.cx - box[0]) * scale,
-        cy=(camera.cy - box[1]) * scale,
-        skew=camera.skew * scale,
-    )
-    with open_rasterizer(mesh, cut, "cpu") as rasterizer:
-        return seen(mesh, cut, pose, rasterizer.render(pose))
 
 
 def _swatch(colour: tuple[int, int, int]) -> NDArray[np.uint8]:

@@ -24,53 +24,22 @@ Caveats
   the exact one differs (`criteria.face_geometry` has it).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.reference.criteria import measured_geometry as face_geometry
-from rastercov.reference.models.base import (
-    Criteria,
-    ResolutionParameters,
-    coverage_model,
-    each_pose,
-    facing_density,
-    in_view_and_focus,
-    required_density,
-    share_of,
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScottParameters(ResolutionParameters):
-    """R_req of the model, applied to the worst direction on a face."""
+from rastercov.reference.models.base import Criteria, View, coverage_model, facing_density
 
 
 @coverage_model(
-    ScottParameters(),
-    Criteria(field_of_view="yes", resolution="centroid", focus="yes", angle="in resolution"),
+    Criteria(field_of_view="yes", resolution="centroid", focus="yes", angle="in resolution")
 )
-def coverage(
-    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ScottParameters
-) -> FloatArray:
-    """Coverage of each face in each pose, (P, F) in [0, 1].
+def coverage(view: View) -> FloatArray:
+    """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `focus_rule` of the task.
     """
-    required = required_density(mesh, task, parameters.required_density)
-
-    def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = face_geometry(mesh, camera, pose)
-        seen = in_view_and_focus(camera, task, view)
-        # A face of a two-sided group may be seen from either side.
-        cosine = np.abs(np.cos(view.incidence))
-        density = cosine * facing_density(to_camera(mesh.centroids, pose), camera)
-        return np.where(seen, share_of(density, required), 0.0)
-
-    return each_pose(mesh, camera, poses, strength)
+    # A face of a two-sided group may be seen from either side.
+    cosine = np.abs(np.cos(view.faces.incidence))
+    density = cosine * facing_density(to_camera(view.mesh.centroids, view.pose), view.camera)
+    return np.where(view.in_view_and_focus, view.share(density), 0.0)

@@ -25,61 +25,33 @@ Caveats
 - A face seen from behind is not covered. This is our addition; the tables mark no such criterion.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.reference.criteria import measured_geometry as face_geometry
-from rastercov.reference.models.base import (
-    Criteria,
-    ResolutionParameters,
-    coverage_model,
-    each_pose,
-    required_density,
-    share_of,
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TarabanisParameters(ResolutionParameters):
-    """R_req of the model, applied to the worst edge of a face."""
+from rastercov.camera.projection import to_image
+from rastercov.reference.models.base import Criteria, View, coverage_model
 
 
 @coverage_model(
-    TarabanisParameters(),
     Criteria(field_of_view="smaller angle", resolution="edges"),
     pinhole_because="its edges are straight in the image",
 )
-def coverage(
-    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: TarabanisParameters
-) -> FloatArray:
-    """Coverage of each face in each pose, (P, F) in [0, 1].
+def coverage(view: View) -> FloatArray:
+    """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels` and `min_pixel_density` of the task.
     """
-    required = required_density(mesh, task, parameters.required_density)
+    camera, points, faces = view.camera, view.points, view.mesh.faces
     slope = min(
         min(camera.cx, camera.width - camera.cx) / camera.fx,
         min(camera.cy, camera.height - camera.cy) / camera.fy,
     )
-
-    def strength(pose: FloatArray, near: float) -> FloatArray:
-        points = to_camera(mesh.vertices, pose)
-        within = np.abs(points[:, :2]).max(axis=1) <= slope * points[:, 2]
-        within &= points[:, 2] >= near
-        seen = face_geometry(mesh, camera, pose).is_front & within[mesh.faces].all(axis=1)
-        safe = np.where((points[:, 2] >= near)[:, None], points, (0.0, 0.0, 1.0))
-        image = to_image(safe, camera)[mesh.faces]
-        corners = points[mesh.faces]
-        length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        pixels = np.linalg.norm(np.roll(image, -1, axis=1) - image, axis=2)
-        density = np.divide(pixels, length, out=np.zeros_like(pixels), where=length > 0)
-        return np.where(seen, share_of(density.min(axis=1), required), 0.0)
-
-    return each_pose(mesh, camera, poses, strength)
+    ahead = points[:, 2] >= view.near
+    within = ahead & (np.abs(points[:, :2]).max(axis=1) <= slope * points[:, 2])
+    seen = view.faces.is_front & within[faces].all(axis=1)
+    image = to_image(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)), camera)[faces]
+    corners = points[faces]
+    length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    pixels = np.linalg.norm(np.roll(image, -1, axis=1) - image, axis=2)
+    density = np.divide(pixels, length, out=np.zeros_like(pixels), where=length > 0)
+    return np.where(seen, view.share(density.min(axis=1)), 0.0)

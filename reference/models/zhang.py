@@ -32,50 +32,18 @@ Caveats
 - There is no separate limit on the angle: `Task.max_incidence_deg` has no effect.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.reference.criteria import FaceGeometry, depth_from_near
-from rastercov.reference.criteria import measured_geometry as face_geometry
-from rastercov.reference.models.base import (
-    Criteria,
-    ResolutionParameters,
-    coverage_model,
-    each_pose,
-    in_view_and_focus,
-    required_density,
-    seen_normals,
-    share_of,
-)
-from rastercov.reference.models.line_of_sight import LineOfSight, check_tracer
-
-
-@dataclass(frozen=True, kw_only=True)
-class ZhangParameters(ResolutionParameters):
-    """R_req of the model, and the tracer of its segments.
-
-    Parameters
-    ----------
-    tracer : {"auto", "embree", "own"}
-        Implementation that traces the segments, see `LineOfSight`.
-    """
-
-    tracer: str = "auto"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_tracer(self.tracer)
+from rastercov.reference.criteria import depth_from_near
+from rastercov.reference.models.base import Criteria, View, coverage_model, each_view
 
 
 @coverage_model(
-    ZhangParameters(),
     Criteria(
         field_of_view="yes",
         resolution="graded",
@@ -85,63 +53,34 @@ class ZhangParameters(ResolutionParameters):
     ),
     pinhole_because="its resolution is that of a plane across the optical axis",
 )
-def coverage(
-    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: ZhangParameters
-) -> FloatArray:
-    """Coverage of each face in each pose, (P, F) in [0, 1].
+def coverage(view: View) -> FloatArray:
+    """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `focus_rule` of the task.
     """
-    required = required_density(mesh, task, parameters.required_density)
-    tracer = LineOfSight(mesh, parameters.tracer)
-
-    def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = face_geometry(mesh, camera, pose)
-        graded = share_of(_resolution(mesh, camera, pose, view), required)
-        seen = in_view_and_focus(camera, task, view)
-        return graded * _unhidden(mesh, tracer, camera, pose, near, seen)
-
-    return each_pose(mesh, camera, poses, strength)
+    # 0 for faces turned away from the optical axis.
+    cosine = np.maximum(-view.normals[:, 2], 0.0)
+    depth = view.faces.depth
+    ahead: BoolArray = np.all(depth > 0, axis=1)
+    nearness = (1.0 / np.where(ahead[:, None], depth, np.inf)).mean(axis=1)
+    density = min(view.camera.fx, view.camera.fy) * cosine * nearness
+    return view.share(density) * _unhidden(view, view.in_view_and_focus)
 
 
-def visible(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    *,
-    parameters: ZhangParameters = ZhangParameters(),
-) -> FloatArray:
+def visible(mesh: Mesh, camera: Camera, poses: ArrayLike) -> FloatArray:
     """Bivalent visibility alone, (P, F): 1 for front faces none of whose vertices are hidden.
 
     Without field of view, focus and resolution; 0 where a vertex lies before the near plane.
     """
-    tracer = LineOfSight(mesh, parameters.tracer)
 
-    def strength(pose: FloatArray, near: float) -> FloatArray:
-        view = face_geometry(mesh, camera, pose)
-        depth = depth_from_near(to_camera(mesh.vertices, pose), camera)
-        ahead = view.is_front & (depth[mesh.faces] >= near).all(axis=1)
-        return _unhidden(mesh, tracer, camera, pose, near, ahead)
+    def strength(view: View) -> FloatArray:
+        ahead = depth_from_near(view.points, view.camera) >= view.near
+        return _unhidden(view, view.faces.is_front & ahead[mesh.faces].all(axis=1))
 
-    return each_pose(mesh, camera, poses, strength)
+    return each_view(mesh, camera, poses, Task(), strength)
 
 
-def _resolution(mesh: Mesh, camera: Camera, pose: FloatArray, view: FaceGeometry) -> FloatArray:
-    """R in pixels a metre, (F,); 0 for faces turned away from the optical axis."""
-    cosine = np.maximum(-seen_normals(mesh, pose)[:, 2], 0.0)
-    ahead: BoolArray = np.all(view.depth > 0, axis=1)
-    nearness = (1.0 / np.where(ahead[:, None], view.depth, np.inf)).mean(axis=1)
-    return min(camera.fx, camera.fy) * cosine * nearness
-
-
-def _unhidden(
-    mesh: Mesh,
-    tracer: LineOfSight,
-    camera: Camera,
-    pose: FloatArray,
-    near: float,
-    chosen: BoolArray,
-) -> FloatArray:
+def _unhidden(view: View, chosen: BoolArray) -> FloatArray:
     """1 for chosen faces none of whose vertices are hidden, 0 for all others, (F,)."""
-    is_seen: BoolArray = chosen & ~tracer.hides(mesh, chosen, pose, near, camera).any(axis=1)
+    is_seen: BoolArray = chosen & ~view.hidden(chosen).any(axis=1)
     return is_seen.astype(np.float64)

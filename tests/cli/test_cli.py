@@ -343,7 +343,7 @@ INTO = {
     "render box -c camera.toml -p sphere:1": "depth.png",
     "compare box -c camera.toml -p sphere:1 --no-convergence": "worst_sampled_1.png",
     MODELS: "models.json",
-    "validate markers --scenes 0": "markers.html",
+    "validate markers": "markers.html",
 }
 """Commands that leave a report, and a file that it may have."""
 

@@ -5,7 +5,7 @@ import json
 import re
 import shutil
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -38,9 +38,9 @@ from rastercov.reference.methods.error_statistics import (
     FaceError,
     PoseFigures,
 )
-from rastercov.reference.methods.faces import Samples, face_picture, neighbourhood
+from rastercov.reference.methods.faces import face_picture, neighbourhood
 from rastercov.reference.methods.report import comparison_plots, page, write_comparison
-from rastercov.reference.pages import LIGHT, Axis
+from rastercov.reference.pages import LIGHT, image_of
 from rastercov.reference.samples import grid_points
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
@@ -505,13 +505,12 @@ def test_an_interrupt_while_drawing_leaves_a_whole_page(tmp_path):
 
 
 @pytest.mark.parametrize(("supersample", "roll"), [(1, 0.4), (3, 0.4), (2, 0.0)])
-def test_samples_in_a_picture_stand_where_they_are_counted(supersample, roll):
+def test_samples_in_a_part_are_those_of_the_image(supersample, roll):
     camera = Camera(width=15, height=8, fx=30, fy=30)
-    drawn = Samples(camera, supersample, roll).inside((-5.0, -5.0, 50.0))
-    counted = grid_points(camera, supersample, roll)
-    assert len(drawn) == len(counted)
-    near = np.abs(drawn[:, None] - counted[None]).max(axis=2).min(axis=1)
-    assert near.max() < 1e-9
+    box = (4.0, -5.0, 9.5, 6.5)
+    every = grid_points(camera, supersample, roll)
+    is_in = ((every >= box[:2]) & (every <= box[2:])).all(axis=1)
+    assert np.array_equal(grid_points(camera, supersample, roll, box), every[is_in])
 
 
 @pytest.mark.slow
@@ -535,7 +534,9 @@ def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
     floor = Mesh(vertices=[(-9, 1, -5), (9, 1, -5), (0, 1, 40)], faces=[(0, 1, 2)])
     for mesh, face in ((joined(floor, square(0.3, 2)), 0), (OVERLAP, 0), (OVERLAP, 1)):
         some = FaceError(0, face, 9.0, 4.5, 0.5, 0.4, 0.05, "statistical", False, 3.6)
-        assert face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll).size == (640, 772)
+        figure = face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll)
+        assert image_of(figure).size[0] > 600
+        assert len(figure.axes[0].patches) >= 3
 
 
 def test_a_face_that_is_not_in_the_image_has_no_picture():
@@ -550,26 +551,18 @@ def test_labels_of_plots_do_not_overlap(written):
         figure.draw_without_rendering()  # sets the places of all texts
         (axes,) = figure.axes
         inside = figure.bbox.padded(1)
-        for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
-            boxes = [tick.get_window_extent() for tick in ticks if tick.get_text()]
-            assert all(not a.overlaps(b) for a, b in pairwise(boxes)), name
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+            shown = [tick for tick in ticks if low <= tick.get_loc() <= high]
+            boxes = [each.label1.get_window_extent() for each in shown if each.label1.get_text()]
+            assert all(not a.overlaps(b) for a, b in combinations(boxes, 2)), name
             assert all(inside.contains(*box.min) and inside.contains(*box.max) for box in boxes)
         for legend in figure.legends:
             box = legend.get_window_extent()
             assert inside.contains(*box.min), name
             assert inside.contains(*box.max), name
             assert box.y1 < axes.get_tightbbox().y0, name
-
-
-@settings(max_examples=25)
-@given(st.floats(-15, 5), st.floats(0.4, 12))
-def test_ticks_lie_on_their_axis(power, decades):
-    axis = Axis("x", 10.0**power, 10.0 ** (power + decades), is_log=True)
-    ticks = axis.ticks()
-    assert 1 <= len(ticks) <= 8
-    assert ticks == sorted(ticks)
-    assert all(axis.low * 0.998 <= value <= axis.high * 1.002 for value in ticks)
-    assert len({axis.text(value) for value in ticks}) == len(ticks)
 
 
 # --- the command ----------------------------------------------------------------------------------

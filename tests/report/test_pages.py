@@ -13,7 +13,6 @@ import rastercov as rc
 from rastercov.base.format import percent, with_bound
 from rastercov.coverage.area.zones import face_zones
 from rastercov.mesh import shapes
-from rastercov.reference.pages import Axis
 from rastercov.report import placement as page_module
 from rastercov.report.coverage import Options, run
 from rastercov.report.modes import MODES
@@ -184,15 +183,6 @@ def test_a_page_by_hand_of_a_placement_has_both_cameras(placement, pages):
     weights = mesh.areas * mesh.task_mask / mesh.areas[mesh.task_mask].sum()
     share = 100 * weights[placement.cameras.covers[0]].sum()
     assert said["by_camera"][0]["area_percent"] == pytest.approx(share)
-
-
-@pytest.mark.parametrize(("high", "whole"), [(1.04, False), (1, True), (7, True), (250, True)])
-def test_ticks_of_an_even_axis_are_even_and_within_it(high, whole):
-    values = Axis("n", 0, high, is_whole=whole).ticks()
-    assert 2 <= len(values) <= 12
-    np.testing.assert_allclose(values, np.arange(len(values)) * values[1])
-    assert values[-1] <= high * (1 + 1e-9)
-    assert not whole or all(float(value).is_integer() for value in values)
 
 
 def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):

@@ -63,7 +63,7 @@ def test_a_face_beside_a_target_is_seen_whole_in_its_close_up():
     for mesh in (square_behind, scene):
         around = neighbourhood(mesh, CAMERA, AHEAD, 0)
         assert around.hidden.area == pytest.approx(0, abs=1e-9)
-        assert all(shape.area > 0 for shape, _ in around.others)
+        assert all(shape.area > 0 for shape in around.others)
     assert neighbourhood(scene, CAMERA, AHEAD, 2).seen.area > 0
 
 

@@ -73,7 +73,7 @@ RUNS = {
     "check_falls_short": "check plan.toml -p poor.json --views 2 --group lid=1.0 --json "
     "--junit out/junit.xml",
     "demo": "demo --shape teapot-5 --poses 2 --device cpu --json -o out",
-    "markers": "validate markers --scenes 0 --json -o out",
+    "markers": "validate markers --json -o out",
     "no_such_camera": "evaluate torus -c nothing.toml -p sphere:2 -o out",
     "bad_pose": "evaluate torus -c camera.toml -p bad.npy -o out",
     "skip_bad_pose": "evaluate box -c camera.toml -p bad.npy --skip-bad-poses --pictures 0 --json "

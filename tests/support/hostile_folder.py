@@ -40,7 +40,7 @@ COMMANDS = (
     "audit model part.obj --pose-unit 1 -o audited",
     "view box -c camera.toml -p sphere:2 --export page.html",
     "doctor",
-    "validate markers --scenes 0 -o markers",
+    "validate markers -o markers",
     "demo -o demo",
 )
 """Lines with every command, each with all that it reads."""
