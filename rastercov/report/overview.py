@@ -104,7 +104,8 @@ class Overview:
     else face by face, by `best_pose`, (F,), -1 for none, -2 for faces that do not matter. `among`
     are all poses of which they are some, and which say what is up; `noun` is a word for a pose. Of
     `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
-    hatch of that camera. `most` says which camera gives a face its colour.
+    hatch of that camera. `most` says which camera gives a face its colour, `about` is a title in
+    place of that, and `left` a word for -1.
     """
 
     mesh: Mesh
@@ -118,6 +119,8 @@ class Overview:
     said: Sequence[Mapping[str, Any]] = ()
     noun: str = "camera"
     most: str = ""
+    about: str = ""
+    left: str = "covered by none"
 
     @property
     def devices(self) -> dict[str, int]:
@@ -182,10 +185,12 @@ class Overview:
             Key.of(f"{self.noun} {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
-        keys.append(Key.of("covered by none", theme.UNCOVERED))
+        keys.append(Key.of(self.left, theme.UNCOVERED))
         keys += _device_keys(self.devices)
         title = plural(len(self.placed), self.noun)
-        if len(self.placed):
+        if self.about:
+            title += self.about
+        elif len(self.placed):
             which = "nearest " if self.regions else "" if self.most else "best "
             title += f". Surface has the colour of the {which}{self.noun} that covers it"
             title += f" {self.most}" if self.most else ""
