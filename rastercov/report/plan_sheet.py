@@ -39,12 +39,7 @@ from rastercov.coverage.evaluation import Evaluation
 from rastercov.mesh import Mesh
 from rastercov.mesh.sections import section, solid
 from rastercov.report.pages import rendered
-from rastercov.report.plan_geometry import (
-    edges_between,
-    field_of_view,
-    noded,
-    visible_from,
-)
+from rastercov.report.plan_geometry import edges_between, scene_of_plan, seen_on_plan
 from rastercov.report.tables import heading_and_tilt
 from rastercov.report.theme import DORI as BANDS
 
@@ -177,11 +172,6 @@ def plan_sheet(
         Direction of an arrow to the north, degrees counter-clockwise from +x.
     views : mapping of str to int, optional
         Cameras that faces of a group need, 1 for the others; those of the task unless given.
-
-    Raises
-    ------
-    CameraError
-        For an image of all directions.
     """
     mesh, (width, height) = found.mesh.opaque, PAPERS[frame.paper]
     ends = np.array(((MARGIN, height - MARGIN), (width - MARGIN - PANEL, MARGIN)))
@@ -189,7 +179,7 @@ def plan_sheet(
     segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
     lines, solids = shapely.linestrings(segments), solid(segments)
     walls = shapely.line_merge(shapely.multilinestrings(lines)).simplify(0)
-    paths = _views(found, frame, noded(segments, box), shapely.box(*box.ravel()))
+    paths = _views(found, frame, scene_of_plan(segments, box, frame.cut, found.poses))
     paths |= {"WALLS": frame.path(walls), "SOLID": frame.path(solids)}
     below = edges_between(mesh, frame.floor - 0.01, frame.cut)
     paths["BELOW"] = frame.path(shapely.multilinestrings(shapely.linestrings(below)))
@@ -238,15 +228,10 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: object) -> dict[str, str]:
+def _views(found: Evaluation, frame: Frame, scene: Mesh) -> dict[str, str]:
     """Paths of what cameras see at the height of the cut, by level, and "FOV", of each camera."""
     cameras = cameras_of(found.camera)
-    seen: dict[str, list[Any]] = {level: [] for level in LEVELS}
-    for pose, index in zip(found.poses.world_from_camera, found.poses.camera, strict=True):
-        visible = visible_from(pose[:2, 3], walls).intersection(window)
-        for level, views in seen.items():
-            view = field_of_view(cameras[index], pose, DORI[level], frame.cut)
-            views.append(view.intersection(visible))
+    seen = {level: seen_on_plan(scene, cameras, found.poses, DORI[level]) for level in LEVELS}
     paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
     return paths | {"FOV": "".join(map(frame.path, seen["detect"]))}
 
