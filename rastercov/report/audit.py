@@ -49,7 +49,7 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
-from rastercov.report.network_page import NetworkPage, Progress
+from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
 from rastercov.report.pages import Picture
 from rastercov.report.panorama import (
@@ -271,7 +271,7 @@ class AuditPage(NetworkPage):
         """The elements by weak zones."""
         return mode_picture("weak", self.mesh, self.weak.kind, self.poses.world_from_camera)
 
-    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
+    def pictures(self) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
         mesh, eyes = self.mesh, self.poses.world_from_camera
         pictures = {

@@ -162,8 +162,7 @@ class Scene:
         if asked is None:
             asked = np.append(self.mesh.task_mask, False)[face]
         pixels, start = np.flatnonzero(asked), np.asarray(nothing)
-        found = np.empty((face.size, *start.shape), start.dtype)
-        found[:] = start
+        found = np.full((face.size, *start.shape), start)
         for at in range(0, len(pixels), PIXELS_AT_A_TIME):
             part = pixels[at : at + PIXELS_AT_A_TIME]
             faces = face.ravel()[part]
@@ -330,11 +329,9 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
     for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
         corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
         ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
-        box, some = np.empty(6), slice(None, None, 1 + len(rows) // SOME)
-        for side, order in enumerate(np.argsort(ends[some], axis=0).T):
-            beyond = areas[some][order].cumsum()
-            first = np.searchsorted(beyond, BEYOND * beyond[-1])
-            box[side] = ends[some][order[first], side]
+        some = slice(None, None, 1 + len(rows) // SOME)
+        weights = np.maximum(areas[some], 1e-300)
+        box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
         found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
@@ -374,10 +371,8 @@ def sides(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray:
     return np.asarray(front + np.array([(y, -x, ABOVE), (-y, x, ABOVE)]))
 
 
-def best_directions(
-    mesh: Mesh, weights: ArrayLike, count: int = 2, eyes: ArrayLike = ()
-) -> FloatArray:
-    """(count, 3) of `DIRECTIONS` that show most of faces' fronts, chosen greedily.
+def best_directions(mesh: Mesh, weights: ArrayLike, eyes: ArrayLike = ()) -> FloatArray:
+    """(2, 3) of `DIRECTIONS` that show most of faces' fronts, chosen greedily.
 
     Each direction adds most to the visible pixels of those before it, by `weights` (F,) of faces
     that are not shown well yet.
@@ -385,7 +380,7 @@ def best_directions(
     shown = remembered(_shown, mesh, eyes) * np.asarray(weights, np.float64)
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
-    for _ in range(count):
+    for _ in range(2):
         is_shown = best >= SHOWN * shown.max(axis=0)
         gain = (np.maximum(shown - best, 0) * ~(is_shown & (best > 0))).sum(axis=1)
         gain[chosen] = -1.0
