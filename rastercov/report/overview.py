@@ -202,7 +202,7 @@ class Overview:
         image, colours = Image.fromarray(pixels), self.colours
         rows, places = in_picture(scene, self.eyes[: len(pyramids)])
         for row in rows:
-            draw_in_space(image, scene, _edges(pyramids[row], colours[row]))
+            draw_in_space(image, scene, _edges(pyramids[row]), colours[row])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]
         write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
@@ -269,16 +269,13 @@ def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
     return np.concatenate((pose[None, :3, 3], corners))
 
 
-def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
+def _edges(pyramid: FloatArray) -> list[Line]:
     """Edges of a view pyramid and of its base; the upper edge of its base is the widest."""
-    points = [tuple(point) for point in pyramid.tolist()]
-    n = len(points) - 1
-    parts = n // 4
-    pieces = max(1, PIECES // parts)
-    lines = [Line(points[0], points[1 + row], colour, 1.6) for row in range(0, n, parts)]
-    for row in range(n):
-        width = 1.6 if row >= parts else 4.0
-        lines.append(Line(points[1 + row], points[1 + (row + 1) % n], colour, width, pieces))
+    eye, base = pyramid[0], pyramid[1:]
+    parts = len(base) // 4
+    lines = [Line(eye, corner, 1.6, PIECES) for corner in base[::parts]]
+    for row, (one, other) in enumerate(zip(base, np.roll(base, -1, axis=0), strict=True)):
+        lines.append(Line(one, other, 1.6 if row >= parts else 4.0, max(1, PIECES // parts)))
     return lines
 
 

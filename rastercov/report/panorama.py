@@ -7,7 +7,7 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -534,31 +534,25 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     return keys
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line in space, its colour, its width in pixels, and its pieces, visible or hidden each."""
+class Line(NamedTuple):
+    """Line in space between points (3,), its width, px, and pieces, visible or hidden each."""
 
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    colour: Colour
-    width: float = 1.5
-    pieces: int = PIECES
+    start: FloatArray
+    end: FloatArray
+    width: float
+    pieces: int
 
 
-def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> None:
+def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line], colour: Colour) -> None:
     """Draw lines over the picture of a scene, fainter where the part hides them."""
-    draw = ImageDraw.Draw(image)
-    depth = scene.depth
-    slack = 1e-3 * scene.mesh.diagonal
+    draw, depth, slack = ImageDraw.Draw(image), scene.depth, 1e-3 * scene.mesh.diagonal
+    faint = tuple(round(0.3 * c + 0.7 * 205) for c in colour)
     for line in lines:
-        steps = np.linspace(0, 1, line.pieces + 1)[:, None]
-        points = np.asarray(line.start) + steps * (np.asarray(line.end) - np.asarray(line.start))
-        seen = to_camera(points, scene.pose)
+        seen = to_camera(np.linspace(line.start, line.end, line.pieces + 1), scene.pose)
         image_points = to_image(seen, scene.camera)
         column, row = np.clip(image_points, 0, (depth.shape[1] - 1, depth.shape[0] - 1)).T
         before = seen[:, 2] <= depth[row.astype(int), column.astype(int)] + slack
         is_ahead = seen[:, 2] > 1e-3 * DISTANCE * slack  # the viewer may be between them
-        faint = tuple(round(0.3 * c + 0.7 * 205) for c in line.colour)
         width = round(line.width * FINE)
         places = [tuple(place) for place in image_points.tolist()]
         is_drawn = is_ahead[:-1] & is_ahead[1:]
@@ -567,7 +561,7 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
             draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
         for piece in np.flatnonzero(is_drawn):
             if is_seen[piece]:
-                draw.line(places[piece : piece + 2], line.colour, width)
+                draw.line(places[piece : piece + 2], colour, width)
             elif piece % 2 == 0:
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 

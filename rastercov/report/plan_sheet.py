@@ -34,6 +34,7 @@ from rastercov.camera.rig import cameras_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.area.zones import face_zones
 from rastercov.coverage.densities import DORI, DORI_EDITION
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.mesh import Mesh
@@ -238,23 +239,24 @@ def _views(found: Evaluation, frame: Frame, scene: Mesh) -> dict[str, str]:
 
 def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
     """Uncovered parts of targets, and of faces that face up from the floor to the cut."""
-    mesh = found.mesh
+    mesh, network = found.mesh, found.network
     if found.areas is not None:
         zones = found.areas.zones(views)
-        face, starts = zones.face.astype(np.int64), zones.starts
-        corners = to_world(mesh, np.repeat(face, np.diff(starts)), zones.xy)
     else:
-        face = np.flatnonzero(mesh.task_mask & ~found.network.covered)
-        starts = np.arange(len(face) + 1) * 3
-        corners = mesh.vertices[mesh.faces[face]].reshape(-1, 3)
+        is_left = mesh.task_mask & ~network.covered
+        zones = face_zones(mesh, is_left - 1, network.views)
+    face, first = zones.face.astype(np.int64), zones.starts[:-1]
+    corner_of = np.repeat(np.arange(len(face)), np.diff(zones.starts))
+    corners = to_world(mesh, face[corner_of], zones.xy)
+    height = corners[:, 2]
     up = np.where(mesh.two_sided_mask[face], abs(mesh.normals[face, 2]), mesh.normals[face, 2])
-    parts = []
-    for row in np.flatnonzero(up > FACES_UP).tolist():
-        own = corners[starts[row] : starts[row + 1]]
-        is_shown = own[:, 2].min() > frame.floor - 0.01 and own[:, 2].max() <= frame.cut
-        if is_shown or mesh.target_mask[face[row]]:
-            parts.append(shapely.Polygon(own[:, :2]))
-    return shapely.union_all(shapely.make_valid(np.array(parts, object)), grid_size=1e-6)
+    is_shown = mesh.target_mask[face] & (up > FACES_UP)
+    if len(face):
+        is_low = np.minimum.reduceat(height, first) > frame.floor - 0.01
+        is_low &= np.maximum.reduceat(height, first) <= frame.cut
+        is_shown |= is_low & (up > FACES_UP)
+    parts = shapely.polygons(shapely.linearrings(corners[:, :2], indices=corner_of))
+    return shapely.union_all(shapely.make_valid(parts[is_shown]), grid_size=1e-6)
 
 
 def _hatching(zone: Any, step: float) -> Any:

@@ -23,12 +23,11 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
-from rastercov.coverage.area.criteria import baseline_holds, deviations
-from rastercov.coverage.area.failures import LightOfPoints, illuminance_of_faces
+from rastercov.coverage.area.criteria import deviations
+from rastercov.coverage.area.failures import LightOfPoints, failures_of_row, illuminance_of_faces
 from rastercov.coverage.area.light import failing_lamp
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.sensors import gated_reasons, is_certain
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.engine import Engine
@@ -278,21 +277,19 @@ class NetworkFigures:
         rig, poses, stations = self.state.of_rules() if self.state.whole.gates else (None, None, [])
         if rig is None or poses is None or not stations:
             return np.zeros((1, mesh.n_faces), int), np.full((1, mesh.n_faces), -1), worst, ()
-        place = {each.id: row for row, each in enumerate(self.state.on)}
-        own = np.array([self.rows[place[each.id]].reason for each in stations])
-        found, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
-        reason, device = found.astype(np.int64), poses.camera[row].astype(np.int64)
-        for at, lead in enumerate(led_by(rig, poses).tolist()):
+        row_of = {each.id: row for each, row in zip(self.state.on, self.rows, strict=True)}
+        nothing = np.full(mesh.n_faces, -1)
+        own = [(row_of[each.id].reason, nothing) for each in stations]
+        leads, on = led_by(rig, poses), (mesh.centroids, mesh.normals)
+        reason, device = np.full((2, len(leads), mesh.n_faces), -1)
+        for at, lead in enumerate(leads.tolist()):
             gate = rig.gates[int(poses.camera[lead])]
-            placed = poses.world_from_camera[lead : lead + gate.n]
-            holds = baseline_holds(gate, placed[:, :3, 3], mesh.centroids)
-            reason[at, is_bad := (reason[at] == Reason.COVERED) & ~holds] = BASELINE
-            device[at, is_bad] = -1
+            some = range(lead, lead + gate.n)
+            pose, fails, _ = failures_of_row(rig, poses, some, [own[row] for row in some], *on)
+            reason[at], device[at] = fails, np.where(fails < BASELINE, poses.camera[pose], -1)
             if gate.has_deviation:
-                holds = is_certain(gate, placed, mesh.centroids)
-                reason[at, is_bad := (reason[at] == Reason.COVERED) & ~holds] = UNCERTAIN
-                device[at, is_bad] = -1
-                faces = np.flatnonzero(reason[at] == Reason.COVERED)
+                placed = poses.world_from_camera[lead : lead + gate.n]
+                faces = np.flatnonzero(fails == Reason.COVERED)
                 corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
                 most = deviations(gate, placed[:, :3, 3], placed[:, :3, 1], corners)
                 worst[faces] = np.maximum(worst[faces], most.reshape(-1, 3).max(axis=1, initial=0))

@@ -122,7 +122,7 @@ def failures_of_rows(
     judged = enumerate(first_failures(mesh, camera, task, poses, points, face))
     for _, group in groupby(judged, lambda each: rows[each[0]]):
         own, found = zip(*group, strict=True)
-        at, reason, hider = _of_row(camera, poses, own, found, points, normals)
+        at, reason, hider = failures_of_row(camera, poses, own, found, points, normals)
         if light is not None:
             sees = np.array([each == Reason.COVERED for each, _ in found])
             seen = reason == Reason.COVERED
@@ -130,7 +130,7 @@ def failures_of_rows(
         yield at, reason, hider
 
 
-def _of_row(
+def failures_of_row(
     camera: Cameras,
     poses: Poses,
     own: Sequence[int],
