@@ -32,7 +32,6 @@ from rastercov.coverage.area.zones import DeadZones, face_zones
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import kept_in, remove
-from rastercov.mesh import Mesh
 from rastercov.placement.audit import Audit, element_figures
 from rastercov.placement.reconstruction import (
     KINDS,
@@ -49,22 +48,17 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import Key, framed
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
-from rastercov.report.network_page import NetworkPage, Progress
+from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
 from rastercov.report.pages import Picture
 from rastercov.report.panorama import (
-    beside,
-    look,
     neutral,
     paint,
-    scene_keys,
-    sides,
     smooth,
 )
 from rastercov.report.printing import browser, write_page
-from rastercov.report.theme import UNCOVERED, WEAK
+from rastercov.report.theme import WEAK
 
 LOG = logging.getLogger("rastercov")
 AUDIT = ReportKind(
@@ -277,7 +271,7 @@ class AuditPage(NetworkPage):
         """The elements by weak zones."""
         return mode_picture("weak", self.mesh, self.weak.kind, self.poses.world_from_camera)
 
-    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
+    def pictures(self) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
         mesh, eyes = self.mesh, self.poses.world_from_camera
         pictures = {
@@ -298,16 +292,15 @@ class AuditPage(NetworkPage):
         given = self.found.suggested
         if given is not None and given.names:
             words = "The suggested images, and the weak parts that each of them improves"
-            drawn = self._suggested_picture(given, mesh, eyes)
-            pictures["suggested"] = Picture.drawn(words, drawn)
+            pictures["suggested"] = Picture.drawn(words, self._suggested_picture(given))
         return pictures
 
-    def _suggested_picture(self, given: Suggested, mesh: Mesh, eyes: FloatArray) -> Image.Image:
+    def _suggested_picture(self, given: Suggested) -> Image.Image:
         """The suggested images, and the weak elements that each of them covers best."""
-        after, n = given.steps[-1], len(given.poses)
+        after, n, before = given.steps[-1], len(given.poses), len(self.poses)
         new = replace(
             after.problem,
-            bits=after.problem.bits.take(np.arange(len(eyes), len(eyes) + n)),
+            bits=after.problem.bits.take(np.arange(before, before + n)),
             eyes=given.poses.world_from_camera[:, :3, 3].copy(),
             costs=np.ones(n),
         )
@@ -315,15 +308,18 @@ class AuditPage(NetworkPage):
         best = np.where(weak(after).kind >= 0, -1, figures["best_camera"])
         best[self.weak.kind < 0] = -2
         names = [str(row + 1) for row in range(n)]
-        shown = Overview(mesh, self.camera, given.poses, names, best)
-        ends = np.concatenate(pyramids := shown.pyramids())
-        first, other = sides(mesh, eyes)
-        scenes = [look(mesh, first, eyes=eyes), look(mesh, other, ends, eyes=eyes)]
-        words = [f"improved by {names[0]}", *names[1:], "still weak"]
-        keys = [Key.of(*each) for each in zip(words, [*shown.colours, UNCOVERED], strict=True)]
-        images = [shown.drawn(scene, pyramids) for scene in scenes]
-        title = f"{plural(n, 'suggested image')}, and the weak parts that they improve"
-        return framed(beside(images), title, [*keys, *scene_keys(scenes)])
+        shown = Overview(
+            self.mesh,
+            self.camera,
+            given.poses,
+            names,
+            best,
+            among=self.poses,
+            noun="suggested image",
+            about=", and the weak parts that they improve",
+            left="still weak",
+        )
+        return shown.picture()
 
     def html(self, pictures: Mapping[str, Picture], *, has_view: bool) -> str:
         """The page with pictures as of `pictures`; `summary` has its notes and provenance, too."""

@@ -81,7 +81,7 @@ def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
     return Image.fromarray(palette[buffer.face])
 
 
-def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
+def depth_picture(buffer: VisibilityBuffer) -> Image.Image:
     """Picture of depth, near bright and far dark, with its scale in metres; RGB.
 
     Grey is linear in camera z from the nearest to the furthest surface of this image, in 8 bits.
@@ -98,7 +98,7 @@ def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
         digits = int(np.clip(2 - np.floor(np.log10(max(far - near, near * 1e-6, 1e-9))), 0, 9))
         ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"
         keys = [Key.scale("depth", greys(np.linspace(1, 0, 256)), *ends)]
-    return framed(pixels, title, keys)
+    return framed(pixels, "", keys)
 
 
 def contact_sheet(

@@ -6,7 +6,7 @@ wherever values of its name are known.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -68,8 +68,10 @@ class Painted:
     @property
     def hatch(self) -> Levels:
         """(F,) hatch of the faces, as in `reasons.Words`."""
-        known = {entry["level"]: entry.get("hatch", 0) for entry in self.legend}
-        return np.array([known.get(level, 0) for level in range(256)], np.uint8)[self.levels]
+        of_level = np.zeros(256, np.uint8)
+        for entry in self.legend:
+            of_level[entry["level"]] = entry["hatch"]
+        return of_level[self.levels]
 
     def keys(self, name: str) -> list[Key]:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
@@ -83,7 +85,7 @@ class Painted:
                 share = entry["percent"]
                 of_area = "" if share is None else f", {percent(share / 100)}"
                 name = entry["label"] + of_area
-                keys.append(Key.of(name, entry["colour"], hatch=entry.get("hatch", 0)))
+                keys.append(Key.of(name, entry["colour"], hatch=entry["hatch"]))
         return keys
 
 
@@ -132,9 +134,7 @@ def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     levels = np.where(mesh.task_mask, rows, np.uint8(OCCLUDER_OF_REASONS))
     colours = [*theme.REASON_COLOURS.tolist(), theme.OCCLUDER_PALE]
     words = [*(each.label for each in REASONS.values()), OCCLUDER_LABEL]
-    found, hatches = _classes(mesh, levels, colours, words), [*theme.REASON_HATCHES.tolist(), 0]
-    legend = [entry | {"hatch": hatches[entry["level"]]} for entry in found.legend]
-    return replace(found, legend=legend)
+    return _classes(mesh, levels, colours, dict(enumerate(words)), theme.REASON_HATCHES.tolist())
 
 
 def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
@@ -151,7 +151,7 @@ def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
     colours: list[Colour] = [theme.UNCOVERED, theme.OCCLUDER_PALE]
     colours += [(r, g, b) for r, g, b in cameras.colours[:n].tolist()]
     words = ["covered by none", OCCLUDER_LABEL, *cameras.names[:n]]
-    return _classes(mesh, _cycled(mesh, cameras.row), colours, words)
+    return _classes(mesh, _cycled(mesh, cameras.row), colours, dict(enumerate(words)))
 
 
 def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
@@ -161,10 +161,10 @@ def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
     levels = _cycled(mesh, capped - 1)
     scale = theme.coverage_colours()[theme.level_rows(np.arange(most + 1) / most)].tolist()
     colours = [tuple(scale[0]), theme.OCCLUDER_PALE, *map(tuple, scale[1:])]
-    words = [
-        plural(n, "camera") + (" or more" if n == MOST_VIEWS else "") for n in range(1, most + 1)
-    ]
-    return _classes(mesh, levels, colours, ["no camera", OCCLUDER_LABEL, *words])
+    words = {NOTHING: "no camera", OCCLUDER: OCCLUDER_LABEL}
+    for n in range(1, most + 1):
+        words[OCCLUDER + n] = plural(n, "camera") + (" or more" if n == MOST_VIEWS else "")
+    return _classes(mesh, levels, colours, words)
 
 
 def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
@@ -177,10 +177,9 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     known = np.flatnonzero(mesh.task_mask & (values > 0))
     low, high = 1.0, 10.0
     if len(known):
-        order = known[np.argsort(values[known])]
-        below = np.cumsum(mesh.areas[order])
-        ends = np.searchsorted(below, np.array([0.02, 0.98]) * below[-1])
-        low, high = values[order[np.minimum(ends, len(order) - 1)]].tolist()
+        weights = np.maximum(mesh.areas[known], 1e-300)
+        ends = np.quantile(values[known], (0.02, 0.98), weights=weights, method="inverted_cdf")
+        low, high = ends.tolist()
         high = max(high, low * (1 + 1e-9))
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)
@@ -210,9 +209,8 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     found = by_density(mesh, OfUnit(light.values, light.unit))
     levels, palette = found.levels.copy(), found.palette.copy()
     lit, task = light.values > 0, mesh.task_mask
-    entries = [each for each in found.legend if each["label"] != "not covered"]
-    total = max(float(mesh.areas[task].sum()), np.finfo(float).tiny)
     most = math.inf if light.most is None else light.most
+    words, hatches = {OCCLUDER: OCCLUDER_LABEL}, [0] * 256
     rows = {
         "unlit": (LAST - 2, ~lit),
         "too_dark": (LAST - 1, lit & (light.values < light.least)),
@@ -220,19 +218,9 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     }
     for name, (level, faces) in rows.items():
         if (own := faces & task).any():
-            words = REASONS[name]
-            levels[own], palette[level] = level, words.colour
-            percent_of_area = 100 * float(mesh.areas[own].sum()) / total
-            entries.append(
-                {
-                    "level": level,
-                    "label": words.label,
-                    "colour": list(words.colour),
-                    "percent": percent_of_area,
-                    "hatch": words.hatch,
-                }
-            )
-    return replace(found, levels=levels, palette=palette, legend=entries)
+            levels[own], palette[level] = level, REASONS[name].colour
+            words[level], hatches[level] = REASONS[name].label, REASONS[name].hatch
+    return replace(_classes(mesh, levels, palette, words, hatches), scale=found.scale)
 
 
 def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
@@ -242,7 +230,8 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
     words = [f"{name}, ≥ {least:g} px/m" for name, least in DORI.items()]
     words = ["not covered", OCCLUDER_LABEL, f"coarser than {next(iter(DORI))}", *words]
-    found = _classes(mesh, _cycled(mesh, np.where(values > 0, row, -1)), colours, words)
+    levels = _cycled(mesh, np.where(values > 0, row, -1))
+    found = _classes(mesh, levels, colours, dict(enumerate(words)))
     order = sorted(found.legend, key=lambda each: (each["percent"] is None, -each["level"]))
     return replace(found, legend=order)
 
@@ -258,7 +247,7 @@ def by_weakness(mesh: Mesh, kind: NDArray[np.integer[Any]]) -> Painted:
     """Kinds of weak parts of a reconstruction, (F,), rows of `WEAK_LABELS`; -1 for none."""
     colours = [theme.COVERED, theme.OCCLUDER_PALE, *theme.WEAK]
     words = ["enough views, angle and resolution", OCCLUDER_LABEL, *WEAK_LABELS]
-    return _classes(mesh, _cycled(mesh, kind), colours, words)
+    return _classes(mesh, _cycled(mesh, kind), colours, dict(enumerate(words)))
 
 
 def by_one_camera(mesh: Mesh, coverage: ArrayLike) -> Painted:
@@ -282,8 +271,8 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
         (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))
     ).astype(np.uint8)
     words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, a colour each"
-    entry = {"level": FIRST, "label": words, "colour": palette[FIRST].tolist(), "percent": None}
-    return Painted(_cycled(mesh, label), palette, [entry])
+    found = _classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
+    return replace(found, legend=[each | {"percent": None} for each in found.legend])
 
 
 MODES: dict[str, Mode] = {
@@ -350,24 +339,33 @@ def _cycled(mesh: Mesh, row: NDArray[np.integer[Any]]) -> Levels:
 
 
 def _classes(
-    mesh: Mesh, levels: Levels, colours: Sequence[Sequence[int]], words: Sequence[str]
+    mesh: Mesh,
+    levels: Levels,
+    colours: ArrayLike,
+    words: Mapping[int, str],
+    hatches: Sequence[int] = (),
 ) -> Painted:
-    """Painted faces of classes, from level 0; the legend has those that occur, by falling area."""
+    """Painted faces of classes, with colours and hatches from level 0.
+
+    The legend has those with words, by their level, that occur, by falling area.
+    """
     palette = np.zeros((256, 3), np.uint8)
-    palette[: len(colours)] = colours
+    palette[: len(np.asarray(colours))] = colours
     areas = np.bincount(levels, weights=mesh.areas, minlength=256)
     counts = np.bincount(levels, minlength=256)
     task = mesh.task_mask
     total = max(float(np.asarray(mesh.areas)[task].sum()), np.finfo(float).tiny)
     scored = np.bincount(levels[task], minlength=256)
+    of_level = [*hatches, *[0] * 256]
     legend: list[dict[str, Any]] = [
         {
             "level": level,
             "label": text,
             "colour": palette[level].tolist(),
             "percent": 100 * float(areas[level]) / total if scored[level] else None,
+            "hatch": of_level[level],
         }
-        for level, text in enumerate(words)
+        for level, text in words.items()
         if counts[level]
     ]
     legend.sort(key=lambda each: -1.0 if each["percent"] is None else each["percent"], reverse=True)
@@ -387,7 +385,7 @@ def _on_scale(
     levels = theme.colour_rows(mesh, shares).astype(np.uint8)
     palette = theme.coverage_colours()
     palette[OCCLUDER] = theme.OCCLUDER_PALE
-    legend = _classes(mesh, levels, palette[:FIRST].tolist(), [none, OCCLUDER_LABEL]).legend
+    legend = _classes(mesh, levels, palette, {NOTHING: none, OCCLUDER: OCCLUDER_LABEL}).legend
     scale = {
         "low": ends[0],
         "high": ends[1],

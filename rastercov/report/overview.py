@@ -104,7 +104,8 @@ class Overview:
     else face by face, by `best_pose`, (F,), -1 for none, -2 for faces that do not matter. `among`
     are all poses of which they are some, and which say what is up; `noun` is a word for a pose. Of
     `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
-    hatch of that camera. `most` says which camera gives a face its colour.
+    hatch of that camera. `most` says which camera gives a face its colour, `about` is a title in
+    place of that, and `left` a word for -1.
     """
 
     mesh: Mesh
@@ -118,6 +119,8 @@ class Overview:
     said: Sequence[Mapping[str, Any]] = ()
     noun: str = "camera"
     most: str = ""
+    about: str = ""
+    left: str = "covered by none"
 
     @property
     def devices(self) -> dict[str, int]:
@@ -182,10 +185,12 @@ class Overview:
             Key.of(f"{self.noun} {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
-        keys.append(Key.of("covered by none", theme.UNCOVERED))
+        keys.append(Key.of(self.left, theme.UNCOVERED))
         keys += _device_keys(self.devices)
         title = plural(len(self.placed), self.noun)
-        if len(self.placed):
+        if self.about:
+            title += self.about
+        elif len(self.placed):
             which = "nearest " if self.regions else "" if self.most else "best "
             title += f". Surface has the colour of the {which}{self.noun} that covers it"
             title += f" {self.most}" if self.most else ""
@@ -197,7 +202,7 @@ class Overview:
         image, colours = Image.fromarray(pixels), self.colours
         rows, places = in_picture(scene, self.eyes[: len(pyramids)])
         for row in rows:
-            draw_in_space(image, scene, _edges(pyramids[row], colours[row]))
+            draw_in_space(image, scene, _edges(pyramids[row]), colours[row])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]
         write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
@@ -264,16 +269,13 @@ def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
     return np.concatenate((pose[None, :3, 3], corners))
 
 
-def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
+def _edges(pyramid: FloatArray) -> list[Line]:
     """Edges of a view pyramid and of its base; the upper edge of its base is the widest."""
-    points = [tuple(point) for point in pyramid.tolist()]
-    n = len(points) - 1
-    parts = n // 4
-    pieces = max(1, PIECES // parts)
-    lines = [Line(points[0], points[1 + row], colour, 1.6) for row in range(0, n, parts)]
-    for row in range(n):
-        width = 1.6 if row >= parts else 4.0
-        lines.append(Line(points[1 + row], points[1 + (row + 1) % n], colour, width, pieces))
+    eye, base = pyramid[0], pyramid[1:]
+    parts = len(base) // 4
+    lines = [Line(eye, corner, 1.6, PIECES) for corner in base[::parts]]
+    for row, (one, other) in enumerate(zip(base, np.roll(base, -1, axis=0), strict=True)):
+        lines.append(Line(one, other, 1.6 if row >= parts else 4.0, max(1, PIECES // parts)))
     return lines
 
 

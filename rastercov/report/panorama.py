@@ -7,7 +7,7 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -162,8 +162,7 @@ class Scene:
         if asked is None:
             asked = np.append(self.mesh.task_mask, False)[face]
         pixels, start = np.flatnonzero(asked), np.asarray(nothing)
-        found = np.empty((face.size, *start.shape), start.dtype)
-        found[:] = start
+        found = np.full((face.size, *start.shape), start)
         for at in range(0, len(pixels), PIXELS_AT_A_TIME):
             part = pixels[at : at + PIXELS_AT_A_TIME]
             faces = face.ravel()[part]
@@ -330,11 +329,9 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
     for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
         corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
         ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
-        box, some = np.empty(6), slice(None, None, 1 + len(rows) // SOME)
-        for side, order in enumerate(np.argsort(ends[some], axis=0).T):
-            beyond = areas[some][order].cumsum()
-            first = np.searchsorted(beyond, BEYOND * beyond[-1])
-            box[side] = ends[some][order[first], side]
+        some = slice(None, None, 1 + len(rows) // SOME)
+        weights = np.maximum(areas[some], 1e-300)
+        box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
         found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
@@ -374,10 +371,8 @@ def sides(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray:
     return np.asarray(front + np.array([(y, -x, ABOVE), (-y, x, ABOVE)]))
 
 
-def best_directions(
-    mesh: Mesh, weights: ArrayLike, count: int = 2, eyes: ArrayLike = ()
-) -> FloatArray:
-    """(count, 3) of `DIRECTIONS` that show most of faces' fronts, chosen greedily.
+def best_directions(mesh: Mesh, weights: ArrayLike, eyes: ArrayLike = ()) -> FloatArray:
+    """(2, 3) of `DIRECTIONS` that show most of faces' fronts, chosen greedily.
 
     Each direction adds most to the visible pixels of those before it, by `weights` (F,) of faces
     that are not shown well yet.
@@ -385,7 +380,7 @@ def best_directions(
     shown = remembered(_shown, mesh, eyes) * np.asarray(weights, np.float64)
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
-    for _ in range(count):
+    for _ in range(2):
         is_shown = best >= SHOWN * shown.max(axis=0)
         gain = (np.maximum(shown - best, 0) * ~(is_shown & (best > 0))).sum(axis=1)
         gain[chosen] = -1.0
@@ -539,31 +534,25 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     return keys
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line in space, its colour, its width in pixels, and its pieces, visible or hidden each."""
+class Line(NamedTuple):
+    """Line in space between points (3,), its width, px, and pieces, visible or hidden each."""
 
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    colour: Colour
-    width: float = 1.5
-    pieces: int = PIECES
+    start: FloatArray
+    end: FloatArray
+    width: float
+    pieces: int
 
 
-def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> None:
+def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line], colour: Colour) -> None:
     """Draw lines over the picture of a scene, fainter where the part hides them."""
-    draw = ImageDraw.Draw(image)
-    depth = scene.depth
-    slack = 1e-3 * scene.mesh.diagonal
+    draw, depth, slack = ImageDraw.Draw(image), scene.depth, 1e-3 * scene.mesh.diagonal
+    faint = tuple(round(0.3 * c + 0.7 * 205) for c in colour)
     for line in lines:
-        steps = np.linspace(0, 1, line.pieces + 1)[:, None]
-        points = np.asarray(line.start) + steps * (np.asarray(line.end) - np.asarray(line.start))
-        seen = to_camera(points, scene.pose)
+        seen = to_camera(np.linspace(line.start, line.end, line.pieces + 1), scene.pose)
         image_points = to_image(seen, scene.camera)
         column, row = np.clip(image_points, 0, (depth.shape[1] - 1, depth.shape[0] - 1)).T
         before = seen[:, 2] <= depth[row.astype(int), column.astype(int)] + slack
         is_ahead = seen[:, 2] > 1e-3 * DISTANCE * slack  # the viewer may be between them
-        faint = tuple(round(0.3 * c + 0.7 * 205) for c in line.colour)
         width = round(line.width * FINE)
         places = [tuple(place) for place in image_points.tolist()]
         is_drawn = is_ahead[:-1] & is_ahead[1:]
@@ -572,7 +561,7 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
             draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
         for piece in np.flatnonzero(is_drawn):
             if is_seen[piece]:
-                draw.line(places[piece : piece + 2], line.colour, width)
+                draw.line(places[piece : piece + 2], colour, width)
             elif piece % 2 == 0:
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 

@@ -8,9 +8,7 @@ without pyarrow, which takes 0.1 s to load.
 """
 
 import dataclasses
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -18,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.output import json_bytes, named, replacing, writing
@@ -39,12 +36,10 @@ CODES = {"visibility_kind": BoundKind, "reason": Reason}
 """Columns that are written by name."""
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
-BATCHES_WAITING = 2
-"""Batches of rows that wait for the thread that writes; `add` waits where there are more."""
 
 
 class CoverageTable:
-    """Parquet file of pairs of pose and face, written by a thread of its own.
+    """Parquet file of pairs of pose and face.
 
     Columns: `pose` and `face` (int32), `group` (its name, dictionary-encoded: a category in pandas
     and polars), then `coverage.FIGURES`, floats as float32, `incidence` in radians, `reason` and
@@ -68,8 +63,8 @@ class CoverageTable:
 
     Notes
     -----
-    Memory does not grow with the run: at most `ROWS_A_GROUP` rows and `BATCHES_WAITING` + 1 batches
-    are held. A run without rows gives a valid file.
+    Memory does not grow with the run: at most `ROWS_A_GROUP` rows and a batch are held. A run
+    without rows gives a valid file.
 
     One thread at a time may use a table: measure in several, add rows in one.
     """
@@ -109,8 +104,6 @@ class CoverageTable:
             self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]
         self._writer: Any = None
         self._pending: Any = None
-        self._pool: ThreadPoolExecutor | None = None
-        self._waiting: deque[Future[None]] = deque()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -134,7 +127,6 @@ class CoverageTable:
                 )
             )
             self._pending = self.schema.empty_table()
-            self._pool = ThreadPoolExecutor(1)
             self._stack = stack.pop_all()
         return self
 
@@ -143,41 +135,11 @@ class CoverageTable:
 
         `regions` of their poses are needed by area.
         """
-        covered_m2 = None
+        columns: dict[str, Any] = rows._asdict()
         if regions is not None:
             pose = np.searchsorted(regions.pose_ids, rows.pose)
-            covered_m2 = regions.areas()[pose, rows.face].astype(np.float32)
+            columns[COVERED_M2] = regions.areas()[pose, rows.face].astype(np.float32)
         self.n_rows += len(rows.pose)
-        while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
-            self._waiting.popleft().result()
-        assert self._pool is not None
-        try:
-            self._waiting.append(self._pool.submit(self._write, rows, covered_m2))
-        except RuntimeError:  # the system gives no more threads
-            self._pool.shutdown(cancel_futures=True)
-            self._write(rows, covered_m2)
-
-    def __exit__(self, *error: Any) -> None:
-        assert self._pool is not None
-        self._pool.shutdown(cancel_futures=error[0] is not None)  # what waits is not written then
-        try:
-            if error[0] is None:
-                with named(self.path), self._stack:
-                    for written in self._waiting:
-                        written.result()
-                    if len(self._pending):
-                        self._writer.write_table(self._pending)
-            else:
-                with suppress(OSError):  # of the full disk that ended the block
-                    self._stack.__exit__(*error)
-        finally:
-            self._writer = self._pending = self._pool = None
-            self._waiting.clear()
-
-    def _write(self, rows: "PairRows", covered_m2: NDArray[np.float32] | None) -> None:
-        columns: dict[str, Any] = rows._asdict()
-        if COVERED_M2 in self.schema.names:
-            columns[COVERED_M2] = covered_m2
         columns["group"] = self._group_of_face[rows.face]
         if "camera" in self._names:
             columns["camera"] = self._camera_of_pose[rows.pose]
@@ -190,6 +152,16 @@ class CoverageTable:
             self._pending = rest.take(np.arange(len(rest)))  # a copy releases the memory of batches
             with named(self.path):
                 self._writer.write_table(groups, row_group_size=ROWS_A_GROUP)
+
+    def __exit__(self, *error: Any) -> None:
+        pending, self._pending = self._pending, None
+        if error[0] is not None:
+            with suppress(OSError):  # of the full disk that ended the block
+                self._stack.__exit__(*error)
+            return
+        with named(self.path), self._stack:
+            if len(pending):
+                self._writer.write_table(pending)
 
 
 def _names(names: Iterable[str]) -> Any:

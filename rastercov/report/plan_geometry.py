@@ -1,116 +1,64 @@
-"""Plane geometry of a plan sheet: lines of sight, and fields of view.
+"""Plane geometry of a plan sheet: what cameras see at the height of its cut.
 
-The visibility polygon is that of an angular sweep: between the directions of two neighbouring ends
-of walls, one wall is the nearest. A field of view to a distance is a solid, and the part of it at a
-height is its section, so that pinholes and lenses take one way.
-
-T. Asano. An efficient algorithm for finding the visibility polygon for a polygonal region with
-holes. 1985.
+What crosses the cut hides everything behind: walls are drawn out to all heights, and the plane of
+the cut is a target, of which cameras cover the part that they see.
 """
 
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import shapely
 
-from rastercov.base.errors import CameraError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_image, view_border
-from rastercov.mesh import Mesh
-from rastercov.mesh.sections import cross, section, solid
+from rastercov.camera.pose import Poses
+from rastercov.coverage.area.frames import to_world
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.task import Task
+from rastercov.mesh import Group, Mesh
 from rastercov.mesh.topology import edge_table
 
 CREASE = np.cos(np.deg2rad(30))
 """Cosine of the angle between two faces from which their edge is drawn."""
-PARTS = 24
-"""Parts of each side of the image of a lens, and of the way from its axis to its border."""
-STEP = 1e-5
-"""Half the angle over which the density of a lens is measured, rad."""
+APART = 1e-3
+"""Least distance of a camera from the plane of the cut, m, into which it could not look."""
 
 
-def noded(segments: FloatArray, box: FloatArray) -> FloatArray:
-    """Segments (N, 2, 2), and the sides of a box (2, 2), cut where they cross each other."""
-    whole = shapely.union_all([*shapely.linestrings(segments), shapely.box(*box.ravel()).exterior])
-    lines = [shapely.get_coordinates(part) for part in shapely.get_parts(whole)]
-    return np.concatenate([np.stack((line[:-1], line[1:]), axis=1) for line in lines])
+def scene_of_plan(walls: FloatArray, box: FloatArray, cut: float, poses: Poses) -> Mesh:
+    """The part of the plane z = `cut` in a box (2, 2), and walls (N, 2, 2) beside all cameras."""
+    ends, heights = walls.reshape(-1, 2), np.append(poses.world_from_camera[:, 2, 3], cut)
+    around = shapely.get_coordinates(shapely.box(*box.ravel()))[:4]
+    sheets = (ends, heights.min() - 1), (ends, heights.max() + 1), (around, cut)
+    vertices = np.concatenate([np.insert(xy, 2, height, axis=1) for xy, height in sheets])
+    one, n = np.arange(0, len(ends), 2), len(ends)
+    standing = np.stack((one, one + 1, one + 1 + n, one + n), axis=1)
+    corners = np.concatenate((standing, [2 * n + np.arange(4)]))
+    groups = Group("walls", is_occluder=True), Group("plan", is_two_sided=True, is_target=True)
+    faces = corners[:, [(0, 1, 2), (0, 2, 3)]].reshape(-1, 3)
+    return Mesh(vertices, faces, groups, np.repeat([0, 1], (n, 2)).astype(np.int32))
 
 
-def visible_from(eye: FloatArray, walls: FloatArray) -> Any:
-    """Visibility polygon of a point (2,) among walls that do not cross and that enclose it.
+def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: float) -> list[Any]:
+    """Area of the plane of a `scene_of_plan` that each pose sees at a facing density or more, px/m.
 
-    A wall in line with the point hides nothing. The walls are those of `noded`, (N, 2, 2).
+    A camera in the plane is lifted by `APART`.
     """
-    ends = walls - eye
-    turn = cross(ends[:, 0], ends[:, 1])
-    ends[turn < 0] = ends[turn < 0, ::-1]
-    ends, turn = ends[turn != 0], np.abs(turn[turn != 0])
-    along, angle = ends[:, 1] - ends[:, 0], np.arctan2(ends[..., 1], ends[..., 0])
-    angles, at = np.unique(angle, return_index=True)
-    directions, n = ends.reshape(-1, 2)[at], len(angles)
-    first, last = np.searchsorted(angles, angle).T
-    spans = (last - first) % n  # gaps between neighbouring directions; a wall spans less than pi
-    wall = np.repeat(np.arange(len(ends)), spans)
-    gap = (np.arange(len(wall)) + np.repeat(first - (np.cumsum(spans) - spans), spans)) % n
-    middle = angles + np.diff(angles, append=angles[0] + 2 * np.pi) / 2
-    ray = np.stack((np.cos(middle), np.sin(middle)), axis=1)[gap]
-    order = np.lexsort((turn[wall] / cross(ray, along[wall]), gap))
-    nearest = order[np.flatnonzero(np.diff(gap[order], prepend=-1))]
-    gap, wall = gap[nearest], wall[nearest]
-    rays = directions[np.stack((gap, (gap + 1) % n))]
-    away = turn[wall] / cross(rays, along[wall])
-    points = np.moveaxis(away[..., None] * rays + eye, 0, 1).reshape(-1, 2)
-    found = shapely.Polygon(points)
-    return shapely.make_valid(found, method="structure", keep_collapsed=False)
-
-
-def field_of_view(camera: Camera, pose: FloatArray, density: float, height: float) -> Any:
-    """Part of the plane z = `height` that is in the image at a facing density or more, px/m.
-
-    Walls are not regarded. Of a pinhole it is exact, with depths to min(fx, fy) / density; of other
-    lenses the least density over all directions, on `PARTS` steps a side.
-
-    Raises
-    ------
-    CameraError
-        For an image of all directions.
-    """
-    if camera.model == "equirectangular":
-        raise CameraError("a plan sheet has no field of view of an image of all directions")
-    n = 1 if camera.is_pinhole else PARTS
-    border = view_border(camera, n)
-    axis = border.mean(axis=0) if camera.is_pinhole else np.array((0.0, 0.0, 1.0))
-    border = border / np.linalg.norm(border, axis=1, keepdims=True)
-    steps = np.arange(n + 1)[:, None, None] / n
-    rays = (1 - steps) * axis / np.linalg.norm(axis) + steps * border  # (n + 1, 4 n, 3)
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    reach = _facing_density(camera, rays) / density
-    for ring in range(1, n + 1):  # beyond the border of what a lens shows there is no density
-        reach[ring] = np.where(reach[ring] > 0, reach[ring], reach[ring - 1])
-    ends = pose[:3, 3] + (rays * reach[..., None]) @ pose[:3, :3].T
-    vertices = np.concatenate((ends.reshape(-1, 3), pose[None, :3, 3]))
-    inner = np.arange(4 * n * (n + 1)).reshape(n + 1, -1)
-    inner[0] = 0  # one point on the axis
-    after = np.roll(inner, -1, axis=1)
-    eye = np.full(4 * n, len(vertices) - 1)
-    triangles = [(inner[:-1], inner[1:], after[1:]), (inner[:-1], after[1:], after[:-1])]
-    triangles.append((eye, after[-1], inner[-1]))
-    faces = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in triangles])
-    return solid(section(vertices, faces, height))
-
-
-def _facing_density(camera: Camera, rays: FloatArray) -> FloatArray:
-    """Pixels a metre of a target at distance 1 that faces the camera, for unit rays (..., 3).
-
-    The least over its directions: the least singular value of the image of a step across the ray;
-    0 where a lens has no image.
-    """
-    if camera.is_pinhole:
-        return np.asarray(min(camera.fx, camera.fy) / rays[..., 2], np.float64)
-    across = STEP * np.linalg.svd(rays[..., None, :])[2][..., 1:, :]
-    ends = (to_image(rays[..., None, :] + side * across, camera) for side in (1, -1))
-    moved = np.nan_to_num(np.subtract(*ends)) / (2 * STEP)
-    return np.asarray(np.linalg.norm(moved, -2, axis=(-2, -1)), np.float64)
+    placed, height = poses.world_from_camera.copy(), scene.vertices[-1, 2]
+    placed[np.abs(placed[:, 2, 3] - height) < APART, 2, 3] = height + APART
+    sharp = [
+        replace(each, aperture=None, focus_distance=None, focus_range=None) for each in cameras
+    ]
+    task = Task(min_facing_density=density)
+    with closing(RegionPass(scene, sharp, task, only_task=True)) as finder:
+        found = finder.find(Poses.of(placed, camera=poses.camera))
+    corner_of = np.repeat(np.arange(len(found.face)), np.diff(found.starts))
+    corners = to_world(scene, found.face[corner_of].astype(np.int64), found.xy)[:, :2]
+    pieces = shapely.make_valid(shapely.polygons(shapely.linearrings(corners, indices=corner_of)))
+    rows = range(len(poses))
+    return [shapely.union_all(pieces[found.pose == row], grid_size=1e-6) for row in rows]
 
 
 def edges_between(mesh: Mesh, low: float, high: float) -> FloatArray:

@@ -34,17 +34,13 @@ from rastercov.camera.rig import cameras_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.area.zones import face_zones
 from rastercov.coverage.densities import DORI, DORI_EDITION
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.mesh import Mesh
 from rastercov.mesh.sections import section, solid
 from rastercov.report.pages import rendered
-from rastercov.report.plan_geometry import (
-    edges_between,
-    field_of_view,
-    noded,
-    visible_from,
-)
+from rastercov.report.plan_geometry import edges_between, scene_of_plan, seen_on_plan
 from rastercov.report.tables import heading_and_tilt
 from rastercov.report.theme import DORI as BANDS
 
@@ -177,11 +173,6 @@ def plan_sheet(
         Direction of an arrow to the north, degrees counter-clockwise from +x.
     views : mapping of str to int, optional
         Cameras that faces of a group need, 1 for the others; those of the task unless given.
-
-    Raises
-    ------
-    CameraError
-        For an image of all directions.
     """
     mesh, (width, height) = found.mesh.opaque, PAPERS[frame.paper]
     ends = np.array(((MARGIN, height - MARGIN), (width - MARGIN - PANEL, MARGIN)))
@@ -189,7 +180,7 @@ def plan_sheet(
     segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
     lines, solids = shapely.linestrings(segments), solid(segments)
     walls = shapely.line_merge(shapely.multilinestrings(lines)).simplify(0)
-    paths = _views(found, frame, noded(segments, box), shapely.box(*box.ravel()))
+    paths = _views(found, frame, scene_of_plan(segments, box, frame.cut, found.poses))
     paths |= {"WALLS": frame.path(walls), "SOLID": frame.path(solids)}
     below = edges_between(mesh, frame.floor - 0.01, frame.cut)
     paths["BELOW"] = frame.path(shapely.multilinestrings(shapely.linestrings(below)))
@@ -238,38 +229,34 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _views(found: Evaluation, frame: Frame, walls: FloatArray, window: object) -> dict[str, str]:
+def _views(found: Evaluation, frame: Frame, scene: Mesh) -> dict[str, str]:
     """Paths of what cameras see at the height of the cut, by level, and "FOV", of each camera."""
     cameras = cameras_of(found.camera)
-    seen: dict[str, list[Any]] = {level: [] for level in LEVELS}
-    for pose, index in zip(found.poses.world_from_camera, found.poses.camera, strict=True):
-        visible = visible_from(pose[:2, 3], walls).intersection(window)
-        for level, views in seen.items():
-            view = field_of_view(cameras[index], pose, DORI[level], frame.cut)
-            views.append(view.intersection(visible))
+    seen = {level: seen_on_plan(scene, cameras, found.poses, DORI[level]) for level in LEVELS}
     paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
     return paths | {"FOV": "".join(map(frame.path, seen["detect"]))}
 
 
 def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
     """Uncovered parts of targets, and of faces that face up from the floor to the cut."""
-    mesh = found.mesh
+    mesh, network = found.mesh, found.network
     if found.areas is not None:
         zones = found.areas.zones(views)
-        face, starts = zones.face.astype(np.int64), zones.starts
-        corners = to_world(mesh, np.repeat(face, np.diff(starts)), zones.xy)
     else:
-        face = np.flatnonzero(mesh.task_mask & ~found.network.covered)
-        starts = np.arange(len(face) + 1) * 3
-        corners = mesh.vertices[mesh.faces[face]].reshape(-1, 3)
+        is_left = mesh.task_mask & ~network.covered
+        zones = face_zones(mesh, is_left - 1, network.views)
+    face, first = zones.face.astype(np.int64), zones.starts[:-1]
+    corner_of = np.repeat(np.arange(len(face)), np.diff(zones.starts))
+    corners = to_world(mesh, face[corner_of], zones.xy)
+    height = corners[:, 2]
     up = np.where(mesh.two_sided_mask[face], abs(mesh.normals[face, 2]), mesh.normals[face, 2])
-    parts = []
-    for row in np.flatnonzero(up > FACES_UP).tolist():
-        own = corners[starts[row] : starts[row + 1]]
-        is_shown = own[:, 2].min() > frame.floor - 0.01 and own[:, 2].max() <= frame.cut
-        if is_shown or mesh.target_mask[face[row]]:
-            parts.append(shapely.Polygon(own[:, :2]))
-    return shapely.union_all(shapely.make_valid(np.array(parts, object)), grid_size=1e-6)
+    is_shown = mesh.target_mask[face] & (up > FACES_UP)
+    if len(face):
+        is_low = np.minimum.reduceat(height, first) > frame.floor - 0.01
+        is_low &= np.maximum.reduceat(height, first) <= frame.cut
+        is_shown |= is_low & (up > FACES_UP)
+    parts = shapely.polygons(shapely.linearrings(corners[:, :2], indices=corner_of))
+    return shapely.union_all(shapely.make_valid(parts[is_shown]), grid_size=1e-6)
 
 
 def _hatching(zone: Any, step: float) -> Any:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
@@ -47,7 +47,6 @@ from rastercov.coverage.reasons import (
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_spread import widest_angles
-from rastercov.placement.bits import by_face
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OfCameras, OfLight, OfUnit, of_devices, rounded
 from rastercov.report.pages import figures_of
@@ -328,21 +327,12 @@ class NetworkFigures:
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""
-        from rastercov.base.memory import read_only
-
-        faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]
-        ends = np.concatenate([[0], np.cumsum([len(each) for each in faces])]).astype(np.int64)
-        every = np.concatenate([*faces, np.zeros(0, np.int32)]).astype(np.int32)
-        starts, camera = by_face(ends, every, self.mesh.n_faces)
+        n, points = self.mesh.n_faces, read_only(self.mesh.centroids, np.float64)
+        covers = np.array([row.covers for row in self.rows]).reshape(-1, n)
+        face, camera = np.nonzero(covers.T)
+        starts, widest = np.searchsorted(face, np.arange(n + 1)), np.zeros(n)
         eyes = np.array([each.pose[:3, 3] for each in self.state.on]).reshape(-1, 3)
-        widest = np.zeros(self.mesh.n_faces)
-        widest_angles(
-            starts,
-            camera,
-            read_only(self.mesh.centroids, np.float64),
-            np.ascontiguousarray(eyes),
-            widest,
-        )
+        widest_angles(starts, camera.astype(np.int32), points, eyes, widest)
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> dict[str, Any]:
@@ -461,11 +451,11 @@ def _of_station(
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
     found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
     reason = Reason(int(found["reason"]))
+    name = reason.name.lower()
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
-    words = REASONS[reason.name.lower()].label
-    row = measurements.rows(state, [station])[0]
-    name, failed = reason.name.lower(), int(row.failed[face])
+    words, (row,) = REASONS[name].label, measurements.rows(state, [station])
+    failed = int(row.failed[face])
     occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]

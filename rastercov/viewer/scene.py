@@ -6,7 +6,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -46,7 +46,7 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import is_inside
 from rastercov.viewer.actions import CAMERA_FIELDS
-from rastercov.viewer.rig_state import MOST_STATIONS, RigState
+from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
@@ -65,29 +65,22 @@ UNITS = {
 """Units of thresholds."""
 KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
 """Kinds of fields of the page by the types of JSON schemas."""
-SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
+SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
     {
-        "name": "alpha_deg",
-        "words": "Largest angle between two normals of a segment, (6.1).",
+        "name": name,
+        "words": words,
         "kind": "float",
         "low": 0.0,
         "high": 89.0,
         "choices": None,
-        "default": 30.0,
+        "default": default,
         "is_optional": False,
         "unit": "deg",
-    },
-    {
-        "name": "beta_deg",
-        "words": "Largest angle between segments that are merged, (6.3).",
-        "kind": "float",
-        "low": 0.0,
-        "high": 89.0,
-        "choices": None,
-        "default": 10.0,
-        "is_optional": False,
-        "unit": "deg",
-    },
+    }
+    for name, default, words in (
+        ("alpha_deg", 30.0, "Largest angle between two normals of a segment, (6.1)."),
+        ("beta_deg", 10.0, "Largest angle between segments that are merged, (6.3)."),
+    )
 )
 OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
 """Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
@@ -256,23 +249,15 @@ class Scene:
         """
         if self.pool is None or self.plan is None or self.plan.mounts.has_rigs:
             return None
-        costs = [self._cost_at(each.camera, each.pose[:3, 3].tobytes()) for each in state.on]
-        return None if np.isnan(costs).any() else float(np.sum(costs))
-
-    @cached_property
-    def _cost_at(self) -> Callable[[str, bytes], float]:
-        """Cost of a camera by its name at a place, kept for places that stay; NaN for none."""
-        assert self.plan is not None
-        assert self.pool is not None
-        found, costs, names = self.pool.candidates, self.pool.costs, self.plan.mounts.names
-
-        @lru_cache(MOST_STATIONS)
-        def cost(camera: str, eye: bytes) -> float:
-            own = np.flatnonzero(found.camera == (names.index(camera) if camera in names else -1))
-            away = np.linalg.norm(found.poses[own, :3, 3] - np.frombuffer(eye), axis=1)
-            return float(costs[own[away.argmin()]]) if len(own) else math.nan
-
-        return cost
+        found, total = self.pool.candidates, 0.0
+        of_candidate = np.array(self.plan.mounts.names)[found.camera]
+        for each in state.on:
+            own = np.flatnonzero(of_candidate == each.camera)
+            if not len(own):
+                return None
+            away = np.linalg.norm(found.poses[own, :3, 3] - each.pose[:3, 3], axis=1)
+            total += float(self.pool.costs[own[away.argmin()]])
+        return total
 
     def space(self, state: RigState) -> PoseSpace:
         """Allowed places of cameras: by the plan, around the mesh where it has no boxes."""

@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera
+from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import LEVELS
 from rastercov.mesh import shapes
 from rastercov.mesh.sections import section, solid
-from rastercov.report.plan_geometry import field_of_view, noded, visible_from
+from rastercov.report.plan_geometry import scene_of_plan, seen_on_plan
 from rastercov.report.plan_sheet import Frame, _hatching, lens_text
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
@@ -29,34 +29,53 @@ AROUND = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 4.0, 3))
 POINT = st.tuples(*[st.integers(-29, 29).map(lambda tenth: tenth / 10)] * 2)
 
 
-@given(st.lists(st.tuples(POINT, POINT), max_size=8), POINT, st.integers(0, 9))
+def seen_by(camera, poses, density, cut, walls=(), box=BOX):
+    placed = rc.Poses.of(poses)
+    scene = scene_of_plan(np.reshape(walls, (-1, 2, 2)), box, cut, placed)
+    return seen_on_plan(scene, [camera], placed, density)
+
+
+@given(st.lists(st.tuples(POINT, POINT), max_size=8), POINT, POINT, st.integers(0, 9))
 @settings(max_examples=60, deadline=None)
-def test_a_point_is_in_the_visibility_polygon_where_its_ray_crosses_no_wall(walls, eye, seed):
+def test_a_point_is_seen_in_the_image_and_near_where_its_ray_crosses_no_wall(walls, eye, to, seed):
     lines = [shapely.LineString(ends) for ends in walls if ends[0] != ends[1]]
-    if any(line.distance(shapely.Point(eye)) < 1e-9 for line in lines):
+    if eye == to or any(line.distance(shapely.Point(eye)) < 1e-3 for line in lines):
         return
-    segments = np.array([line.coords for line in lines]).reshape(-1, 2, 2)
-    seen = visible_from(np.array(eye), noded(segments, BOX))
+    pose = rc.look_at((*eye, 2.0), (*to, 1.2))
+    (seen,) = seen_by(CAMERA, pose, 250, 1.0, [line.coords for line in lines])
     points = shapely.points(np.random.default_rng(seed).uniform(-2.99, 2.99, (300, 2)))
-    points = points[shapely.distance(points, shapely.boundary(seen)) > 1e-6]
-    rays = shapely.linestrings([(eye, xy) for xy in shapely.get_coordinates(points)])
+    points = points[~(shapely.distance(points, shapely.boundary(seen)) <= 1e-5)]  # none: NaN
+    xy = shapely.get_coordinates(points)
+    rays = shapely.linestrings([(eye, end) for end in xy])
     is_hidden = shapely.intersects(rays, shapely.union_all(lines)) if lines else False
-    np.testing.assert_array_equal(shapely.contains(seen, points), ~np.asarray(is_hidden))
+    of_camera = to_camera(np.insert(xy, 2, 1.0, axis=1), pose[0])
+    with np.errstate(all="ignore"):
+        places = to_image(of_camera, CAMERA)
+    is_seen = (places >= 0).all(axis=1) & (places <= (1280, 720)).all(axis=1)
+    is_seen &= (of_camera[:, 2] > 0) & (of_camera[:, 2] <= 640 / 250)
+    np.testing.assert_array_equal(shapely.contains(seen, points), is_seen & ~np.asarray(is_hidden))
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
 @pytest.mark.parametrize("level", ["identify", "recognise", "observe", "detect"])
 def test_a_band_ends_where_the_facing_density_falls_to_its_level(camera, level):
     depth = 640 / LEVELS[level]
-    (pose,) = rc.look_at((0, 0, 2), (5, 0, 2)).reshape(-1, 4, 4)
+    box = np.array([(-1.0, -depth - 9), (depth + 9, depth + 9)])
+    (found,) = seen_by(camera, rc.look_at((0, 0, 2), (5, 0, 2)), LEVELS[level], 2.0, box=box)
     wedge = shapely.Polygon([(0, 0), (depth, -depth), (depth, depth)])
-    found = field_of_view(camera, pose, LEVELS[level], 2.0)
-    assert found.symmetric_difference(wedge).area < 1e-6 * wedge.area
+    assert found.symmetric_difference(wedge).area < 1e-4 * wedge.area
     (pose,) = rc.look_at((1, 2, 2.5), (4, 3, 1.5)).reshape(-1, 4, 4)
-    corners = shapely.get_coordinates(field_of_view(camera, pose, LEVELS[level], 1.2))
-    x, y, z = to_camera(np.insert(corners, 2, 1.2, axis=1), pose).T
-    assert z.max() == pytest.approx(depth)
-    assert (np.maximum(abs(x), abs(y) * 16 / 9) <= z * (1 + 1e-6)).all()
+    (found,) = seen_by(camera, pose, LEVELS[level], 1.2, box=2 * box)
+    x, y, z = to_camera(np.insert(shapely.get_coordinates(found), 2, 1.2, axis=1), pose).T
+    assert z.max() == pytest.approx(depth, rel=1e-4)
+    assert (np.maximum(abs(x), abs(y) * 16 / 9) <= z * (1 + 1e-5)).all()
+
+
+def test_the_image_of_all_directions_is_a_disc_on_the_plan():
+    camera = rc.Camera.preset("tls-360")
+    (found,) = seen_by(camera, rc.look_at((0, 0, 2), (1, 0, 2)), 1.0, 1.0)
+    assert found.contains(shapely.Point(2.9, 2.9))
+    assert not found.contains(shapely.Point(0.1, 0.1))  # below the scanner
 
 
 @given(POINT, st.floats(1e-7, 0.3), st.floats(1e-3, 1))

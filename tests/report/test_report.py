@@ -122,7 +122,6 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
             table.add(rows_of(batch, "all"))
             sizes.append(pa.total_allocated_bytes())
             assert len(table._pending) < 1000 + batch.coverage.size  # while a batch is added
-            assert len(table._waiting) <= coverage_table.BATCHES_WAITING + 1
         assert max(sizes[5:]) < sizes[4] + 100_000
         assert next(tmp_path.iterdir()).stat().st_size > 0
     file = pq.ParquetFile(path)
@@ -143,22 +142,12 @@ def test_a_disk_that_is_full_while_rows_are_added_ends_the_run_and_names_the_fil
 
     def add_for_ever():
         with coverage_table.CoverageTable(path, STRIP) as table:
-            while True:  # neither waits for the thread nor goes on
+            while True:
                 table.add(rows)
 
     with pytest.raises(OSError, match=str(path)):
         add_for_ever()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_system_without_threads_writes_the_same_table(tmp_path, monkeypatch):
-    def refuse(_):
-        raise RuntimeError("can't start new thread")
-
-    batches = [made_up(seed=seed) for seed in range(5)]
-    expected = stored(tmp_path, *batches)
-    monkeypatch.setattr("threading.Thread.start", refuse)
-    assert stored(tmp_path, *batches).equals(expected)
 
 
 # --- other files ----------------------------------------------------------------------------
