@@ -51,7 +51,9 @@ from rastercov.camera.projection import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen, matrices_of
+from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.solids import Winding, closed_parts, in_solid
+from rastercov.native import mesh_clearance
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -317,8 +319,9 @@ class Enclosure:
         # Targets enclose nothing.
         self._parts = closed_parts(mesh.opaque)
         self._boxes = self._parts.boxes - self._middle
-        self._corners = mesh.opaque.vertices[mesh.opaque.faces[self._parts.faces]] - self._middle
-        self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+        rows = self._parts.faces[~mesh.opaque.degenerate_mask[self._parts.faces]]
+        around, faces = mesh.opaque.vertices - self._middle, mesh.opaque.faces[rows]
+        self._surface = TriangleTree.over(around, faces) if len(rows) else None
 
     def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:
         """Reason for each face why no camera can see it from the side of its normal, or "".
@@ -327,7 +330,7 @@ class Enclosure:
         two-sided face.
         """
         found = [""] * len(faces)
-        if not len(self._corners):
+        if self._surface is None:
             return found
         corners = self.mesh.vertices[self.mesh.faces[faces]] - self._middle
         centres = corners.mean(axis=1)
@@ -375,31 +378,11 @@ class Enclosure:
 
     def _is_crossed(self, triangle: FloatArray) -> bool:
         """True where a face of the closed surfaces cuts a triangle, (3, 3)."""
-        near = (self._low <= triangle.max(axis=0)) & (self._high >= triangle.min(axis=0))
-        others = self._corners[near.all(axis=1)]
-        if not len(others):
-            return False
-        one = np.broadcast_to(triangle, others.shape)
-        return bool(_edges_pierce(one, others).any() or _edges_pierce(others, one).any())
-
-
-def _edges_pierce(ones: FloatArray, others: FloatArray) -> BoolArray:
-    """(N,) mask of triangles (N, 3, 3) with an edge through the interior of their partner."""
-    origin, along = others[:, 0], others[:, 1:] - others[:, :1]
-    normal = np.cross(along[:, 0], along[:, 1])
-    pierces = np.zeros(len(ones), np.bool_)
-    for corner in range(3):
-        start, end = ones[:, corner], ones[:, (corner + 1) % 3]
-        before = np.einsum("ni,ni->n", start - origin, normal)
-        after = np.einsum("ni,ni->n", end - origin, normal)
-        apart = np.where(before == after, 1.0, before - after)
-        where = start + (before / apart)[:, None] * (end - start)
-        inside = before * after < 0
-        for side in range(3):
-            p, q = others[:, side], others[:, (side + 1) % 3]
-            inside &= np.einsum("ni,ni->n", np.cross(q - p, where - p), normal) >= 0
-        pierces |= inside
-    return pierces
+        assert self._surface is not None
+        own, apart = TriangleTree.over(triangle, np.arange(3)[None]), np.array([self._lift])
+        both = self._surface.corners, self._surface.nodes, own.corners, own.nodes
+        mesh_clearance.distances(*both, np.eye(4)[None], apart)
+        return bool(apart[0] <= 0)
 
 
 PLACES_AT_ONCE = 20_000
