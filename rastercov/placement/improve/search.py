@@ -72,7 +72,6 @@ def optimise(
     *,
     budget: int = 20_000,
     seed: int = 0,
-    candidates: ArrayLike | None = None,
     start: ArrayLike | None = None,
     camera: ArrayLike = 0,
 ) -> Optimised:
@@ -86,13 +85,11 @@ def optimise(
     cameras : int
         Cameras k of the network, 1 or more.
     budget : int
-        Poses to measure: those of the start, of candidates, and drawn ones up to this number.
+        Poses to measure: those of the start, and drawn ones up to this number.
     seed : int
         The same seed gives the same network.
-    candidates : (C, 4, 4) array_like, optional
-        Further poses. Those at forbidden positions are left out.
     start : (k, 4, 4) array_like, optional
-        The first network; the result is no worse.
+        The first network, such as that of a selection; the result is no worse.
     camera : int or (k,) int array_like
         Index of the camera of each, where the observer has several.
 
@@ -106,9 +103,14 @@ def optimise(
         if value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
     check_seed(seed)
-    given = _given(space, cameras, candidates, start)[:budget]
-    drawn = _drawn(space, budget - len(given), np.random.default_rng(seed))
-    poses = np.concatenate((given, drawn))
+    poses = np.zeros((0, 4, 4))
+    if start is not None:
+        if np.shape(start) != (cameras, 4, 4):
+            raise ConfigError(f"start must have shape ({cameras}, 4, 4), got {np.shape(start)}")
+        poses = valid_poses(start)
+        space.require(poses, "camera")
+    rng = np.random.default_rng(seed)
+    poses = np.concatenate((poses, _drawn(space, budget - len(poses), rng)))
     own = Poses.of(poses[:cameras], camera=camera).camera
     placed = Poses.of(poses, camera=np.resize(own, budget))
     rows: list[NDArray[Any]] = []
@@ -168,27 +170,6 @@ def _exchanged(
                 chosen[place], gains = own[best], True
                 trace.append(trace[-1] + int(added[best] - added[now]))
     return chosen, trace, rounds
-
-
-def _given(
-    space: PoseSpace, cameras: int, candidates: ArrayLike | None, start: ArrayLike | None
-) -> FloatArray:
-    """Poses of the start, and of candidates at allowed positions."""
-    found = np.zeros((0, 4, 4))
-    if start is not None:
-        if np.shape(start) != (cameras, 4, 4):
-            raise ConfigError(f"start must have shape ({cameras}, 4, 4), got {np.shape(start)}")
-        found = valid_poses(start)
-        space.require(found, "camera")
-    if candidates is not None:
-        poses = valid_poses(candidates)
-        poses = poses[space.allows(poses[:, :3, 3])]
-        if not len(poses):
-            raise ConfigError(
-                "cameras may stand at none of the candidates; allow more, or add some"
-            )
-        found = np.concatenate((found, poses))
-    return found
 
 
 def _drawn(space: PoseSpace, count: int, rng: np.random.Generator) -> FloatArray:
