@@ -652,12 +652,9 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     part = (problem.integer_weights << PROGRESS_BITS) // problem.views
 
     def loss(camera: int) -> int:
-        faces = problem.faces_of(camera)
-        if problem.has_rigs:
-            faces, times = np.unique(faces, return_counts=True)
-            left = np.maximum(problem.views[faces] - count[faces], 0)
-            return -int((part[faces] * np.minimum(times, left)).sum())
-        return -int(part[faces[count[faces] < problem.views[faces]]].sum())
+        faces, times = np.unique(problem.faces_of(camera), return_counts=True)
+        left = np.maximum(problem.views[faces] - count[faces], 0)
+        return -int((part[faces] * np.minimum(times, left)).sum())
 
     # Lazy evaluation: gains only fall as cameras are added, so the first one that is still the
     # greatest when computed again is taken. Ties go by number.
