@@ -155,14 +155,14 @@ def _steps(problem: Problem) -> dict[str, object]:
 
     step("reachable faces, 1 pass", lambda: problem.reachable)
     large = step("presolve, 2 passes", lambda: presolve(problem))
-    state = step("greedy rule", lambda: constructed(lambda: LazyCover(large), problem.goal))
+    state = step("greedy rule", lambda: constructed(lambda: LazyCover(large)))
     n_gains = state.n_gains
     bounds._priced = counted
     core, rows, bound = step("bound", lambda: bounds.core_and_bound(large, state))
     bounds._priced = priced
     better = CoverState(core)
     better.become(np.flatnonzero(np.isin(rows, list(state.chosen))).tolist())
-    better = step("local search", lambda: improve(core, better, bound, EFFORT, 0))
+    better = step("local search", lambda: improve(better, bound, EFFORT, 0))
     plain = large.candidates[state.ranked()]
     chosen = core.candidates[better.ranked()]
     plain, found = (finish("greedy", problem, each, bound, 0.0) for each in (plain, chosen))
@@ -270,7 +270,7 @@ def _passes(folder: Path, held_as: str) -> float:
         return 0.0
     matrix = VisibilityMatrix.load(next(folder.iterdir()))
     problem = problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
-    state = constructed(lambda: LazyCover(presolve(problem)), problem.goal)
+    state = constructed(lambda: LazyCover(presolve(problem)))
     return (state.n_gains / state.large.n_candidates - 1) / max(1, len(state.chosen))
 
 

@@ -131,7 +131,7 @@ def select_integer(
     deadline = deadline.earlier(min(time.perf_counter() - before, FINISH_SHARE * time_limit))
     share = deadline.sooner(START_SHARE)
     bound = bound_of(reduced, state, share.sooner(0.5))
-    state = improve(reduced, state, bound, EFFORT, seed, share)
+    state = improve(state, bound, EFFORT, seed, share)
     search = _Search(reduced, state, bound)
     status = "feasible"
     if not search.is_proved and reduced.n_candidates:
@@ -180,7 +180,7 @@ class _Search:
     def _take(self, chosen: set[int]) -> None:
         """Complete a selection by the greedy rule, and keep it if it is the best."""
         self.state.become(chosen)
-        complete(self.state, self.reduced.problem.goal)
+        complete(self.state)
         if not (self.is_best_coverage or self.state.is_met):
             return
         value = self._value()
