@@ -117,7 +117,6 @@ seed = 3
 refine = true
 [selection.optimise]
 budget = 24
-population = 4
 [outputs]
 page = false
 """

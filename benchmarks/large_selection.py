@@ -23,7 +23,7 @@ import rastercov as rc
 from rastercov.mesh import shapes
 from rastercov.placement import matrix_folder as bit_file
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
-from rastercov.placement.matrix import BitMatrix, measure_matrix
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import CoverState, LazyCover
 from rastercov.placement.select.greedy import EFFORT, constructed, improve, select_greedy
@@ -155,14 +155,14 @@ def _steps(problem: Problem) -> dict[str, object]:
 
     step("reachable faces, 1 pass", lambda: problem.reachable)
     large = step("presolve, 2 passes", lambda: presolve(problem))
-    state = step("greedy rule", lambda: constructed(lambda: LazyCover(large), problem.goal))
+    state = step("greedy rule", lambda: constructed(lambda: LazyCover(large)))
     n_gains = state.n_gains
     bounds._priced = counted
     core, rows, bound = step("bound", lambda: bounds.core_and_bound(large, state))
     bounds._priced = priced
     better = CoverState(core)
     better.become(np.flatnonzero(np.isin(rows, list(state.chosen))).tolist())
-    better = step("local search", lambda: improve(core, better, bound, EFFORT, 0))
+    better = step("local search", lambda: improve(better, bound, EFFORT, 0))
     plain = large.candidates[state.ranked()]
     chosen = core.candidates[better.ranked()]
     plain, found = (finish("greedy", problem, each, bound, 0.0) for each in (plain, chosen))
@@ -268,9 +268,9 @@ def _passes(folder: Path, held_as: str) -> float:
     """Passes over the bits of a plan that the greedy rule makes for a camera."""
     if held_as != "bits":
         return 0.0
-    matrix = BitMatrix.load(next(folder.iterdir()))
+    matrix = VisibilityMatrix.load(next(folder.iterdir()))
     problem = problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
-    state = constructed(lambda: LazyCover(presolve(problem)), problem.goal)
+    state = constructed(lambda: LazyCover(presolve(problem)))
     return (state.n_gains / state.large.n_candidates - 1) / max(1, len(state.chosen))
 
 
@@ -283,14 +283,14 @@ def rates(report: Report) -> None:
     poses, task = rc.sphere_of_poses((0, 0, 0), 4.2, 168), rc.Task(max_incidence_deg=60)
     with rc.open_observer(mesh, camera, threads=1) as observer:
         with tempfile.TemporaryDirectory() as folder:
-            measure_matrix(observer, poses[:4], task, folder)
+            build_matrix(observer, poses[:4], task, folder)
         with tempfile.TemporaryDirectory() as folder:
             cpu = time.process_time()
-            matrix = measure_matrix(observer, poses, task, folder)
+            matrix = build_matrix(observer, poses, task, folder)
             cpu = time.process_time() - cpu
             n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("pairs-*.npz"))
             started = time.process_time()
-            bits = matrix.bits
+            bits = matrix.bits()
             derived = time.process_time() - started
     values = spread_out(np.random.default_rng(0).integers(0, 1 << 40, (1, mesh.n_faces)))
     rows = np.tile(np.arange(len(poses)), 20)

@@ -156,7 +156,6 @@ SITES = (
     Site("teapot-5", (3, 5), 0.05, (0.1, 0.6)),
     Site("room", (3, 6), 0.2, (0.2, 6.0), np.array([[(-2.7, -2.2, 0.3), (2.7, 2.2, 2.5)]])),
 )
-SEARCHES = ("random", "pso", "ga", "de")
 
 
 def methods(report: Report, budget: int, seeds: int) -> None:
@@ -204,11 +203,7 @@ def ways(
             select_integer(problem(seed, budget)[1], time_limit=20, seed=seed).share
         ),
         "greedy, then refined": refined,
-    } | {
-        name: lambda seed, name=name: (
-            optimise(objective, space, k, name, budget=budget, seed=seed).share
-        )
-        for name in SEARCHES
+        "search": lambda seed: optimise(objective, space, k, budget=budget, seed=seed).share,
     }
 
 

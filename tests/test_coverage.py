@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lens_cameras import CAMERAS
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
@@ -22,7 +20,6 @@ from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.coverage.visibility import FRACTION, visibility
 from rastercov.mesh import Mesh, shapes
-from rastercov.placement.uncovered import faces_in_view
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))
@@ -118,17 +115,6 @@ def test_near_clipped_poses_are_marked(how):
     poses = np.stack((AHEAD, look_at((0, 0, -1), (0, 0, 0), (0, -1, 0))[0]))
     found = evaluate(mesh, camera, poses, **how, by="face")
     assert found.clipped.tolist() == [True, False]
-
-
-@pytest.mark.parametrize("camera", [SMALL, replace(SMALL, fx=300, fy=300), CAMERAS["fisheye"]])
-def test_faces_in_view_are_those_that_some_criterion_after_the_front_fails(camera):
-    seen = faces_in_view(TEAPOT, camera, Poses.of(POSES))
-    found = evaluate(TEAPOT, camera, POSES, by="face")
-    expected = found.in_view | (found.in_view_fraction > 0)
-    assert np.array_equal(seen, (found.reason > Reason.BACK_FACING) & expected)
-    assert 0.02 < seen.mean() < 0.9
-    behind = POSES @ np.diag((1.0, -1, -1, 1))
-    assert not faces_in_view(TEAPOT, SMALL, Poses.of(behind)).any()
 
 
 # --- runs of any size -----------------------------------------------------------------------------

@@ -3,8 +3,6 @@
     segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
     -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
-From more pairs than the memory holds: measure_matrix -> problem_of.
-
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
@@ -40,14 +38,14 @@ from rastercov.placement.candidates.pool import (
     per_face,
     per_segment,
 )
-from rastercov.placement.candidates.rooms import Room, read_spaces
+from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
@@ -64,7 +62,6 @@ __all__ = [
     "Access",
     "Arm",
     "BestCoverage",
-    "BitMatrix",
     "Candidates",
     "CellObjective",
     "CoveredBits",
@@ -98,7 +95,6 @@ __all__ = [
     "from_poses",
     "in_room",
     "in_solid",
-    "measure_matrix",
     "on_arm",
     "on_box",
     "on_ceiling",
@@ -111,7 +107,6 @@ __all__ = [
     "per_segment",
     "problem_of",
     "problem_of_matrix",
-    "read_spaces",
     "refine",
     "segment",
     "select_greedy",
@@ -121,3 +116,17 @@ __all__ = [
 ]
 
 _guard(__name__)
+
+
+_RETIRED = {
+    "BitMatrix": "VisibilityMatrix leaves the pairs of a folder on the disk",
+    "measure_matrix": "build_matrix with a folder leaves the pairs on the disk",
+    "read_spaces": "Mesh.load(path).spaces has them",
+}
+"""Names of the last version, and what to call instead."""
+
+
+def __getattr__(name: str) -> object:
+    if name in _RETIRED:
+        raise ImportError(f"rastercov.placement.{name} is retired: {_RETIRED[name]}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -16,14 +16,13 @@ A shard is written to a temporary file, flushed to the disk and renamed, so a ki
 most its current shard; run again with the same inputs it continues from there. Such a run makes a
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
 
-A `BitMatrix` serves selections from more pairs than the memory holds: `measure_matrix` ->
-`problem_of` -> `select_greedy`. Coverage itself stays on the disk.
+Of more pairs than the memory holds coverage stays on the disk: a selection takes their bits.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
-from functools import reduce
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any, Self
 
@@ -41,33 +40,31 @@ from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.shards import LOG
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.native import placement_bits as kernels
-from rastercov.placement.bits import CoveredBits, n_words
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_folder import (
-    NOT_ON_RIGS,
     MatrixFolder,
+    Pairs,
     add_bounds,
     claim,
     describe,
     gathered,
-    greatest,
     pairs_of,
     region_observer,
-    totals_of,
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Made, Staff, Workers, fill
+from rastercov.shards import Made, Staff, Workers
 from rastercov.shards.run import counted
 from rastercov.shards.store import Note, remove_halves
 
-POSES_A_TURN = 256
-"""Poses whose pairs are made bits at a time."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MeasuredPoses:
-    """Candidate poses whose visibility was measured, and the inputs of the measurement.
+class VisibilityMatrix:
+    """Coverage of faces by candidate poses, in compressed rows; row c is pose c.
+
+    The faces of pose c are `face[indptr[c]:indptr[c + 1]]`, in ascending order; every other face
+    has coverage 0, and so have faces of occluders. Pairs of folders are read when they are first
+    asked for; `bits` does without them.
 
     Attributes
     ----------
@@ -75,10 +72,13 @@ class MeasuredPoses:
         The candidates, with the camera of each, 0 where there is one. Of rigs, that of the mount.
     header : dict
         Inputs of the matrix.
+    parts : tuple of Pairs or MatrixFolder
+        Pairs of consecutive candidates, in memory or in a folder.
     """
 
     placed: Poses
     header: dict[str, Any]
+    parts: tuple[Pairs | MatrixFolder, ...]
 
     @property
     def poses(self) -> FloatArray:
@@ -115,96 +115,100 @@ class MeasuredPoses:
         """True where the elements are cells, not faces."""
         return "cells" in self.header
 
-    def _placed_with(self, other: "MeasuredPoses") -> Poses:
-        """Candidates of both."""
-        poses = np.concatenate((self.poses, other.poses))
-        return Poses.of(poses, camera=np.concatenate((self.camera, other.camera)))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class VisibilityMatrix(MeasuredPoses):
-    """Coverage of faces by candidate poses, in compressed rows; row c is pose c.
-
-    The faces of pose c are `face[indptr[c]:indptr[c + 1]]`, in ascending order; every other face
-    has coverage 0, and so have faces of occluders.
-
-    Attributes
-    ----------
-    indptr : (C + 1,) int64
-        Row limits of the pairs of each pose.
-    face : (N,) int32
-    coverage : (N,) float32
-        (3.6), more than 0; rounded such that a comparison with `task.min_coverage` gives exactly
-        the covered pairs.
-    on_rig : (N,) uint16
-        Of rigs, number of the camera on its rig: a pose has a pair with a face for each camera of
-        its rig that covers it, one after the other. Empty where poses are of single cameras.
-    quarantined : dict of int to str
-        Poses without pairs because they kill the process that measures them, each with its end.
-    """
-
-    indptr: NDArray[np.int64]
-    face: NDArray[np.int32]
-    coverage: NDArray[np.float32]
-    on_rig: NDArray[np.uint16]
-    quarantined: dict[int, str] = field(default_factory=dict)
-
     @property
     def n_pairs(self) -> int:
         """Pairs with coverage above 0."""
-        return len(self.face)
+        return sum(part.n_pairs for part in self.parts)
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """All pairs, in the memory; ConfigError when a shard is damaged by now."""
+        return gathered(pairs for part in self.parts for pairs in part.pairs())
+
+    @property
+    def indptr(self) -> IntArray:
+        """(C + 1,) row limits of the pairs of each pose."""
+        return np.concatenate(([0], np.cumsum(self.pairs.counts)))
+
+    @property
+    def face(self) -> NDArray[np.int32]:
+        """(N,) face of each pair."""
+        return self.pairs.face
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """(N,) coverage of each pair, (3.6), more than 0.
+
+        Rounded such that a comparison with `task.min_coverage` gives exactly the covered pairs.
+        """
+        return self.pairs.coverage
+
+    @property
+    def on_rig(self) -> NDArray[np.uint16]:
+        """(N,) number of the camera on its rig; empty where poses are of single cameras.
+
+        A pose has a pair with a face for each camera of its rig that covers it, one after the
+        other.
+        """
+        return self.pairs.on_rig
 
     @property
     def covered(self) -> BoolArray:
         """(N,) pairs in which the pose covers the face: `Reason.COVERED`."""
         return self.coverage >= np.float64(self.task.min_coverage)
 
-    def united(self) -> "VisibilityMatrix":
-        """The matrix with the greatest coverage of any camera of a rig, each face once."""
-        if not len(self.on_rig):
-            return self
-        counts, face, coverage = greatest(np.diff(self.indptr), self.face, self.coverage)
-        return replace(
-            self, indptr=limits_of(counts), face=face, coverage=coverage, on_rig=NOT_ON_RIGS
-        )
-
-    def bits(self, least: float, starts: IntArray | None = None) -> CoveredBits:
-        """Pairs with coverage of at least `least`, as bits.
-
-        With `starts`, (C + 1,), the cameras of the rig of pose c have the rows from `starts[c]` on;
-        without, a pose has one row, with the faces that any of them covers.
-        """
-        n_rows = self.n_poses if starts is None else int(starts[-1])
-        words = np.zeros((n_rows, n_words(self.n_faces)), np.uint64)
-        for first in range(0, self.n_poses, POSES_A_TURN):
-            limits = self.indptr[first : first + POSES_A_TURN + 1]
-            part = slice(limits[0], limits[-1])
-            row = np.repeat(np.arange(first, first + len(limits) - 1), np.diff(limits))
-            if starts is not None:
-                row = starts[row] + self.on_rig[part]
-            enough = self.coverage[part] >= np.float64(least)
-            kernels.set_pairs(row[enough], self.face[part][enough], words)
-        return CoveredBits.of(words, self.n_faces)
+    @property
+    def quarantined(self) -> dict[int, str]:
+        """Poses without pairs because they kill the process that measures them, with its end."""
+        found: dict[int, str] = {}
+        first = 0
+        for part in self.parts:
+            found |= {first + pose: end for pose, end in part.quarantined().items()}
+            first += part.n_poses
+        return found
 
     @property
     def mean_coverage(self) -> FloatArray:
         """(C,) mean coverage of each pose over the faces that are scored."""
-        alone = self.united()
-        total = totals_of(np.diff(alone.indptr), alone.coverage)
-        return total / max(1, self.n_task_faces)
+        totals = [totals for _, totals in self._derived(self.task.min_coverage)]
+        return np.concatenate(totals) / max(1, self.n_task_faces)
+
+    def united(self) -> "VisibilityMatrix":
+        """The matrix with the greatest coverage of any camera of a rig, each face once."""
+        return replace(self, parts=(self.pairs.united(),))
+
+    def bits(self, least: float | None = None, starts: IntArray | None = None) -> CoveredBits:
+        """Pairs with coverage of at least `least`, that of the task unless given, as bits.
+
+        With `starts`, (C + 1,), the cameras of the rig of pose c have the rows from `starts[c]` on;
+        without, a pose has one row, with the faces that any of them covers. Bits of a folder are
+        derived once, and stay on the disk.
+
+        Raises
+        ------
+        ConfigError
+            When a shard is damaged.
+        ResourceError
+            When the disk has no room for the bits.
+        """
+        least = self.task.min_coverage if least is None else least
+        if starts is None:
+            return reduce(CoveredBits.joined, (bits for bits, _ in self._derived(least)))
+        row = np.repeat(starts[:-1], self.pairs.counts) + self.on_rig
+        enough = self.coverage >= np.float64(least)
+        return CoveredBits.from_pairs(row[enough], self.face[enough], int(starts[-1]), self.n_faces)
+
+    def _derived(self, least: float) -> Iterator[tuple[CoveredBits, FloatArray]]:
+        """Bits, and total coverage of each pose, of the parts."""
+        return (part.covered(least, self.n_faces) for part in self.parts)
 
     def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
-        further = {self.n_poses + pose: end for pose, end in other.quarantined.items()}
-        return replace(
-            self,
-            placed=self._placed_with(other),
-            indptr=np.concatenate((self.indptr, self.indptr[-1] + other.indptr[1:])),
-            face=np.concatenate((self.face, other.face)),
-            coverage=np.concatenate((self.coverage, other.coverage)),
-            on_rig=np.concatenate((self.on_rig, other.on_rig)),
-            quarantined=self.quarantined | further,
-        )
+        if self.n_faces != other.n_faces or self.task != other.task:
+            raise ConfigError("matrices of other faces or another task cannot be joined")
+        poses = np.concatenate((self.poses, other.poses))
+        placed = Poses.of(poses, camera=np.concatenate((self.camera, other.camera)))
+        return replace(self, placed=placed, parts=(*self.parts, *other.parts))
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
@@ -215,40 +219,8 @@ class VisibilityMatrix(MeasuredPoses):
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        return cls.of(BitMatrix.load(folder))
-
-    @classmethod
-    def of(cls, matrix: "BitMatrix") -> Self:
-        """Matrix of complete folders, in memory; errors as for `load`."""
-        n_pairs, done = matrix.n_pairs, 0
-        face, coverage = np.empty(n_pairs, np.int32), np.empty(n_pairs, np.float32)
-        on_rig = np.empty(n_pairs if matrix.folders[0].is_of_rigs else 0, np.uint16)
-        counts = [np.zeros(0, np.int64)]
-        for folder, number in matrix.shards():
-            of_poses, faces, values, cameras = folder.pairs_of(number)
-            part = slice(done, done + len(faces))
-            if part.stop > n_pairs:
-                raise ConfigError(
-                    f"{folder.path / folder.store.name(number)}: it changed while it was read"
-                )
-            face[part], coverage[part] = faces, values
-            on_rig[part] = cameras
-            counts.append(of_poses)
-            done = part.stop
-        return cls(
-            placed=matrix.placed,
-            header=matrix.header,
-            indptr=limits_of(np.concatenate(counts)),
-            face=face,
-            coverage=coverage,
-            on_rig=on_rig,
-            quarantined=matrix.quarantined,
-        )
-
-
-def limits_of(counts: IntArray) -> IntArray:
-    """(C + 1,) limits of rows of these lengths."""
-    return np.concatenate(([0], np.cumsum(counts)))
+        found = MatrixFolder.open(folder)
+        return cls(placed=found.poses(), header=found.header, parts=(found,))
 
 
 @typed
@@ -316,73 +288,26 @@ def build_matrix(
     """
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    if folder is not None:
-        found = measure_matrix(
-            view, poses, task, folder, cells=cells, poses_a_shard=poses_a_shard, bounds=bounds,
-            mounts=mounts, workers=workers, progress=progress, watch=watch, note=note,
-        )  # fmt: skip
-        return VisibilityMatrix.of(found)
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        did, n_at_once = counted(len(placed), progress), header["poses_a_shard"]
-        pairs = gathered(
-            pairs_of(observer, placed[at : at + n_at_once], task, cells, bounds, mounts, did)
-            for at in range(0, len(placed), n_at_once)
-        )
-        return VisibilityMatrix(
-            placed=placed,
-            header=header,
-            indptr=limits_of(pairs.counts),
-            face=pairs.face,
-            coverage=pairs.coverage,
-            on_rig=pairs.on_rig,
-        )
 
+        def pairs(rows: slice, did: Callable[[int], None]) -> Pairs:
+            return pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
 
-@typed
-def measure_matrix(
-    view: Observer | tuple[Mesh, Cameras],
-    poses: ArrayLike | Poses,
-    task: Task | None,
-    folder: str | Path,
-    *,
-    cells: Cells | None = None,
-    poses_a_shard: int | None = None,
-    bounds: CandidateBounds | None = None,
-    mounts: Mounts | None = None,
-    workers: Workers | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    watch: Callable[[Made], None] = lambda made: None,
-    note: Note = LOG.warning,
-) -> "BitMatrix":
-    """Visibility matrix of which nothing but the poses is in memory, in a folder.
-
-    Arguments and errors are those of `build_matrix`.
-    """
-    placed, task = renumbered(poses), task or Task()
-    with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
-        remove_halves(place)
-        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        is_given = poses_a_shard is not None
-        matrix = claim(place, header, observer, placed, is_given, note)
-        shards, sizes = matrix.store, dict[int, int]()
-
-        def check(number: int) -> None:
-            sizes[number] = matrix.rows_in(number)
-
-        def make(number: int, did: Callable[[int], None]) -> memoryview:
-            rows = shards.rows(number)
-            pairs = pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
-            return matrix.shard_bytes(number, pairs, np.arange(rows.start, rows.stop))
-
-        for number in fill(shards, make, check, Staff(workers, progress, watch, note)):
-            if number not in sizes:
-                check(number)
-        if workers is not None and bounds is not None:
-            add_bounds(matrix, bounds)
-        whole = replace(matrix, n_pairs=sum(sizes.values()))
-        return BitMatrix(placed=placed, header=matrix.header, folders=(whole,))
+        if folder is None:
+            did, n_at_once = counted(len(placed), progress), header["poses_a_shard"]
+            starts = range(0, max(1, len(placed)), n_at_once)
+            parts = tuple(pairs(slice(at, at + n_at_once), did) for at in starts)
+            return VisibilityMatrix(placed=placed, header=header, parts=parts)
+        with locked(Path(folder)) as place:
+            remove_halves(place)
+            is_given = poses_a_shard is not None
+            matrix = claim(place, header, observer, placed, is_given, note)
+            whole = matrix.filled(pairs, Staff(workers, progress, watch, note))
+            if workers is not None and bounds is not None:
+                add_bounds(matrix, bounds)
+            return VisibilityMatrix(placed=placed, header=matrix.header, parts=(whole,))
 
 
 @contextmanager
@@ -397,81 +322,3 @@ def _opened(
         if cells is not None:
             observer = opened.enter_context(region_observer(observer, cells, task))
         yield observer
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BitMatrix(MeasuredPoses):
-    """Faces, or cells, that each candidate pose covers, one bit each.
-
-    Attributes
-    ----------
-    folders : tuple of MatrixFolder
-        Folders of the matrices of consecutive candidates; the header is that of the first. Bits are
-        derived from their shards when they are first asked for.
-    """
-
-    folders: tuple[MatrixFolder, ...]
-
-    @classmethod
-    def load(cls, folder: str | Path) -> Self:
-        """Matrix that `measure_matrix` or `build_matrix` left in a folder.
-
-        Raises
-        ------
-        ConfigError
-            When there is none, when it is incomplete, or when one of its files is damaged.
-        """
-        found = MatrixFolder.open(folder)
-        return cls(placed=found.poses(), header=found.header, folders=(found,))
-
-    @property
-    def n_pairs(self) -> int:
-        """Pairs with coverage above 0."""
-        return sum(folder.n_pairs for folder in self.folders)
-
-    @property
-    def quarantined(self) -> dict[int, str]:
-        """Poses without pairs because they kill the process that measures them, with its end."""
-        found: dict[int, str] = {}
-        first = 0
-        for folder in self.folders:
-            found |= {first + pose: end for pose, end in folder.quarantined().items()}
-            first += folder.header["n_poses"]
-        return found
-
-    def shards(self) -> Iterator[tuple[MatrixFolder, int]]:
-        """Folder and number of each shard."""
-        for folder in self.folders:
-            for number in range(len(folder.store)):
-                yield folder, number
-
-    @property
-    def bits(self) -> CoveredBits:
-        """Pairs that count as covered by `task`; errors as of `covered_at`."""
-        return self.covered_at(self.task.min_coverage)
-
-    @property
-    def mean_coverage(self) -> FloatArray:
-        """(C,) mean coverage of each pose over the faces that are scored."""
-        least = self.task.min_coverage
-        totals: FloatArray = np.concatenate([each.covered(least)[1] for each in self.folders])
-        return totals / max(1, self.n_task_faces)
-
-    def covered_at(self, least: float) -> CoveredBits:
-        """Pairs with coverage of at least `least`.
-
-        Raises
-        ------
-        ConfigError
-            When a shard is damaged.
-        ResourceError
-            When the disk has no room for the bits.
-        """
-        return reduce(CoveredBits.joined, (each.covered(least)[0] for each in self.folders))
-
-    def joined(self, other: "BitMatrix") -> "BitMatrix":
-        """Matrix of the poses of both, of one mesh and one task."""
-        if self.n_faces != other.n_faces or self.task != other.task:
-            raise ConfigError("matrices of other faces or another task cannot be joined")
-        folders = (*self.folders, *other.folders)
-        return replace(self, placed=self._placed_with(other), folders=folders)

@@ -44,11 +44,10 @@ from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.coverage.shards import hash_of, inputs_of
 from rastercov.coverage.task import Task
-from rastercov.native import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
-from rastercov.shards import ShardStore
+from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.inputs import (
     HEADER,
     POSES,
@@ -59,7 +58,6 @@ from rastercov.shards.inputs import (
     read_poses,
     write_inputs,
 )
-from rastercov.shards.run import counted
 from rastercov.shards.store import SUMS, DamagedError, Note, contents, remove, store, whole
 
 PAIRS_A_SHARD = 1 << 22
@@ -103,6 +101,41 @@ class Pairs(NamedTuple):
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
     on_rig: NDArray[np.uint16]
+
+    @property
+    def n_poses(self) -> int:
+        """Number of poses."""
+        return len(self.counts)
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of pairs."""
+        return len(self.face)
+
+    def pairs(self) -> "Iterator[Pairs]":
+        """These, as those of a folder."""
+        yield self
+
+    def quarantined(self) -> dict[int, str]:
+        """None, see `MatrixFolder.quarantined`."""
+        return {}
+
+    def united(self) -> "Pairs":
+        """Each face of a pose once, with the greatest coverage of those that follow one another."""
+        if not len(self.on_rig):
+            return self
+        pose = np.repeat(np.arange(self.n_poses), self.counts)
+        rows = np.flatnonzero(np.diff(pose, prepend=-1) | np.diff(self.face, prepend=-1))
+        best = np.maximum.reduceat(self.coverage, rows) if len(rows) else self.coverage
+        counts = np.bincount(pose[rows], minlength=self.n_poses)
+        return Pairs(counts, self.face[rows], best, NOT_ON_RIGS)
+
+    def covered(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
+        """Pairs with coverage of at least `least`, and (C,) total coverage of each pose."""
+        counts, face, coverage, _ = self.united()
+        row, enough = np.repeat(np.arange(len(counts)), counts), coverage >= np.float64(least)
+        bits = CoveredBits.from_pairs(row[enough], face[enough], len(counts), n_faces)
+        return bits, np.bincount(row, coverage, len(counts)).astype(np.float64)
 
 
 KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.uint16)
@@ -206,31 +239,6 @@ def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], 
     return short, covered
 
 
-def totals_of(counts: IntArray, coverage: NDArray[np.float32]) -> FloatArray:
-    """(C,) total coverage of poses, from the number of pairs of each and the coverage of all."""
-    # Pose by pose, 10 us each: `reduceat` does not give 0 for a pose without pairs.
-    ends = np.cumsum(counts)
-    total = [coverage[b - n : b].sum(dtype=np.float64) for b, n in zip(ends, counts, strict=True)]
-    return np.array(total, np.float64)
-
-
-def greatest(
-    counts: IntArray, face: NDArray[np.int32], coverage: NDArray[np.float32]
-) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32]]:
-    """Pairs of poses, each face once, with the greatest coverage of those that follow one another.
-
-    Arguments are the number of pairs of each pose, and face and coverage of each.
-    """
-    starts = np.ones(len(face), np.bool_)
-    starts[1:] = face[1:] != face[:-1]
-    first = np.cumsum(counts) - counts
-    starts[first[first < len(face)]] = True
-    rows = np.flatnonzero(starts)
-    pose = np.repeat(np.arange(len(counts)), counts)[rows]
-    best = np.maximum.reduceat(coverage, rows) if len(rows) else coverage
-    return np.bincount(pose, minlength=len(counts)), face[rows], best
-
-
 # --- header, poses and shards -----------------------------------------------------------------
 
 
@@ -332,10 +340,17 @@ class MatrixFolder:
         with _remade_by_build():
             return self.store.quarantined()
 
-    def pairs_of(
-        self, number: int
-    ) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32], NDArray[np.uint16]]:
-        """Number of pairs of each pose of a shard, and face, coverage and camera of each pair.
+    @property
+    def n_poses(self) -> int:
+        """Number of candidates."""
+        return int(self.header["n_poses"])
+
+    def pairs(self) -> Iterator[Pairs]:
+        """Pairs of each shard; errors as of `pairs_of`."""
+        return map(self.pairs_of, range(len(self.store)))
+
+    def pairs_of(self, number: int) -> Pairs:
+        """Pairs of a shard.
 
         Raises
         ------
@@ -345,7 +360,8 @@ class MatrixFolder:
         with _remade_by_build():
             found = self._shard(number)
         face = np.cumsum(found["face_step"], dtype=np.int32)
-        return found["counts"], face, found["coverage"], found.get("camera_on_rig", NOT_ON_RIGS)
+        on_rig = found.get("camera_on_rig", NOT_ON_RIGS)
+        return Pairs(found["counts"], face, found["coverage"], on_rig)
 
     def rows_in(self, number: int) -> int:
         """Number of pairs in a shard; DamagedError unless it is whole, and of this matrix."""
@@ -388,17 +404,28 @@ class MatrixFolder:
             arrays["camera_on_rig"] = pairs.on_rig
         return memoryview(npz_bytes(arrays, level=LEVEL))
 
-    def covered(
-        self, least: float, progress: Callable[[int, int], None] = lambda done, total: None
-    ) -> tuple[CoveredBits, FloatArray]:
+    def filled(
+        self, measure: Callable[[slice, Callable[[int], None]], Pairs], staff: Staff
+    ) -> Self:
+        """The folder with all shards; those that are missing have the pairs that are measured."""
+        sizes = dict[int, int]()
+
+        def check(number: int) -> None:
+            sizes[number] = self.rows_in(number)
+
+        def make(number: int, did: Callable[[int], None]) -> memoryview:
+            rows = self.store.rows(number)
+            return self.shard_bytes(number, measure(rows, did), np.arange(rows.start, rows.stop))
+
+        for number in fill(self.store, make, check, staff):
+            if number not in sizes:
+                check(number)
+        return replace(self, n_pairs=sum(sizes.values()))
+
+    def covered(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
         """Pairs with coverage of at least `least`, and (C,) total coverage of each pose.
 
         Derived at the first call, by threads that each take the next shard, into a mapped file.
-
-        Parameters
-        ----------
-        progress : callable
-            Called with the poses done and the total.
 
         Raises
         ------
@@ -409,9 +436,8 @@ class MatrixFolder:
         """
         if least in self._derived:
             return self._derived[least]
-        shards, n_faces = self.store, self.header["n_faces"]
-        shape = (self.header["n_poses"], n_words(n_faces))
-        total, lock, did = np.zeros(shape[0]), threading.Lock(), counted(shape[0], progress)
+        shards, shape = self.store, (self.n_poses, n_words(n_faces))
+        total, lock = np.zeros(shape[0]), threading.Lock()
         with TemporaryFile(dir=self.path) as file:
             size = max(8, 8 * shape[0] * shape[1])  # nothing cannot be mapped
             try:  # so large that no write to it finds the disk full, where the system sees to that
@@ -427,11 +453,10 @@ class MatrixFolder:
             def work(part: slice) -> None:
                 for number in range(part.start, part.stop):
                     rows = shards.rows(number)
-                    words, total[rows] = self._bits_of(number, shape[1], least)
+                    bits, total[rows] = self.pairs_of(number).covered(least, n_faces)
                     with lock:
                         file.seek(8 * shape[1] * rows.start)
-                        file.write(words.data)
-                        did(len(words))
+                        file.write(bits.parts[0].data)
 
             threads = max(1, min(thread_count(None), MOST_THREADS, len(shards)))
             share_poses(len(shards), [work] * threads)
@@ -440,18 +465,6 @@ class MatrixFolder:
         found = CoveredBits.of(words.reshape(shape), n_faces), total
         self._derived[least] = found
         return found
-
-    def _bits_of(
-        self, number: int, width: int, least: float
-    ) -> tuple[NDArray[np.uint64], FloatArray]:
-        """Bits and total coverage of the poses of a shard."""
-        counts, face, coverage, on_rig = self.pairs_of(number)
-        if len(on_rig):
-            counts, face, coverage = greatest(counts, face, coverage)
-        words = np.zeros((len(counts), width), np.uint64)
-        enough = coverage >= np.float64(least)
-        kernels.set_pairs(np.repeat(np.arange(len(counts)), counts)[enough], face[enough], words)
-        return words, totals_of(counts, coverage)
 
 
 @contextmanager

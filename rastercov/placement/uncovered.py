@@ -14,7 +14,7 @@ occluder, which would take one run for every pair of groups. A face takes 0.3 ms
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from enum import IntEnum
@@ -30,7 +30,6 @@ from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
 from rastercov.coverage.coverage import Coverage, evaluate_batches
-from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.parts import MOST_ROWS
@@ -40,7 +39,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.groups import at_level, rows_at
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.raster.observation import BoundKind
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -48,8 +47,6 @@ for images of 1 px^2 or more, and 1e-9 / area for smaller ones."""
 EDGE_ON = 1e-6
 """Square pixels: an image of at most this area is that of a face seen edge-on, which shows
 nothing."""
-POSES_A_STEP = 1024
-"""Candidates processed at a time."""
 FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
 """Figures that `CandidateBounds` takes."""
 
@@ -101,35 +98,6 @@ class CandidateBounds:
             claim[self.chosen & (self.high <= SEEN_NOTHING)] = Sight.NONE
             claim[self.chosen & (self.low > SEEN_NOTHING)] = Sight.SOME
         return claim
-
-
-def batches_in_view(
-    observer: Observer, poses: Poses, task: Task, chosen: BoolArray
-) -> Iterator[tuple[Coverage, int]]:
-    """Batches of candidates with one of the chosen faces in view, and the number processed so far.
-
-    The other candidates see none of these faces, by definition: they are behind them, or the faces
-    are outside their images.
-    """
-    if not chosen.any():
-        return
-    mesh = observer.mesh
-    used, corners = np.unique(mesh.faces[chosen], return_inverse=True)
-    # The bounds of a part are smaller and its near limit nearer: conservative.
-    part = Mesh(
-        vertices=mesh.vertices[used],
-        faces=corners.reshape(-1, 3),
-        groups=mesh.groups,
-        face_group=mesh.face_group[chosen],
-    )
-    for start in range(0, len(poses), POSES_A_STEP):
-        block = poses[start : start + POSES_A_STEP]
-        rows = np.flatnonzero(faces_in_view(part, observer.camera, block).any(axis=1))
-        if not len(rows):
-            continue
-        for batch in evaluate_batches(observer, renumbered(block[rows]), task, fields=FIGURES):
-            last = batch.pose_ids[-1] if len(batch.pose_ids) else -1
-            yield batch, start + int(rows[last]) + 1
 
 
 RAYS = 256
@@ -336,8 +304,7 @@ def what_is_left(
     """Uncovered faces of a network, with reasons.
 
     Candidates are measured again, because a visibility matrix holds neither bounds nor faces that
-    are seen but not covered; only those with an uncovered front face in their image are. Memory is
-    proportional to the number of faces, not of candidates.
+    are seen but not covered. Memory is proportional to the number of faces, not of candidates.
 
     Parameters
     ----------
@@ -411,9 +378,9 @@ def left_by(
         sight = bounds
     else:
         sight = CandidateBounds(mesh.n_faces, left)
-        for batch, through in batches_in_view(observer, candidates, task, left):
+        for batch in evaluate_batches(observer, candidates, task, fields=FIGURES):
             sight.add(batch)
-            progress(through, total)
+            progress(sight.n_poses, total)
     progress(len(candidates), total)
     shares = in_front(
         mesh,
@@ -478,16 +445,3 @@ def _amount(share: dict[str, Any], action: str) -> str:
     """Sentence on a share of faces; `action` is what several do."""
     count, part = share["faces"], percent(share["area_percent"] / 100)
     return f"{plural(count, 'face')} ({part} of the area) {verb(count, action)}"
-
-
-def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
-    """(P, F) faces seen from the front with some part in the image, whatever is before them."""
-    shape = len(poses), mesh.n_faces
-    none = np.zeros(shape)
-    kind = np.full(shape, BoundKind.EXACT, np.uint8)
-    measured = Observation(none, none, kind, none, np.zeros(len(poses), np.bool_))
-    reason, in_view = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
-    part = np.empty(shape)
-    figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
-    FacePass(mesh, camera, 1).fill(measured, poses, figures)
-    return (reason > Reason.BACK_FACING) & (in_view | (part > 0))

@@ -266,7 +266,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
         prepared.task,
         asdict(options),
         RasterizerInfo(**prepared.measured_by),
-        ("rastercov", "moderngl", "numpy", "pydantic", "highspy", "pymoo"),
+        ("rastercov", "moderngl", "numpy", "pydantic", "highspy"),
     )
 
 

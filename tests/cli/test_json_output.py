@@ -40,16 +40,13 @@ SELECTIONS = {
         for method in ("greedy", "integer")
     },
     "refined": f"{BEST}\nrefine = true",
-    **{
-        method: f'{BEST}\n[selection.optimise]\nmethod = "{method}"\nbudget = 40\npopulation = 4'
-        for method in ("pso", "ga", "de", "random")
-    },
+    "searched": f"{BEST}\n[selection.optimise]\nbudget = 40",
 }
 """Ends of plans: every goal, method and search."""
 LINES = {
     "evaluate": EVALUATE.format("part.obj"),
     "place_integer": "place best_integer_area.toml --json -o out",
-    "place_pso": "place pso_area.toml --json -o out",
+    "place_searched": "place searched_area.toml --json -o out",
     "cameras": "cameras khepra --json",
 }
 SLOW = {
@@ -166,10 +163,3 @@ def test_only_code_in_c_is_kept_from_printing(capfd):
     C_LIBRARY.puts(b"after")
     C_LIBRARY.fflush(None)
     assert sorted(capfd.readouterr().out.split()) == ["Python", "after", "before"]
-
-
-def test_pymoo_without_its_compiled_modules_prints_nothing(files, capfd, monkeypatch):
-    functions = pytest.importorskip("pymoo.functions")
-    monkeypatch.setattr(functions, "is_compiled", lambda: False)
-    monkeypatch.setattr(functions, "FUNCTION_LOADER", None, raising=False)
-    check_output("place ga_area.toml --json -o out", capfd)

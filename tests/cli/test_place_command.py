@@ -107,7 +107,7 @@ def test_figures_hold_everything_that_made_them(capsys):
 def test_the_same_plan_gives_the_same_bytes_but_for_the_time(capsys):
     text = QUICK.replace("[outputs]", "refine = true\n[outputs]").replace("1.0", "0.7")
     text += "[selection.tolerance]\nposition_mm = 50\nangle_deg = 2\ndraws = 10\n"
-    text += "[selection.optimise]\nmethod = 'random'\nbudget = 200\n"
+    text += "[selection.optimise]\nbudget = 200\n"
     Path("plan.toml").write_text(text)
     for out in ("one", "two"):
         call(capsys, f"place plan.toml --out {out}")

@@ -12,7 +12,7 @@ from nightly import examples
 import rastercov as rc
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.mesh.formats import ifc
-from rastercov.placement import Room, read_spaces
+from rastercov.placement import Room
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import named_scene
@@ -52,7 +52,7 @@ def test_a_building_is_a_tree_in_metres_with_openings_cut_wherever_it_is(origin,
 @pytest.mark.slow
 def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
     points = np.random.default_rng(5).uniform(-1, 7, (2000, 3)) * (1.5, 1, 0.7)
-    for (_, solid), (low, high) in zip(read_spaces("a.ifc"), SPACES.values(), strict=True):
+    for (_, solid), (low, high) in zip(rc.Mesh.load("a.ifc").spaces, SPACES.values(), strict=True):
         room = Room.of_solid(solid)
         is_inside = ((low < points) & (points < high)).all(axis=1)
         np.testing.assert_array_equal(room.contains(points), is_inside)

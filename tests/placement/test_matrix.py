@@ -23,7 +23,7 @@ from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.base.locks import locked
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
-from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.shards.store import store
@@ -42,7 +42,7 @@ def build(folder=None, poses=POSES, **options):
 
 
 def bits_of(folder, poses=POSES):
-    return measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4)
+    return build_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4)
 
 
 def dense(matrix):
@@ -106,28 +106,27 @@ def test_bits_are_the_covered_pairs_of_the_matrix_and_its_shards_those_of_a_plai
     np.testing.assert_array_equal(matrix.poses, lists.poses)
     np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
     assert (matrix.n_pairs, matrix.n_faces, matrix.task) == (len(lists.face), MESH.n_faces, TASK)
-    again = BitMatrix.load(tmp_path / "bits")
-    np.testing.assert_array_equal(covered(again.bits), covered(matrix.bits))
+    again = VisibilityMatrix.load(tmp_path / "bits")
+    np.testing.assert_array_equal(covered(again.bits()), covered(matrix.bits()))
     same(build(tmp_path / "plain", poses_a_shard=4), VisibilityMatrix.load(tmp_path / "bits"))
     assert contents_of(tmp_path / "bits") == contents_of(tmp_path / "plain")
     for least in (0.0, 0.3, 0.9):
         wanted = (dense(lists) >= np.float64(least)) & (dense(lists) > 0)
-        np.testing.assert_array_equal(covered(matrix.covered_at(least)), wanted)
+        np.testing.assert_array_equal(covered(matrix.bits(least)), wanted)
 
 
 def test_matrices_that_are_joined_are_that_of_all_poses(tmp_path, lists):
     halves = (POSES[:6], POSES[6:])
-    one, two = (replace(build(poses=some), quarantined={1: "was killed"}) for some in halves)
+    one, two = (build(poses=some) for some in halves)
     np.testing.assert_array_equal(dense(one.joined(two)), dense(lists))
     np.testing.assert_array_equal(one.joined(two).poses, POSES)
-    assert one.joined(two).quarantined.keys() == {1, 7}
     one, two = (bits_of(tmp_path / str(len(some)), some) for some in halves)
     matrix = one.joined(two)
-    np.testing.assert_array_equal(covered(matrix.covered_at(0.9)), dense(lists) >= 0.9)
-    np.testing.assert_array_equal(covered(matrix.bits), dense(lists) >= 0.3)
+    np.testing.assert_array_equal(covered(matrix.bits(0.9)), dense(lists) >= 0.9)
+    np.testing.assert_array_equal(covered(matrix.bits()), dense(lists) >= 0.3)
     np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
     assert matrix.n_pairs == len(lists.face)
-    other = measure_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "other")
+    other = build_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "other")
     with pytest.raises(ConfigError, match="another task"):
         matrix.joined(other)
 
@@ -138,8 +137,8 @@ def test_no_pose_and_nothing_in_view_give_an_empty_matrix(tmp_path, poses):
         assert matrix.indptr.tolist() == [0] * (len(poses) + 1)
         assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
     matrix = bits_of(tmp_path / "bits", poses)
-    assert covered(matrix.bits).shape == (len(poses), MESH.n_faces)
-    assert not covered(matrix.bits).any()
+    assert covered(matrix.bits()).shape == (len(poses), MESH.n_faces)
+    assert not covered(matrix.bits()).any()
     assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
 
 
@@ -305,9 +304,8 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path,
     build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
     flip(tmp_path / SHARD, [8 * 200])
-    for read in (VisibilityMatrix.load, BitMatrix.load):
-        with pytest.raises(ConfigError, match=r"pairs-00001\.npz: damaged.*call build_matrix"):
-            read(tmp_path)
+    with pytest.raises(ConfigError, match=r"pairs-00001\.npz: damaged.*call build_matrix"):
+        VisibilityMatrix.load(tmp_path)
     seen = []
     build(tmp_path, progress=lambda done, total: seen.append(done))
     assert seen[0] == N_POSES - 4
@@ -329,11 +327,11 @@ def test_bits_are_derived_once_a_threshold(tmp_path, monkeypatch):
     monkeypatch.setattr(MatrixFolder, "pairs_of", watched_pairs)
     matrix = bits_of(tmp_path)
     assert not names
-    assert matrix.bits is matrix.covered_at(0.3)
+    assert matrix.bits().parts[0].base is matrix.bits(0.3).parts[0].base
     assert len(matrix.mean_coverage) == N_POSES
     assert sorted(names) == [0, 1, 2]
     assert len(names) == 3
-    matrix.covered_at(0.9)
+    matrix.bits(0.9)
     assert len(names) == 6
 
 
@@ -383,13 +381,13 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
         (lambda: build(tmp_path / "file"), "a file is in the way"),
         (lambda: build(tmp_path / "mine"), "no matrix"),
         (lambda: VisibilityMatrix.load(tmp_path), "there is no matrix"),
-        (lambda: BitMatrix.load(tmp_path / "nowhere"), "there is no matrix"),
+        (lambda: VisibilityMatrix.load(tmp_path / "nowhere"), "there is no matrix"),
     ):
         with pytest.raises(ConfigError, match=words):
             call()
     with pytest.raises(PoseError):
         build(poses=np.zeros((1, 4, 4)))
-    matrix = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
+    matrix = build_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
     with locked(tmp_path / "bits"), pytest.raises(ConfigError, match="another process is writing"):
         build(tmp_path / "bits")
 
@@ -398,7 +396,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(ResourceError, match="264 bytes cannot be reserved") as error:
-        matrix.covered_at(0.3)
+        matrix.bits(0.3)
     assert "\n" not in str(error.value)
 
 

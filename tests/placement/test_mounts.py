@@ -10,7 +10,6 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.mesh import shapes
 from rastercov.placement import (
     BestCoverage,
-    BitMatrix,
     CellObjective,
     Objective,
     PoseSpace,
@@ -164,16 +163,14 @@ def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path, of_rigs):
 def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path, of_rigs):
     mounts, placed, build = of_rigs
     lists = build()
-    bits, united, goal = BitMatrix.load(tmp_path), lists.united(), BestCoverage(2)
+    bits, united, goal = VisibilityMatrix.load(tmp_path), lists.united(), BestCoverage(2)
     for row in range(len(placed)):
         pairs = slice(united.indptr[row], united.indptr[row + 1])
         wanted = united.face[pairs][united.covered[pairs]]
-        np.testing.assert_array_equal(bits.bits.faces_of(row), wanted)
+        np.testing.assert_array_equal(bits.bits().faces_of(row), wanted)
     np.testing.assert_allclose(bits.mean_coverage, lists.mean_coverage, rtol=1e-12)
     one, other = (select_greedy(problem_of(each, MESH, goal)) for each in (lists, bits))
     assert one.share == pytest.approx(other.share)
-    with pytest.raises(rc.ConfigError, match="bits do not count the cameras of a rig, and views"):
-        problem_of(bits, MESH, goal, views=2)
     with pytest.raises(rc.ConfigError, match="the matrix is of rigs; give their mounts"):
         problem_of(lists, MESH, goal, views=2)
     assert problem_of(lists, MESH, goal, views=2, mounts=mounts).has_rigs

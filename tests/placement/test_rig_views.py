@@ -42,7 +42,7 @@ def quick_start():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(integer_module, "construct", bad)
-        patch.setattr(integer_module, "improve", lambda reduced, state, *others: state)
+        patch.setattr(integer_module, "improve", lambda state, *others: state)
         patch.setattr(integer_module, "bound_of", knows_nothing)
         yield
 

@@ -257,7 +257,7 @@ def test_improvement_ended_at_any_moment_leaves_a_whole_selection(goal):
     least = value(construct(reduced))
     for looks in range(0, 400, 7):
         start = construct(reduced)
-        after = improve(reduced, start, 1.0 if is_best else 0.0, EFFORT, 0, Looks(looks))
+        after = improve(start, 1.0 if is_best else 0.0, EFFORT, 0, Looks(looks))
         assert value(after) >= least
         assert is_best or after.is_met
         least = value(after)

@@ -186,7 +186,7 @@ def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
         alive.append(sum(each() is not None for each in batches))
         add(self, batch)
 
-    monkeypatch.setattr(uncovered, "POSES_A_STEP", 20)
+    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 20)
     monkeypatch.setattr(uncovered.CandidateBounds, "add", watched)
     poses = around(300, 5, 4.0)
     found = what_is_left((shapes.torus(10, 8), CAMERA), poses[:1], candidates=poses)
@@ -257,7 +257,7 @@ def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
         objective = Objective.of(observer, task)
         cameras = measured(objective, poses[:2])
         again = left_over(observer, cameras, lambda *_: None, poses)
-        monkeypatch.setattr(uncovered, "batches_in_view", None)  # raises when it is called
+        monkeypatch.setattr(uncovered, "evaluate_batches", None)  # raises when it is called
         found = left_over(observer, cameras, lambda *_: None, poses, bounds)
     assert found.summary() == again.summary()
     for name in ("n_covering", "sight", "seen_at_least", "seen_at_most"):

@@ -199,7 +199,7 @@ def test_check_judges_by_exact_area_and_place_agrees():
 STEPS = {
     "refine": True,
     "refine_budget": 600,
-    "optimise": {"method": "random", "budget": 80, "population": 4},
+    "optimise": {"budget": 80},
     "tolerance": {"position_mm": 20, "angle_deg": 1, "draws": 5},
 }
 

@@ -146,7 +146,7 @@ def test_a_candidate_has_a_pose_for_each_camera_of_its_entry():
 def test_cameras_keep_their_kinds_when_moved_and_when_read_back():
     cameras, dense = costing(1, 2), BY_AREA | {"min_pixels_per_m2": 1500}
     moves = {"refine": True, "refine_budget": 500} | TOLERANCE
-    moves |= {"optimise": {"method": "random", "budget": 50}}
+    moves |= {"optimise": {"budget": 50}}
     still = placed(cameras=cameras, selection=budget(5), task=dense)
     names = names_of(still)
     assert len(set(names)) == 2

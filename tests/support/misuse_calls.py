@@ -185,16 +185,13 @@ OWN: dict[str, dict[str, Any]] = {
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
     "in_room": SHEETS | {"heights": (0.1, 0.9), "room": ROOM},
-    "read_spaces": {"path": FOLDER / "triangle.off"},
     "KeepOutBox": {"name": "table"},
     "KeepOutSphere": {"radius": 1.0, "name": "ball"},
-    "measure_matrix": {"folder": FOLDER / "bits"},
     "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},
     "FewestCameras": {"coverage": 0.9, "of_reachable": True},
     "BestCoverage": {"cameras": 1, "budget": 2.0},
     "select_thesis": {"mean_coverage": [0.5, 0.5]},
-    "optimise": {"cameras": 1, "method": "random", "budget": 8, "population": 4, "camera": 0}
-    | {"candidates": None},
+    "optimise": {"cameras": 1, "budget": 8, "camera": 0},
     "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2},
     "what_is_left": {"candidates": None, "covered": None},
     "PoseSpace": {"stand_off": (0.5, 3.0), "clearance": 0.1},
@@ -409,7 +406,7 @@ def right_objects():
 
 
 SLOW = {
-    "optimise": ("budget", "population", "cameras"),
+    "optimise": ("budget", "cameras"),
     "refine": ("budget", "halvings"),
     **dict.fromkeys(("on_sphere", "on_hemisphere"), ("count",)),
     **dict.fromkeys(("on_box", "on_walls", "on_ceiling", "in_room"), ("spacing",)),

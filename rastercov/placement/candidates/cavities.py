@@ -51,7 +51,9 @@ from rastercov.camera.projection import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen, matrices_of
+from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.solids import Winding, closed_parts, in_solid
+from rastercov.native import mesh_clearance
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -76,7 +78,7 @@ LIFT_REL = 1e-6
 
 
 class Hemicube(Closing):
-    """Rasterisers of the five images; use it in a `with` block.
+    """Rasteriser of the five images; use it in a `with` block.
 
     Attributes
     ----------
@@ -90,24 +92,22 @@ class Hemicube(Closing):
 
     def __init__(self, mesh: Mesh, side: int) -> None:
         half = image_side("side", side) / 2
-        whole = Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
-        # The horizon lies between two rows of pixels and halves the image exactly.
-        upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)
         self.side = side
         self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
         self._lift = LIFT_REL * mesh.diagonal
-        self._whole, self._upper = (CPURasterizer(mesh, camera) for camera in (whole, upper))
+        self._rasterizer = CPURasterizer(
+            mesh, Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
+        )
         self._axes = _five_axes()
         step = (np.arange(side) + 0.5 - half) / half
         y, x = np.meshgrid(step, step, indexing="ij")
         rays = np.stack((x, y, np.ones_like(x)), axis=-1)
-        length = np.linalg.norm(rays, axis=-1)
-        parts = [rays, *4 * [rays[: side // 2]]]
-        self.directions = np.concatenate(
-            [(part @ axes.T).reshape(-1, 3) for part, axes in zip(parts, self._axes, strict=True)]
-        )
-        self._stretch = np.concatenate([length.ravel(), *4 * [length[: side // 2].ravel()]])
-        self.directions /= self._stretch[:, None]
+        every = rays @ self._axes.transpose(0, 2, 1)[:, None]
+        # The horizon lies between two rows of pixels and halves four of the images exactly.
+        self._is_above = every[..., 2] > 0
+        length = np.broadcast_to(np.linalg.norm(rays, axis=-1), self._is_above.shape)
+        self._stretch = length[self._is_above]
+        self.directions = every[self._is_above] / self._stretch[:, None]
         self.solid_angles = half**-2 / self._stretch**3
         self.solid_angles *= 2 * math.pi / self.solid_angles.sum()
 
@@ -121,31 +121,26 @@ class Hemicube(Closing):
         frames : (N, 3, 3) float64
             Their axes as columns, the third the normal.
         """
-        n = len(points)
-        free = np.empty((n, len(self.directions)))
         eyes = points + self._lift * frames[:, :, 2]
-        poses = matrices_of(frames[:, None] @ self._axes, eyes[:, None])
-        whole = self._whole.render_all(poses[:, 0]).depth.reshape(n, -1)
-        upper = self._upper.render_all(poses[:, 1:].reshape(-1, 4, 4)).depth.reshape(n, -1)
-        free[:, : whole.shape[1]], free[:, whole.shape[1] :] = whole, upper
-        free *= self._stretch
-        return free
+        poses = matrices_of(frames[:, None] @ self._axes, eyes[:, None]).reshape(-1, 4, 4)
+        depth = self._rasterizer.render_all(poses).depth.reshape(-1, *self._is_above.shape)
+        return depth[:, self._is_above] * self._stretch
 
     def blurred(self, values: FloatArray, reach: int) -> FloatArray:
         """(D,) mean over the (2 reach + 1)^2 nearest pixels of the same image."""
-        out, start = np.empty_like(values), 0
-        for rows in (self.side, *4 * [self.side // 2]):
-            part = slice(start, start + rows * self.side)
-            image = values[part].reshape(rows, self.side)
-            for axis in (0, 1):
-                image = _running_mean(image, reach, axis)
-            out[part], start = image.ravel(), part.stop
-        return out
+        sums = np.zeros((2, *self._is_above.shape))
+        sums[0, self._is_above], sums[1] = values, self._is_above
+        place = np.arange(self.side)
+        for axis in (2, 3):
+            total = np.insert(np.cumsum(sums, axis), 0, 0.0, axis)
+            last, first = np.minimum(place + reach + 1, self.side), np.maximum(place - reach, 0)
+            sums = total.take(last, axis) - total.take(first, axis)
+        total, count = sums[:, self._is_above]
+        return np.asarray(total / count)
 
     def close(self) -> None:
-        """Close both rasterisers."""
-        self._whole.close()
-        self._upper.close()
+        """Close the rasteriser."""
+        self._rasterizer.close()
 
 
 def face_frames(normals: FloatArray) -> FloatArray:
@@ -157,18 +152,6 @@ def _five_axes() -> FloatArray:
     """(5, 3, 3) camera axes as columns, in those of a face: along the normal, and to four sides."""
     sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
     return np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
-
-
-def _running_mean(image: FloatArray, reach: int, axis: int) -> FloatArray:
-    """Mean over `reach` values before and after each, fewer at the ends."""
-    lines = np.moveaxis(image, axis, 0)
-    count = len(lines)
-    total = np.zeros((count + 1, lines.shape[1]))
-    np.cumsum(lines, axis=0, out=total[1:])
-    last = np.minimum(np.arange(count) + reach + 1, count)
-    first = np.maximum(np.arange(count) - reach, 0)
-    mean: FloatArray = (total[last] - total[first]) / (last - first)[:, None]
-    return np.moveaxis(mean, 0, axis)
 
 
 INSET = 0.5
@@ -317,8 +300,9 @@ class Enclosure:
         # Targets enclose nothing.
         self._parts = closed_parts(mesh.opaque)
         self._boxes = self._parts.boxes - self._middle
-        self._corners = mesh.opaque.vertices[mesh.opaque.faces[self._parts.faces]] - self._middle
-        self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+        rows = self._parts.faces[~mesh.opaque.degenerate_mask[self._parts.faces]]
+        around, faces = mesh.opaque.vertices - self._middle, mesh.opaque.faces[rows]
+        self._surface = TriangleTree.over(around, faces) if len(rows) else None
 
     def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:
         """Reason for each face why no camera can see it from the side of its normal, or "".
@@ -327,7 +311,7 @@ class Enclosure:
         two-sided face.
         """
         found = [""] * len(faces)
-        if not len(self._corners):
+        if self._surface is None:
             return found
         corners = self.mesh.vertices[self.mesh.faces[faces]] - self._middle
         centres = corners.mean(axis=1)
@@ -375,31 +359,11 @@ class Enclosure:
 
     def _is_crossed(self, triangle: FloatArray) -> bool:
         """True where a face of the closed surfaces cuts a triangle, (3, 3)."""
-        near = (self._low <= triangle.max(axis=0)) & (self._high >= triangle.min(axis=0))
-        others = self._corners[near.all(axis=1)]
-        if not len(others):
-            return False
-        one = np.broadcast_to(triangle, others.shape)
-        return bool(_edges_pierce(one, others).any() or _edges_pierce(others, one).any())
-
-
-def _edges_pierce(ones: FloatArray, others: FloatArray) -> BoolArray:
-    """(N,) mask of triangles (N, 3, 3) with an edge through the interior of their partner."""
-    origin, along = others[:, 0], others[:, 1:] - others[:, :1]
-    normal = np.cross(along[:, 0], along[:, 1])
-    pierces = np.zeros(len(ones), np.bool_)
-    for corner in range(3):
-        start, end = ones[:, corner], ones[:, (corner + 1) % 3]
-        before = np.einsum("ni,ni->n", start - origin, normal)
-        after = np.einsum("ni,ni->n", end - origin, normal)
-        apart = np.where(before == after, 1.0, before - after)
-        where = start + (before / apart)[:, None] * (end - start)
-        inside = before * after < 0
-        for side in range(3):
-            p, q = others[:, side], others[:, (side + 1) % 3]
-            inside &= np.einsum("ni,ni->n", np.cross(q - p, where - p), normal) >= 0
-        pierces |= inside
-    return pierces
+        assert self._surface is not None
+        own, apart = TriangleTree.over(triangle, np.arange(3)[None]), np.array([self._lift])
+        both = self._surface.corners, self._surface.nodes, own.corners, own.nodes
+        mesh_clearance.distances(*both, np.eye(4)[None], apart)
+        return bool(apart[0] <= 0)
 
 
 PLACES_AT_ONCE = 20_000

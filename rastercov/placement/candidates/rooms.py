@@ -5,7 +5,7 @@ point is flooded over a grid, through places that are as far from every surface 
 of an opening: a door separates two rooms, although nothing closes it.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.files import StrPath
 from rastercov.base.format import plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
@@ -135,7 +134,7 @@ class Room:
     @classmethod
     @typed
     def of_solid(cls, solid: Mesh, name: str = "room") -> "Room":
-        """Inside of a closed mesh, such as one of `read_spaces`.
+        """Inside of a closed mesh, such as one of `Mesh.load(path).spaces`.
 
         Raises
         ------
@@ -169,20 +168,6 @@ def _middle(outline: Any, height: float) -> FloatArray:
     middle = outline.centroid
     within = middle if outline.contains(middle) else outline.representative_point()
     return np.array([within.x, within.y, height])
-
-
-def read_spaces(
-    path: StrPath | Sequence[StrPath],
-    transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
-) -> list[tuple[Product, Mesh]]:
-    """Spaces of IFC files with their solids, from the lowest; other files have none.
-
-    Parameters
-    ----------
-    path, transforms
-        As for `Mesh.load`.
-    """
-    return list(Mesh.load(path, transforms=transforms).spaces)
 
 
 def space_named(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:

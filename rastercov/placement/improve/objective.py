@@ -176,7 +176,10 @@ class Objective:
 
     def covers(self, poses: FloatArray | Poses) -> BoolArray:
         """(P width, F) faces that each row of poses covers."""
-        found = self.listed(poses)
+        return self.dense(self.listed(poses))
+
+    def dense(self, found: Lists) -> BoolArray:
+        """(N, F) mask of the faces of N lists."""
         covers = np.zeros((found.n, len(self.integer_weights)), np.bool_)
         covers[np.repeat(np.arange(found.n), np.diff(found.starts)), found.items] = True
         return covers

@@ -34,8 +34,8 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion_file import load_motion
 from rastercov.mesh.robot import JointPath, Robot
-from rastercov.placement.matrix import VisibilityMatrix, limits_of
-from rastercov.placement.matrix_folder import NOT_ON_RIGS, describe
+from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
 from rastercov.placement.plan.entries import Entry, Name, Over
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
 from rastercov.placement.plan.sections import BodyEntry, MotionSection
@@ -222,14 +222,14 @@ def time_matrix(
     header = describe(observer, poses, task, None, cells, mounts)
     n = n_frames * n_cells
     header = {name: value for name, value in header.items() if name not in ("cells", "mounts")}
-    matrix = VisibilityMatrix(
-        placed=poses,
-        header=header | {"n_faces": n, "n_task_faces": n},
-        indptr=limits_of(np.concatenate(counts)),
-        face=np.concatenate(elements),
-        coverage=np.concatenate(shares).astype(np.float32),
-        on_rig=NOT_ON_RIGS,
+    pairs = Pairs(
+        np.concatenate(counts),
+        np.concatenate(elements),
+        np.concatenate(shares).astype(np.float32),
+        NOT_ON_RIGS,
     )
+    header |= {"n_faces": n, "n_task_faces": n}
+    matrix = VisibilityMatrix(placed=poses, header=header, parts=(pairs,))
     weights = weights_of(cells, plan.task.weight_by)
     if not is_of_cells:
         there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]

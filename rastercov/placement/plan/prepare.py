@@ -8,7 +8,7 @@ import hashlib
 import json
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -33,11 +33,12 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
-from rastercov.placement.matrix_folder import describe, read_header
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.arm import PlanArm
 from rastercov.placement.plan.entries import no_limit
@@ -84,7 +85,6 @@ MOST_LISTED_PAIRS = 50_000_000
 """Pairs up to which a matrix is held as lists in the memory."""
 BYTES_A_PAIR = 16
 """Of lists: 8 for the matrix, 8 for the selection."""
-Matrix = VisibilityMatrix | BitMatrix
 Progress = Callable[[int, int], None]
 Step = Callable[[str], Any]
 """Context manager by the name of a step, which yields its `Progress`."""
@@ -261,7 +261,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         )
     if job.folder is not None:
         _forget(job.folder, measuring.used)
-    notes += _notes_on(matrix)
+    notes += _notes_on(plan, matrix)
     together = _for_goal(job, objectives, problem, found)
     if problem.goal != together.problem.goal or not problem.reachable.any():
         some = plan.mounts.cameras(_sample(without(found.candidates, matrix.quarantined)))[0]
@@ -282,7 +282,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         openings=opened,
         bounds=measuring.bounds,
         pairs=matrix.n_pairs,
-        is_of_bits=isinstance(matrix, BitMatrix),
+        is_of_bits=is_large(plan, matrix),
         measured_by=matrix.header["measured_by"],
         problem=together.problem,
         notes=(*notes, *together.notes),
@@ -312,31 +312,33 @@ class _Measuring:
     bounds: CandidateBounds
     tally: Tally = field(default_factory=Tally)
     used: list[Path] = field(default_factory=list)
-    parts: list[Matrix] = field(default_factory=list)
+    parts: list[VisibilityMatrix] = field(default_factory=list)
 
     @property
     def counted(self) -> dict[str, Any]:
         """Arguments of `problem_of`."""
         return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
 
-    def matrix_of(self, name: str, poses: Poses) -> Matrix:
+    def matrix_of(self, name: str, poses: Poses) -> VisibilityMatrix:
         """Matrix of these poses after those of the calls before."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
         options: dict[str, Any] = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
         if job.folder is None:
             with job.clock(name) as progress:
                 self.parts.append(build_matrix(observer, poses, task, progress=progress, **options))
-                return held(job.plan, self.parts)
+                return reduce(VisibilityMatrix.joined, self.parts)
         described = describe(observer, poses, task, None, job.cells, mounts)
         header = json.dumps(described, sort_keys=True)
         self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with job.clock(name) as progress, named(self.used[-1]):
             options |= {"workers": job.workers, "progress": progress, "watch": self.tally.add}
             place = own_place(self.used[-1])
-            self.parts.append(measure_matrix(observer, poses, task, place, **options))
-            return held(job.plan, self.parts, progress)
+            self.parts.append(build_matrix(observer, poses, task, place, **options))
+            matrix = reduce(VisibilityMatrix.joined, self.parts)
+            is_large(job.plan, matrix)
+            return matrix
 
-    def problem(self, matrix: Matrix, found: CandidatePool) -> Problem:
+    def problem(self, matrix: VisibilityMatrix, found: CandidatePool) -> Problem:
         """Problem of a matrix of all candidates, without a goal."""
         cells, nothing = self.job.cells, BestCoverage(cameras=0)
         elements: Mesh | Cells = self.observer.mesh if cells is None else cells
@@ -345,7 +347,7 @@ class _Measuring:
 
 def _in_frames(
     measuring: _Measuring, found: CandidatePool
-) -> tuple[Matrix, Problem, AreaNetwork | None]:
+) -> tuple[VisibilityMatrix, Problem, AreaNetwork | None]:
     """Matrix and problem of candidates over time, and what all together cover if that is asked."""
     job, placed = measuring.job, found.candidates.placed
     over_time, plan = job.over_time, job.plan
@@ -374,7 +376,7 @@ def _in_frames(
 
 def _with_cavities(
     measuring: _Measuring, found: CandidatePool, problem: Problem
-) -> tuple[CandidatePool, Openings | None, tuple[Matrix, Problem] | None, str]:
+) -> tuple[CandidatePool, Openings | None, tuple[VisibilityMatrix, Problem] | None, str]:
     """Candidates with those into cavities, their matrix and problem, and a line on them."""
     job, mesh, plan = measuring.job, measuring.observer.mesh, measuring.job.plan
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
@@ -416,11 +418,11 @@ def _with_cavities(
     return found, opened, (matrix, problem), line
 
 
-def _notes_on(matrix: Matrix) -> list[str]:
+def _notes_on(plan: Plan, matrix: VisibilityMatrix) -> list[str]:
     """Lines on a matrix of bits, and on candidates that are left out."""
     notes = []
-    if isinstance(matrix, BitMatrix):
-        size = matrix.bits.n_rows * matrix.bits.n_words * 8
+    if is_large(plan, matrix):
+        size = matrix.n_poses * n_words(matrix.n_faces) * 8
         notes.append(
             f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits "
             "on the disk: exchanges of cameras are tried among the best candidates only"
@@ -463,44 +465,29 @@ def _for_goal(
     return replace(all_of, problem=problem, notes=tuple(notes))
 
 
-def held(
-    plan: Plan,
-    parts: Sequence[Matrix],
-    progress: Progress = lambda done, total: None,
-) -> Matrix:
-    """Matrix of all parts, as lists up to `MOST_LISTED_PAIRS` and as bits beyond.
+def is_large(plan: Plan, matrix: VisibilityMatrix) -> bool:
+    """True for a matrix whose pairs stay on the disk, more than `MOST_LISTED_PAIRS`.
 
     An angle between views, several views from rigs and the integer program need lists of any size.
-
-    Parameters
-    ----------
-    parts : sequence of BitMatrix or of VisibilityMatrix
-        Of consecutive candidates.
 
     Raises
     ------
     ResourceError
-        Where lists are needed and the memory has no room, or the disk has none for bits.
+        Where lists are needed and the memory has no room.
     """
-    matrix: Matrix = reduce(type(parts[0]).joined, parts)  # type: ignore[arg-type] # of one type
-    if isinstance(matrix, VisibilityMatrix):
-        return matrix
-    n_pairs = matrix.n_pairs
     is_integer = plan.selection is not None and plan.selection.method == "integer"
     reasons = [
         *(["task.min_angle_deg"] if plan.task.min_angle_deg > 0 else []),
         *(["selection.method integer"] if is_integer else []),
         *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
-    if n_pairs > MOST_LISTED_PAIRS and not reasons:
-        for folder in matrix.folders:
-            folder.covered(matrix.task.min_coverage, progress)
-        return matrix
-    if n_pairs > MOST_LISTED_PAIRS:
-        what = f"{n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"
+    if matrix.n_pairs <= MOST_LISTED_PAIRS or isinstance(matrix.parts[0], Pairs):
+        return False
+    if reasons:
+        what = f"{matrix.n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"
         remedy = "leave them out, or use fewer candidates"
-        check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
-    return VisibilityMatrix.of(matrix)
+        check_memory(what, BYTES_A_PAIR * matrix.n_pairs, remedy)
+    return not reasons
 
 
 def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:

@@ -685,11 +685,8 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         _watched(objectives.moved, progress, asked.budget),
         prepared.pool.space,
         len(start),
-        asked.method,
         budget=max(asked.budget, len(start)),
-        population=asked.population,
         seed=prepared.selection.seed,
-        candidates=prepared.pool.candidates.poses,
         start=start,
         camera=placement.cameras.mounted.camera,
     )

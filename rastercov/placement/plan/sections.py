@@ -751,14 +751,18 @@ class Constraints(Entry):
 
 
 class Optimise(Entry):
-    """A search over free poses that starts from the selected cameras."""
+    """A search over free poses, which replace the selected cameras where they cover more."""
 
-    method: Literal["pso", "ga", "de", "random"] = "pso"
-    """Way of search."""
     budget: Count = 5_000
     """Poses to measure."""
-    population: Annotated[int, Field(ge=4)] = 24
-    """Networks in a generation."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check(cls, given: Any) -> Any:
+        for name in ("method", "population"):
+            if isinstance(given, dict) and name in given:
+                raise ValueError(f"{name} is retired: a search is by exchanges; give budget alone")
+        return given
 
 
 class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]

@@ -55,9 +55,8 @@ LEAST_GAIN_REL = 1e-4
 """Relative improvement of the bound below which no round follows."""
 PRICE_BITS = 61
 """Bits of the sum of all rounded prices."""
-LINE_STEPS = 16
-"""Steps of a search between two prices: to 1 / 2000 of their distance."""
-GOLDEN = (math.sqrt(5) - 1) / 2
+LINE_POINTS = 33
+"""Prices that are tried from one to another, both among them."""
 
 
 class TimeUpError(Exception):
@@ -370,20 +369,9 @@ def _between(large: Presolved, one: Prices, other: Prices) -> Prices:
         earned = (1 - part) * one.earned + part * other.earned
         return Prices(_value(large, price, earned), price, earned)
 
-    def worth(prices: Prices) -> float:
-        return sign * prices.value
-
-    best, low, high = max(one, other, key=worth), 0.0, 1.0
-    left, right = at(1 - GOLDEN), at(GOLDEN)
-    for _ in range(LINE_STEPS):
-        best = max(best, left, right, key=worth)
-        if worth(left) >= worth(right):
-            high, right = low + GOLDEN * (high - low), left
-            left = at(high - GOLDEN * (high - low))
-        else:
-            low, left = high - GOLDEN * (high - low), right
-            right = at(low + GOLDEN * (high - low))
-    return best
+    return max(
+        map(at, np.linspace(0, 1, LINE_POINTS).tolist()), key=lambda found: sign * found.value
+    )
 
 
 def core_rows(large: Presolved, needed: IntArray, earned: FloatArray, most_pairs: int) -> IntArray:

@@ -58,7 +58,7 @@ class Cover(ABC):
     """
 
     def __init__(self, among: Reduced) -> None:
-        self.among = among
+        self.among, self.goal = among, among.problem.goal
         self.chosen: set[int] = set()
         self.done = np.zeros(len(among.least), np.int64)
         self.barred = np.zeros(among.n_candidates, np.uint8)

@@ -34,7 +34,6 @@ from rastercov.placement.select.presolve import ReducedProblem, presolve
 from rastercov.placement.select.problem import (
     PROVED,
     BestCoverage,
-    Goal,
     Problem,
     Selection,
     finish,
@@ -83,13 +82,13 @@ def select_greedy(
         state = construct(core)
         bound = bound_of(core, state)
     else:
-        chosen = constructed(lambda: LazyCover(presolved), problem.goal)
+        chosen = constructed(lambda: LazyCover(presolved))
         most = MOST_CORE_PAIRS if core_pairs is None else core_pairs
         core, rows, bound = core_and_bound(presolved, chosen, most)
         state = CoverState(core)
         state.become(np.flatnonzero(np.isin(rows, list(chosen.chosen))).tolist())
     if effort > 0:
-        state = improve(core, state, bound, effort, seed)
+        state = improve(state, bound, effort, seed)
     return finish(
         "greedy", problem, core.candidates[state.ranked()], bound, time.perf_counter() - began
     )
@@ -97,56 +96,51 @@ def select_greedy(
 
 def construct(reduced: ReducedProblem) -> CoverState:
     """Cover built by the greedy rule, one camera at a time."""
-    return constructed(lambda: CoverState(reduced), reduced.problem.goal)
+    return constructed(lambda: CoverState(reduced))
 
 
-def constructed(empty: Callable[[], AnyCover], goal: Goal) -> AnyCover:
+def constructed(empty: Callable[[], AnyCover]) -> AnyCover:
     """Cover built by the greedy rule from an empty one; `empty` may be called twice."""
     state = empty()
-    complete(state, goal)
+    goal = state.goal
+    complete(state)
     if not isinstance(goal, BestCoverage):
         _prune(state)
     elif goal.budget is not None:
         # By gain per cost alone, many cheap cameras may exclude one that is better than all.
         other = empty()
         while goal.cameras is None or len(other.chosen) < goal.cameras:
-            if (camera := other.next_best(_left(other, goal))) < 0:
+            if (camera := other.next_best(_left(other))) < 0:
                 break
             other.add(camera)
         return other if other.covered > state.covered else state
     return state
 
 
-def complete(state: Cover, goal: object, deadline: Deadline = NEVER) -> None:
+def complete(state: Cover, deadline: Deadline = NEVER) -> None:
     """Add cameras by the greedy rule until the goal is met or nothing is gained."""
-    while (camera := _next(state, goal)) >= 0:
+    while (camera := _next(state)) >= 0:
         deadline.check()
         state.add(camera)
 
 
 def improve(
-    reduced: ReducedProblem,
-    state: CoverState,
-    bound: float,
-    effort: int,
-    seed: int,
-    deadline: Deadline = NEVER,
+    state: CoverState, bound: float, effort: int, seed: int, deadline: Deadline = NEVER
 ) -> CoverState:
     """Best selection of a local search that swaps cameras, and removes and replaces some.
 
     Starts from `state`; ends at the bound of `bound_of`, after the effort, or at the deadline,
     which is checked between two changes of the selection.
     """
-    goal = reduced.problem.goal
-    if isinstance(goal, BestCoverage):
-        start, state = state.chosen, CoverState(reduced, finish=True)
+    if isinstance(state.goal, BestCoverage):
+        start, state = state.chosen, CoverState(state.reduced, finish=True)
         state.become(start)
         with suppress(TimeUpError):  # every completed swap is an improvement
-            _swap(state, goal, deadline)
+            _swap(state, deadline)
     best = set(state.chosen)
     state.work = 0
     with suppress(TimeUpError):
-        for better in _kicked(reduced, state, bound, effort, seed, deadline):
+        for better in _kicked(state, bound, effort, seed, deadline):
             best = better
     state.barred[:] = 0
     state.barred[list(state.chosen)] = 1
@@ -155,21 +149,15 @@ def improve(
 
 
 def _kicked(
-    reduced: ReducedProblem,
-    state: CoverState,
-    bound: float,
-    effort: int,
-    seed: int,
-    deadline: Deadline,
+    state: CoverState, bound: float, effort: int, seed: int, deadline: Deadline
 ) -> Iterator[set[int]]:
     """Selections of `improve`, each better than the one before."""
-    goal = reduced.problem.goal
     rng = np.random.default_rng(seed)
     current = set(state.chosen)
-    best_value = value = _value(state, goal)
-    most_lost = 4 if isinstance(goal, BestCoverage) else 8
+    best_value = value = _value(state)
+    most_lost = 4 if isinstance(state.goal, BestCoverage) else 8
     for kick in range(MOST_KICKS):
-        if state.work > effort or not current or _reaches(reduced, state, best_value, bound):
+        if state.work > effort or not current or _reaches(state, best_value, bound):
             return
         deadline.check()
         ranked = state.ranked()
@@ -180,18 +168,18 @@ def _kicked(
         # Removed cameras are excluded for one step, or half of the time until all are replaced.
         state.barred[lost] = 1
         if rng.integers(2):
-            camera = _next(state, goal)
+            camera = _next(state)
             if camera >= 0:
                 state.add(camera)
         else:
-            complete(state, goal, deadline)
+            complete(state, deadline)
         state.barred[[camera for camera in lost if camera not in state.chosen]] = 0
-        complete(state, goal, deadline)
-        if isinstance(goal, BestCoverage):
-            _swap(state, goal, deadline)
+        complete(state, deadline)
+        if isinstance(state.goal, BestCoverage):
+            _swap(state, deadline)
         else:
             _prune(state, deadline)
-        new_value = _value(state, goal)
+        new_value = _value(state)
         # Slightly worse selections are accepted at first, to leave local optima of swaps.
         left = 1 - max(state.work / effort, kick / MOST_KICKS)
         patience = FIRST_LOSS * abs(value[0]) * max(0.0, left)
@@ -204,24 +192,23 @@ def _kicked(
             yield current
 
 
-def _value(state: CoverState, goal: object) -> tuple[float, float]:
+def _value(state: CoverState) -> tuple[float, float]:
     """Value to maximise; the second number breaks ties."""
-    if isinstance(goal, BestCoverage):
+    if isinstance(state.goal, BestCoverage):
         return state.covered, state.worth
     return -state.cost, 0
 
 
-def _reaches(
-    reduced: ReducedProblem, state: CoverState, value: tuple[float, float], bound: float
-) -> bool:
+def _reaches(state: CoverState, value: tuple[float, float], bound: float) -> bool:
     """True where the value reaches the bound."""
-    if isinstance(reduced.problem.goal, BestCoverage):
-        return value[0] >= bound * int(reduced.problem.integer_weights.sum()) * (1 - PROVED)
+    if isinstance(state.goal, BestCoverage):
+        return value[0] >= bound * int(state.among.problem.integer_weights.sum()) * (1 - PROVED)
     return -value[0] <= bound * (1 + PROVED)
 
 
-def _next(state: Cover, goal: object) -> int:
+def _next(state: Cover) -> int:
     """Next camera of the greedy rule; -1 where the goal is met or allows no more."""
+    goal = state.goal
     if not isinstance(goal, BestCoverage):
         if state.is_met:
             return -1
@@ -229,17 +216,18 @@ def _next(state: Cover, goal: object) -> int:
         return camera if camera >= 0 else state.next_first_half()
     if goal.cameras is not None and len(state.chosen) >= goal.cameras:
         return -1
-    most_cost = _left(state, goal)
+    most_cost = _left(state)
     camera = state.next_best(most_cost, by_cost=goal.budget is not None)
     return camera if camera >= 0 else state.next_first_half(most_cost)
 
 
-def _left(state: Cover, goal: BestCoverage) -> float:
+def _left(state: Cover) -> float:
     """Remaining budget."""
-    return np.inf if goal.budget is None else goal.budget * (1 + 1e-12) - state.cost
+    budget = getattr(state.goal, "budget", None)
+    return np.inf if budget is None else budget * (1 + 1e-12) - state.cost
 
 
-def _swap(state: CoverState, goal: BestCoverage, deadline: Deadline) -> None:
+def _swap(state: CoverState, deadline: Deadline) -> None:
     """Replace single cameras until no replacement gains."""
     gains = True
     while gains:
@@ -248,7 +236,7 @@ def _swap(state: CoverState, goal: BestCoverage, deadline: Deadline) -> None:
             deadline.check()
             before = state.worth
             state.remove(camera)
-            other = state.next_best(_left(state, goal))
+            other = state.next_best(_left(state))
             if other < 0:
                 state.add(camera)
                 continue

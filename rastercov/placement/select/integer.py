@@ -131,7 +131,7 @@ def select_integer(
     deadline = deadline.earlier(min(time.perf_counter() - before, FINISH_SHARE * time_limit))
     share = deadline.sooner(START_SHARE)
     bound = bound_of(reduced, state, share.sooner(0.5))
-    state = improve(reduced, state, bound, EFFORT, seed, share)
+    state = improve(state, bound, EFFORT, seed, share)
     search = _Search(reduced, state, bound)
     status = "feasible"
     if not search.is_proved and reduced.n_candidates:
@@ -180,7 +180,7 @@ class _Search:
     def _take(self, chosen: set[int]) -> None:
         """Complete a selection by the greedy rule, and keep it if it is the best."""
         self.state.become(chosen)
-        complete(self.state, self.reduced.problem.goal)
+        complete(self.state)
         if not (self.is_best_coverage or self.state.is_met):
             return
         value = self._value()
@@ -207,7 +207,7 @@ class _Search:
 
 
 class _Program:
-    """The integer program in HiGHS: columns are candidates, then faces that may stay uncovered."""
+    """The integer program in HiGHS: columns are candidates, then faces."""
 
     def __init__(self, reduced: ReducedProblem, threads: int | None) -> None:
         try:
@@ -218,10 +218,7 @@ class _Program:
             ) from None
         self.highspy, self.reduced = highspy, reduced
         self.is_best_coverage = isinstance(reduced.problem.goal, BestCoverage)
-        optional = np.flatnonzero(~reduced.is_mandatory)
-        self.column_of_face = np.full(reduced.n_faces, -1, np.int64)
-        self.column_of_face[optional] = reduced.n_candidates + np.arange(len(optional))
-        self.n_columns = reduced.n_candidates + len(optional)
+        self.columns = reduced.n_candidates + np.arange(reduced.n_faces)
         self.views = reduced.views.astype(np.int64)
         if reduced.is_spread:
             self.views = np.maximum(self.views, 2)
@@ -247,7 +244,7 @@ class _Program:
         options["mip_abs_gap"] = max(0.999 * unit, 1e-7)
         for name, value in options.items():
             self.solver.setOptionValue(name, value)
-        self._pass_model(optional)
+        self._pass_model()
         self.solver.HandleUserInterrupt = True
         self.has_begun_anew = False
         # Latest bound and solution that HiGHS has reported, for when it has to be abandoned.
@@ -334,79 +331,59 @@ class _Program:
                 reduced.problem.min_cosine, starts, columns,
             )  # fmt: skip
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
-                row = columns[starts[face] : starts[face + 1]].astype(np.int32)
-                values, least = np.ones(len(row)), 1.0
-                if self.column_of_face[part][face] >= 0:
-                    row = np.append(row, np.int32(self.column_of_face[part][face]))
-                    values, least = np.append(values, -1.0), 0.0
-                self.solver.addRow(least, self.highspy.kHighsInf, len(row), row, values)
+                row = np.append(columns[starts[face] : starts[face + 1]], self.columns[part][face])
+                self._add_row(row, np.append(np.ones(len(row) - 1), -1.0), 0.0)
                 n_found += 1
         return n_found
 
     def _columns_of(self, chosen: set[int]) -> FloatArray:
         """Values of all columns for a selection."""
-        reduced = self.reduced
-        state = CoverState(reduced)
+        state = CoverState(self.reduced)
         state.become(chosen)
-        covered = state.covered_faces
-        values = np.zeros(self.n_columns)
+        values = np.zeros(self.reduced.n_candidates)
         values[list(chosen)] = 1.0
-        optional = self.column_of_face >= 0
-        values[self.column_of_face[optional]] = covered[optional]
-        return values
+        return np.append(values, state.covered_faces)
 
-    def _pass_model(self, optional: IntArray) -> None:
+    def _pass_model(self) -> None:
         """Pass the program to HiGHS, row by row: faces, then the limits of the goal."""
         highspy, reduced = self.highspy, self.reduced
-        goal, n_candidates = reduced.problem.goal, reduced.n_candidates
-        column_of = self.column_of_face
-        is_optional = (column_of >= 0).astype(np.int64)
-
+        goal, n_candidates, n_faces = reduced.problem.goal, reduced.n_candidates, reduced.n_faces
         # One row a face: its candidates, times their cameras, and -views in its column z.
-        counts_of_faces, covering, times = _merged_pairs(reduced)
-        lengths = counts_of_faces + is_optional
-        ends = np.cumsum(lengths)
-        index = np.empty(int(lengths.sum()), np.int64)
-        value = np.ones(len(index))
-        own = ends[optional] - 1
-        of_pairs = np.ones(len(index), bool)
-        of_pairs[own] = False
-        index[of_pairs], value[of_pairs] = covering, times
-        index[own], value[own] = column_of[optional], -self.views[optional]
-
+        counts, covering, times = _merged_pairs(reduced)
+        ends = np.cumsum(counts)
+        index, value = np.insert(covering, ends, self.columns), np.insert(times, ends, -self.views)
+        starts = ends - counts + np.arange(n_faces)
         # With one view a face, z is an integer wherever x is.
-        integer, continuous = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
-        is_whole = np.ones(self.n_columns, bool)
-        is_whole[n_candidates:] = (self.views[optional] > 1) | reduced.is_spread
-        inf, cost = highspy.kHighsInf, np.zeros(self.n_columns)
-        cost[:n_candidates] = 0.0 if self.is_best_coverage else reduced.costs
-        cost[column_of[optional]] = self.weights[optional] if self.is_best_coverage else 0.0
+        is_whole = np.append(np.ones(n_candidates, bool), (self.views > 1) | reduced.is_spread)
+        kinds = int(highspy.HighsVarType.kContinuous), int(highspy.HighsVarType.kInteger)
+        cost = np.append(reduced.costs, np.zeros(n_faces))
+        if self.is_best_coverage:
+            cost = np.append(np.zeros(n_candidates), self.weights)
         sense = highspy.ObjSense.kMaximize if self.is_best_coverage else highspy.ObjSense.kMinimize
+        low = np.append(np.zeros(n_candidates), reduced.is_mandatory.astype(np.float64))
         self.solver.passModel(  # arrays, because lists of millions of numbers take seconds
-            self.n_columns, reduced.n_faces, len(index), int(highspy.MatrixFormat.kRowwise),
-            int(sense), 0.0, cost, np.zeros(self.n_columns), np.ones(self.n_columns),
-            np.where(is_optional, 0.0, self.views), np.full(reduced.n_faces, inf),
-            (ends - lengths).astype(np.int32), index.astype(np.int32), value,
-            np.where(is_whole, int(integer), int(continuous)).astype(np.int32),
+            len(low), n_faces, len(index), int(highspy.MatrixFormat.kRowwise), int(sense), 0.0,
+            cost, low, np.ones(len(low)), np.zeros(n_faces), np.full(n_faces, highspy.kHighsInf),
+            starts.astype(np.int32), index.astype(np.int32), value,
+            np.array(kinds, np.int32)[is_whole.astype(np.int64)],
         )  # fmt: skip
-
-        def add_row(columns: IntArray, values: FloatArray, low: float, high: float) -> None:
-            self.solver.addRow(low, high, len(columns), columns.astype(np.int32), values)
-
         if isinstance(goal, BestCoverage):
             cameras = np.arange(n_candidates)
             if goal.cameras is not None:
-                add_row(cameras, np.ones(n_candidates), -inf, float(goal.cameras))
+                self._add_row(cameras, -np.ones(n_candidates), -float(goal.cameras))
             if goal.budget is not None:
-                add_row(cameras, reduced.costs, -inf, goal.budget)
-        else:
-            scale = reduced.n_faces / max(1, int(reduced.integer_weights.sum()))
-            for kind, least in enumerate((reduced.least_total, *reduced.least[1:].tolist())):
-                is_own = (reduced.kind == kind) | (kind == 0)  # in total: those of all kinds
-                missing = least - int(reduced.integer_weights[is_own & (column_of < 0)].sum())
-                rows = optional[is_own[optional]]
-                if missing > 0:
-                    add_row(column_of[rows], self.weights[rows], missing * scale, inf)
+                self._add_row(cameras, -reduced.costs, -goal.budget)
+            return
+        scale = n_faces / max(1, int(reduced.integer_weights.sum()))
+        for kind, least in enumerate((reduced.least_total, *reduced.least[1:].tolist())):
+            rows = (reduced.kind == kind) | (kind == 0)  # in total: those of all kinds
+            if least > 0:
+                self._add_row(self.columns[rows], self.weights[rows], least * scale)
+
+    def _add_row(self, columns: IntArray, values: FloatArray, least: float) -> None:
+        """Add a constraint: a sum that is at least a number."""
+        inf = self.highspy.kHighsInf
+        self.solver.addRow(least, inf, len(columns), columns.astype(np.int32), values)
 
 
 def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:

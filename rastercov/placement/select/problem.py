@@ -21,6 +21,7 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
+from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
@@ -29,7 +30,7 @@ from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import rows_of
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.matrix import BitMatrix, VisibilityMatrix
+from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
 
 TOTAL_WEIGHT = 1 << 40
@@ -98,17 +99,13 @@ class BestCoverage:
         Greatest total cost.
     """
 
-    cameras: int | None = None
+    cameras: Annotated[int, Ge(0)] | None = None
     budget: Annotated[float, Ge(0), Doc("Cost of all cameras at most.")] | None = None
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        check_limits(self)
         if self.cameras is None and self.budget is None:
             raise ConfigError("best coverage needs a number of cameras or a budget; give one")
-        if self.cameras is not None and (isinstance(self.cameras, bool) or self.cameras < 0):
-            raise ConfigError(f"cameras must be 0 or more, got {self.cameras!r}")
-        if self.budget is not None and not 0 <= self.budget < math.inf:
-            raise ConfigError(f"budget must be 0 or more, and finite, got {self.budget!r}")
 
 
 Goal = FewestCameras | BestCoverage
@@ -366,7 +363,7 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
 
 @typed
 def problem_of(
-    matrix: VisibilityMatrix | BitMatrix,
+    matrix: VisibilityMatrix,
     mesh: Mesh | Cells,
     goal: Goal,
     *,
@@ -381,8 +378,8 @@ def problem_of(
 
     Parameters
     ----------
-    matrix : VisibilityMatrix or BitMatrix
-        The bits of a `BitMatrix` stay on the disk.
+    matrix : VisibilityMatrix
+        Its bits stay on the disk if it is there.
     mesh : Mesh or Cells
         Those that the matrix was made for; a problem of cells has them as its faces.
     weight_by : {"area", "seeable", "count"}
@@ -404,7 +401,7 @@ def problem_of(
     Raises
     ------
     ConfigError
-        For a matrix of rigs, where the places of cameras matter, without `mounts`, or in bits.
+        For a matrix of rigs, where the places of cameras matter, without `mounts`.
     """
     elements = _elements_of(matrix, mesh)
     needed = views_of(elements, matrix.task.views if views is None else views)
@@ -413,24 +410,14 @@ def problem_of(
     is_counted = angle > 0 or bool((needed > 1).any())
     starts, eyes = None, matrix.poses[:, :3, 3].copy()
     least = matrix.task.min_coverage if min_coverage is None else min_coverage
-    if isinstance(matrix, BitMatrix):
-        if "mounts" in matrix.header and is_counted:
-            raise ConfigError(
-                f"bits do not count the cameras of a rig, and views is {needed.max()}; "
-                "load a VisibilityMatrix"
-            )
-        bits = matrix.covered_at(least)
-    elif len(matrix.on_rig) and is_counted:
+    if "mounts" in matrix.header and is_counted:
         if mounts is None:
             raise ConfigError("the matrix is of rigs; give their mounts, as for build_matrix")
         placed, owner = mounts.cameras(matrix.placed)
         starts = np.searchsorted(owner, np.arange(matrix.n_poses + 1))
         eyes = placed.world_from_camera[:, :3, 3].copy()
-        bits = matrix.bits(least, starts)
-    else:
-        bits = matrix.bits(least)
     problem = Problem(
-        bits=bits,
+        bits=matrix.bits(least, starts),
         starts=starts,
         weights=weights_of(mesh, weight_by),
         views=needed,
@@ -445,7 +432,7 @@ def problem_of(
     return grouped(problem, goal)
 
 
-def _elements_of(matrix: VisibilityMatrix | BitMatrix, mesh: Mesh | Cells) -> Mesh:
+def _elements_of(matrix: VisibilityMatrix, mesh: Mesh | Cells) -> Mesh:
     """Mesh whose faces are the elements of a matrix."""
     if matrix.is_of_cells != isinstance(mesh, Cells):
         wanted, got = ("cells", "a mesh") if matrix.is_of_cells else ("faces", "cells")
@@ -665,12 +652,9 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     part = (problem.integer_weights << PROGRESS_BITS) // problem.views
 
     def loss(camera: int) -> int:
-        faces = problem.faces_of(camera)
-        if problem.has_rigs:
-            faces, times = np.unique(faces, return_counts=True)
-            left = np.maximum(problem.views[faces] - count[faces], 0)
-            return -int((part[faces] * np.minimum(times, left)).sum())
-        return -int(part[faces[count[faces] < problem.views[faces]]].sum())
+        faces, times = np.unique(problem.faces_of(camera), return_counts=True)
+        left = np.maximum(problem.views[faces] - count[faces], 0)
+        return -int((part[faces] * np.minimum(times, left)).sum())
 
     # Lazy evaluation: gains only fall as cameras are added, so the first one that is still the
     # greatest when computed again is taken. Ties go by number.
