@@ -32,7 +32,7 @@ from rastercov.placement.plan.sections import BestSelection
 from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.measurements import Measurements, NetworkFigures
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
-from rastercov.viewer.scene import Scene
+from rastercov.viewer.scene import Scene, distances
 from rastercov.viewer.session import Moment, Session, StaleError
 
 Progress = Callable[[int, int], None]
@@ -42,6 +42,8 @@ BUDGET = 2_000
 """Poses that a refinement of one camera measures at most."""
 TRIES = 600
 """Poses that are tried for the next camera where the plan has no candidates."""
+SPREAD = 0.7
+"""Largest component across the normal of a face of the direction in which a camera is tried."""
 
 
 class Cancelled(Exception):  # noqa: N818 - no error: someone asked for it
@@ -173,7 +175,7 @@ def placed(
     for number in range(count):
         with step(f"camera {number + 1} of {count}") as progress:
             try:
-                poses = tries(own, made, scene.space(made), seed=number)
+                poses = tries(own, made, camera, scene.space(made), seed=number)
                 made, _ = with_next(own, made, camera, poses, progress)
             except ConfigError:  # nothing is left to cover, or out of reach
                 if not made.stations:
@@ -185,14 +187,15 @@ def placed(
 def tries(
     measurements: Measurements,
     state: RigState,
+    camera: str,
     space: PoseSpace,
     count: int = TRIES,
     seed: int = 0,
 ) -> FloatArray:
     """Poses that look at faces which are not covered, (C, 4, 4), at allowed places.
 
-    Faces are drawn by their area, places evenly, and the way from a place to its face by chance, so
-    that some see the whole part and some see one face large.
+    Faces are drawn by their area, and places in the directions around their normals, at distances
+    from which the lens shows a fraction to all of the part.
 
     Raises
     ------
@@ -205,9 +208,17 @@ def tries(
     if not weight.sum() > 0:
         raise ConfigError("every face is covered; there is nothing for a further camera")
     rng = np.random.default_rng(seed)
-    targets = np.asarray(mesh.centroids)[rng.choice(mesh.n_faces, count, p=weight / weight.sum())]
-    away = space.sample(count, rng) - targets
-    eyes, is_allowed = space.project_to_allowed(targets + rng.uniform(size=(count, 1)) * away)
+    faces = rng.choice(mesh.n_faces, count, p=weight / weight.sum())
+    normals = np.asarray(mesh.normals)[faces]
+    flips = mesh.two_sided_mask[faces] & (rng.random(count) < 0.5)
+    normals = np.where(flips[:, None], -normals, normals)
+    slopes = rng.uniform(-SPREAD, SPREAD, (count, 3))
+    directions = normals + slopes - (slopes * normals).sum(axis=1, keepdims=True) * normals
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    near, far = distances(mesh, state.cameras[camera])
+    reach = np.exp(rng.uniform(np.log(near), np.log(far), count))
+    targets = np.asarray(mesh.centroids)[faces]
+    eyes, is_allowed = space.project_to_allowed(targets + reach[:, None] * directions)
     is_allowed &= np.linalg.norm(eyes - targets, axis=1) > 1e-9
     if not is_allowed.any():
         raise ConfigError("no place for a further camera is allowed; allow more")
@@ -406,4 +417,4 @@ class Work:
             if (names == camera).any():
                 body = moment.poses.get(scene.carriers([camera]).get(camera, ""), np.eye(4))
                 return body @ placed.world_from_camera[names == camera]
-        return tries(own, state, scene.space(state))
+        return tries(own, state, camera, scene.space(state))

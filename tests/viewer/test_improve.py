@@ -77,11 +77,11 @@ def test_refinement_never_loses_and_the_others_stay(measurements, views):
 def test_places_tried_are_allowed_and_look_at_what_is_not_covered(measurements):
     state = state_of(MESH, 2)
     space = default_space(MESH, state)
-    poses = tries(measurements, state, space, count=60)
+    poses = tries(measurements, state, "eye", space, count=60)
     assert space.allows(poses[:, :3, 3]).all()
     found = rc.evaluate(MESH, CAMERA, poses, by="face")
     assert (found.reason == Reason.COVERED).any(axis=1).mean() > 0.3
-    assert np.array_equal(poses, tries(measurements, state, space, count=60))
+    assert np.array_equal(poses, tries(measurements, state, "eye", space, count=60))
 
 
 def test_nothing_is_left_to_cover(measurements):
@@ -90,7 +90,7 @@ def test_nothing_is_left_to_cover(measurements):
         with_next(measurements, state, "eye", state.poses().world_from_camera)
     cube = Measurements(CUBE)
     with closing(cube), pytest.raises(rc.ConfigError, match="every face is covered"):
-        tries(cube, whole, default_space(CUBE, whole))
+        tries(cube, whole, "eye", default_space(CUBE, whole))
 
 
 def test_a_cancelled_search_changes_nothing(measurements):
