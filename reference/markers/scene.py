@@ -1,4 +1,4 @@
-"""Plates with ArUco markers that stand parallel to the image: their corners and their mesh.
+"""Plates with ArUco markers, parallel to the image: their corners and their mesh.
 
 A plate is a white board with a marker; a detector needs the white margin, one cell wide, around its
 border. Places are in camera axes (x right, y down, z forward), so the pose of the camera is the

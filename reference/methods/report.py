@@ -91,7 +91,7 @@ FACE_TITLES = {
 MIN_FACES = 5
 """Partly hidden faces of a size class that has a point in a plot."""
 LEAST_ERROR, LEAST_RATIO = 1e-4, 1e-3
-"""Where plots of errors, and of errors over their bounds, begin."""
+"""Least values in plots of errors, and of errors over their bounds."""
 
 
 def write_comparison(
