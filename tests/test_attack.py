@@ -16,8 +16,10 @@ CAMPAIGNS = sorted({path.stem for path in BENCHMARKS.glob("attack_*.py")} - {"at
 EFFORT = 0.002
 AT_NIGHT = {
     "attack_doors": "tests/test_doors.py",
+    "attack_frames": "tests/cluster/test_frames_in_shards.py",
     "attack_inputs": "tests/camera_formats/test_hostile.py",
     "attack_instances": "tests/test_repeated_parts.py",
+    "attack_lenses": "tests/area/test_lens_regions.py",
     "attack_light": "tests/area/test_light_cuts.py",
     "attack_links": "tests/test_links.py",
     "attack_numbers": "tests/test_numbers.py",

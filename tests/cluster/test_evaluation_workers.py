@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from nightly import nightly
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -69,9 +70,12 @@ CASES = {
     "no table": {"table": "none"},
     "two cameras": {"poses": PLACED, "camera": CAMERAS, "pictures": 3},
 }
+AT_NIGHT = ("sampled", "no table")
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(each, marks=nightly if each in AT_NIGHT else ()) for each in CASES]
+)
 def test_workers_leave_the_report_of_one_process(tmp_path, case, monkeypatch):
     options = CASES[case]
     evaluated(tmp_path / "streamed", **options)

@@ -122,7 +122,7 @@ def test_bound_of_an_edge_holds(name):
     for plane in lens.planes:
         known = EdgeBounds(plane.reaches, coefficient_bounds(plane))
         table = edge_table(plane, 1e-6)
-        a, b = (points_of(plane, amount(1000, 4000), rng) for _ in range(2))
+        a, b = (points_of(plane, amount(350, 4000), rng) for _ in range(2))
         is_edge = (a != b).any(axis=1)  # not the same corner of the region twice
         a, b = a[is_edge], b[is_edge]
         half = 10 ** rng.uniform(-3.5, -0.3, (len(a), 1))

@@ -93,7 +93,7 @@ def test_what_is_no_building_is_refused_in_one_line_and_no_other_is_printed(data
 
 
 @pytest.mark.slow
-@settings(examples(5, at_night=20), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(examples(3, at_night=20), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cut=st.integers(1, len(HOUSE) - 1))
 def test_cut_files_load_in_part_or_are_refused_as_is_what_exceeds_the_budget(cut, load):
     with suppress(RastercovError):

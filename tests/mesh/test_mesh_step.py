@@ -56,7 +56,7 @@ def test_what_is_no_step_file_is_refused_in_one_line_and_no_other_is_printed(dat
 
 @pytest.mark.usefixtures("_cascadio")
 @pytest.mark.slow
-@settings(examples(5, at_night=20), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(examples(3, at_night=20), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cut=st.integers(1, len(crate()) - 1))
 def test_cut_files_load_whole_or_raise_mesh_error(cut, load):
     with suppress(RastercovError):

@@ -228,7 +228,10 @@ def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens, nears):
 @pytest.mark.slow
 @pytest.mark.parametrize(("lens", "scene"), EACH_LENS)
 def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
-    (mesh, poses), camera = SCENES[scene], lens_cameras.CAMERAS[lens].resized(0.2)
+    (mesh, poses), camera = (
+        SCENES[scene],
+        lens_cameras.CAMERAS[lens].resized(amount(0.12, at_night=0.2)),
+    )
     with open_observer(mesh, camera, "certified") as exact:
         expected, areas = fractions_of(exact, poses), exact.observe(poses)
     with open_observer(mesh, camera, "sampled:cpu@3") as sampled:
