@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 from collections import Counter
 from contextlib import ExitStack
 from itertools import count
@@ -28,10 +29,13 @@ USES, UNFROZEN = count(), 100
 
 
 def pytest_configure(config):
-    """Make errors of warnings in our own files.
+    """Make errors of warnings in our own files, and take Ctrl-C again where a shell ignores it.
 
     What another package does wrong inside comes with any release of it, and breaks no test here.
+    What a shell starts in the background ignores SIGINT, and so would the tests of interrupts.
     """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     root, folders = Path(__file__).parents[1], ("tests", "benchmarks", "examples")
     ours = {path.stem for folder in folders for path in (root / folder).rglob("*.py")}
     names = "|".join(["__main__", *sorted(ours)])
