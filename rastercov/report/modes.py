@@ -207,7 +207,7 @@ def by_illuminance(mesh: Mesh, light: OfLight) -> Painted:
     The border of each is the line of the threshold, by face.
     """
     found = by_density(mesh, OfUnit(light.values, light.unit))
-    levels, palette = found.levels.copy(), found.palette.copy()
+    levels, palette = np.minimum(found.levels, LAST - 3), found.palette.copy()  # below the reasons
     lit, task = light.values > 0, mesh.task_mask
     most = math.inf if light.most is None else light.most
     words, hatches = {OCCLUDER: OCCLUDER_LABEL}, [0] * 256

@@ -56,8 +56,9 @@ def test_allowed_positions_are_those_without_the_target():
 def test_lines_of_sight_pass_through_targets():
     points = np.random.default_rng(2).uniform(*ROOM.bounds, (100, 3))
     pose = rc.look_at([(2.5, 2, 2.5)], [(0, 0, 1)])[0]
-    found = LineOfSight(SCENE, "own").hidden(points, pose, 1e-6)
-    np.testing.assert_array_equal(found, LineOfSight(ROOM, "own").hidden(points, pose, 1e-6))
+    seen = points, pose, 1e-6, rc.Camera.from_fov(64, 64, hfov_deg=60)
+    found = LineOfSight(SCENE).hidden(*seen)
+    np.testing.assert_array_equal(found, LineOfSight(ROOM).hidden(*seen))
     assert found.any()
 
 

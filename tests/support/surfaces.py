@@ -1,4 +1,4 @@
-"""What the surface of a mesh holds, by name."""
+"""Arrays of the surface of a mesh, by name."""
 
 from collections import namedtuple
 from dataclasses import dataclass

@@ -168,7 +168,7 @@ class Light:
         return cut
 
     def within(self, regions: Regions, leads: Poses) -> Regions:
-        """What lamps light of rows of single cameras."""
+        """Parts of rows of single cameras that lamps light."""
         cut = regions._by_side(self.cut_of(leads))
         return replace(cut, eyes=regions.eyes, columns=regions.columns)
 

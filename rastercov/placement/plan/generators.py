@@ -49,7 +49,7 @@ from rastercov.placement.plan.entries import (
 
 @dataclass(frozen=True)
 class Spot:
-    """What the generator of an entry makes candidates for.
+    """Scene and camera that the generator of an entry makes candidates for.
 
     Attributes
     ----------
