@@ -181,13 +181,22 @@ class Regions(FacePolygons):
         """Regions made of those on each side of two-sided faces apart, and united.
 
         `make` gives regions of the same rows for both sides, of a side and whether it is the rear.
+        A row with parts on one side is that of the side, whatever the other rows have.
         """
         sides = self._sides()
         if len(sides) == 1:
             return make(self, False)
         parts = [make(part, is_rear) for part, is_rear in zip(sides, (False, True), strict=True)]
-        row = np.arange(len(parts[0].pose_ids))
-        return _counted(joined(parts), 1, np.tile(row, 2))
+        n = len(parts[0].pose_ids)
+        front, rear = (np.isin(np.arange(n), part.pair_pose) for part in parts)
+        rows = np.where(rear, n + np.arange(n), np.arange(n))
+        if len(both := np.flatnonzero(front & rear)):
+            of_both = [taken(part, both) for part in parts]
+            united = _counted(joined(of_both), 1, np.tile(np.arange(len(both)), 2))
+            rows[both] = 2 * n + np.arange(len(both))
+            parts.append(united)
+        found = taken(joined(parts), rows)
+        return replace(found, cut_short=sum(part.cut_short for part in parts[:2]))
 
     def _sides(self) -> tuple["Regions", ...]:
         """Regions from the front and from the rear of two-sided faces; one where none is."""
