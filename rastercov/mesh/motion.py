@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import checked_array, finite_points
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
@@ -231,10 +231,10 @@ class Motion(InOneLine):
 
 
 def _durations(given: ArrayLike, n: int) -> FloatArray:
-    wanted = f"({n},) numbers above 0"
+    wanted = f"({n},) numbers above 0, {LARGEST_COORDINATE:g} at most"
     with np.errstate(over="ignore"):
         found = checked_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
-    if found.shape != (n,) or not ((found > 0) & np.isfinite(found)).all():
+    if found.shape != (n,) or not ((found > 0) & (found <= LARGEST_COORDINATE)).all():
         raise ConfigError(f"durations must be {wanted}, got {shown(given)}")
     _units(found)
     return found.copy()
