@@ -10,7 +10,7 @@ depend on the process that made it. A scheduler needs the extra `cluster` (dask,
 store.py        `ShardStore`: files with checksums, notes on poses that were left out, the lock
 run.py          `fill`: all shards, made here or by workers, with retries
 work.py         work on one shard by a worker; poses that kill their process; `Made`, `Tally`
-workers.py      `Workers`: the choice of processes, and the addresses that are safe to connect to
+workers.py      `Workers`: processes of this machine, or of a scheduler (`rastercov.cluster`)
 process.py      processes of this machine, called through pipes
 inputs.py       header, mesh, cameras and poses in the folder of a store
 """

@@ -93,8 +93,8 @@ class Generator(Entry):
     """Lamp to place here instead of cameras, one of the plan without a place of its own."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
-        """Candidates of a mount; once for each aim."""
-        raise NotImplementedError
+        """Candidates of a mount, once for each aim; each generator has its own."""
+        raise NotImplementedError  # OnArm alone: its arm is of the plan
 
     def _own(self, base: type["Generator"]) -> dict[str, Any]:
         """Entries that a base class lacks: arguments of the generator."""
