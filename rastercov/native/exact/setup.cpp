@@ -81,8 +81,9 @@ template <class Operation> double reduce(Lane lanes, Operation of) {
     return lanes[0];
 }
 
-// A face is wide enough where twice its area is at least `narrow` times its extent.
-void measure_block(int64_t first, const Projected &projected, double narrow, Measures &out) {
+// A face is wide enough where twice its area is at least `narrow` times its extent. By itself: in the
+// loop over the blocks GCC keeps some of its vectors in memory.
+[[gnu::noinline]] void measure_block(int64_t first, const Projected &projected, double narrow, Measures &out) {
     Lane least_u = everywhere(INF), least_v = least_u, least_twice = least_u, margin = least_u;
     Lane most_u = everywhere(-INF), most_v = most_u, most_twice = most_u;
     Lane widths = everywhere(0.0), heights = widths, areas = widths;
@@ -219,12 +220,13 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
         const int8_t behind = front_only ? 0 : -1, common = block.least < 0 ? 1 : behind;
         const uint16_t flags = is_live ? LIVE : 0;
         const double some = is_out ? 0.0 : 0.5;
+        std::fill_n(&side[first], BLOCK, common);
+        std::fill_n(&state[first], BLOCK, flags);
+        double *const areas = &area[first], *const errors = &area_error[first];
         for (int64_t k = 0; k < BLOCK; k++) {
-            side[first + k] = common;
-            state[first + k] = flags;
             const double error = rounding * block.extent[k] * some;
-            area_error[first + k] = error < most_error ? error : most_error;
-            area[first + k] = std::abs(block.twice[k]) * some;
+            errors[k] = error < most_error ? error : most_error;
+            areas[k] = std::abs(block.twice[k]) * some;
         }
         if (is_mixed)
             for (int64_t k = 0; k < BLOCK; k++) side[first + k] = block.twice[k] < 0 ? 1 : behind;
