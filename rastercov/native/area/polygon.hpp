@@ -47,6 +47,7 @@ int64_t without_needless(const Source &polygon, int64_t n, double nearest, Point
             kept++;
         }
     while (kept > 1 && !is_apart(out(0, U), out(0, V), kept - 1)) kept--;
+    if (kept <= 3) return kept;
     n = kept;
     kept = 0;
     for (int64_t p = 0; p < n; p++) {

@@ -226,7 +226,8 @@ void Union::add_to_faces(Addition &from, Tally tally, const Progress &progress) 
         Bounds &bounds = _bounds[face];
         bounds.bound += more.bound;
         bounds.excess += more.excess;
-        if (whole != 0 || _parts.pieces.size() > 0 || is_waiting)
+        const bool is_settled = Tally::CLOSES && whole >= _views && close_bare(face);
+        if (!is_settled && (whole != 0 || _parts.pieces.size() > 0 || is_waiting))
             unite_face(face, whole, is_waiting, tally, report);
         bounds.bound = std::min(bounds.bound, _faces.areas[face]);
         bounds.excess = std::min(bounds.excess, _faces.areas[face]);
@@ -439,6 +440,24 @@ void Union::store(int64_t cell) {
     _n_used += _pieces.size() - first - own.count;
     own.first = first;
     own.count = _pieces.size() - first;
+}
+
+// Closes a face without pieces, as unite_face does where enough poses cover all of it; false where
+// it has some, or may be a sliver.
+bool Union::close_bare(int64_t face) {
+    if (_cells[face].count > 0 || _cells[face].half >= 0) return false;
+    const Polygon all = outline_of(face);
+    const double nearest = nearest_of(face);
+    std::array<double, 6> corners;
+    const bool is_tidy = area::without_needless(all, 3, nearest, {corners.data(), {3, 2}}) == 3;
+    if (!is_tidy || !(area_of(all) > nearest * area::perimeter_of(all, 3))) return false;
+    Cell &whole = change(face);
+    whole.first = _pieces.size();
+    whole.count = 1;
+    whole.is_closed = true;
+    _pieces.append(all, _views);
+    _n_used++;
+    return true;
 }
 
 // Makes a divided face, all cells of which are closed, one cell of one piece again.

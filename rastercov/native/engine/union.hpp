@@ -91,6 +91,7 @@ class Union {
     bool divide(int64_t cell, Rows parts, double &lost);
     bool make_halves(int64_t cell, const Divider &line);
     void store(int64_t cell);
+    bool close_bare(int64_t face);
     void close_whole(int64_t face);
 
     FlatFaces _faces;
