@@ -37,9 +37,11 @@ from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import (
     BASELINE,
     CONDITIONS,
+    HIGHLIGHT,
     NAMES,
     REASONS,
     UNCERTAIN,
+    UNLIT,
     Reason,
     fails,
     reason_rows,
@@ -450,13 +452,12 @@ def _of_station(
     observer = measurements.observer(camera)
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
     found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
-    reason = Reason(int(found["reason"]))
-    name = reason.name.lower()
+    name = NAMES[int(found["reason"])]
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
-    occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
+    occluder = _occluder(mesh, station, face) if name == "occluded" else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
@@ -473,8 +474,8 @@ def _of_station(
         "in the image": percent(found["in_view_fraction"]),
     }
     hider = "" if occluder is None else occluder["name"]
-    tip = advice(reason, found, depth, task, camera, hider, state.unit)
-    if failed > Reason.COVERED:  # of light
+    tip = advice(name, found, depth, task, camera, hider, state.unit)
+    if UNLIT <= failed <= HIGHLIGHT:
         rig, name = state.rig(), NAMES[failed]
         lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])
         lamp = failing_lamp(rig, lead, mesh.centroids[face], mesh.normals[face], failed)

@@ -41,6 +41,7 @@ from rastercov.coverage.reasons import (
     UNLIT,
     Reason,
 )
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -176,9 +177,11 @@ class PointPass:
             two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
             own=read_only(row[face], np.int64),
         )
+        tasks = tasks_of(camera, task)
+        of_surface = {each: own_reasons(mesh, each)[face] for each in tasks}
         self._of_camera = [
-            (lens_of(each), own.rules(each).in_units_of(self._diagonal))
-            for each, own in zip(self.cameras, tasks_of(camera, task), strict=True)
+            (lens_of(each), own.rules(each).in_units_of(self._diagonal), of_surface[own])
+            for each, own in zip(self.cameras, tasks, strict=True)
         ]
 
     def _placed(self, points: FloatArray) -> FloatArray:
@@ -199,7 +202,7 @@ class PointPass:
         corners, nodes = self._tree
 
         def judge(row: int, reason: NDArray[np.uint8], hider: IntArray) -> None:
-            lens, rules = self._of_camera[poses.camera[row]]
+            lens, rules, own = self._of_camera[poses.camera[row]]
             area_point.judge_points(
                 self._points,
                 lens,
@@ -214,6 +217,7 @@ class PointPass:
                 reason,
                 hider,
             )
+            np.copyto(reason, own, where=reason == Reason.COVERED)
 
         return judge
 

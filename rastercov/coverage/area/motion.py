@@ -34,9 +34,10 @@ from rastercov.camera.rig import (
     with_lamps,
 )
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
-from rastercov.coverage.area.rows import gated
+from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.surface import key_of
 from rastercov.coverage.task import Task
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
@@ -222,13 +223,16 @@ class Frames(NamedTuple):
         """Frames of cameras on bodies."""
         motion = asked.motion
         carried, sights = carriers(asked, camera, placed), Sights(motion)
+        tasks = tasks_of(camera, task)
         first: dict[bytes, int] = {}
         source = np.empty((len(motion), len(placed)), np.int64)
         for row in in_turn(motion).tolist():
             mesh, _ = motion._at(row, of_occluders=False)
             moved = carried_by(carried[:, row], placed)
             near = near_limits(cameras_of(camera), mesh.opaque.bounds, moved)
-            source[row] = [first.setdefault(key, row) for key in sights.of(row, moved, near)]
+            surface = key_of(mesh, tasks)
+            keys = sights.of(row, moved, near)
+            source[row] = [first.setdefault(key + surface, row) for key in keys]
         return cls(motion, camera, placed, task, engine, carried, source)
 
     def regions(self, rows: IntArray) -> Regions:

@@ -39,6 +39,8 @@ from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
 from rastercov.coverage.observer import ExactObserver
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.mesh import Mesh
@@ -140,7 +142,7 @@ class RegionPass(ExactPass):
         self._scales = np.array([each.fx * each.fy for each in cameras])
         self._tasks = tasks
         super().__init__(mesh, camera, engine, keeps_pieces=True)
-        self._is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
+        self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
         has_lens = not all(each.is_pinhole for each in cameras)
         has_figures = mesh.task_mask | (not only_task or has_lens)
@@ -157,9 +159,17 @@ class RegionPass(ExactPass):
         if mesh is self.mesh:
             return
         super().set_mesh(mesh)
+        self._look_at(mesh)
         if self.light is not None and self._of_lamps is not None:
             self._of_lamps.set_mesh(mesh)
             self.light = self.light.anew()
+
+    def _look_at(self, mesh: Mesh) -> None:
+        """Set the faces that the surface itself lets be covered: by some camera, and by each."""
+        is_left = {each: own_reasons(mesh, each) == Reason.COVERED for each in self._tasks}
+        self._is_left = np.array([is_left[each] for each in self._tasks])
+        has_area = frames_of(mesh).areas > 0
+        self._is_asked = mesh.task_mask & has_area & self._is_left.any(axis=0)
 
     def lit_by(self, find: Callable[["RegionPass", Poses], Regions]) -> Light | None:
         """Light of the mesh, with regions of points of lamps by a function of their pass."""
@@ -240,6 +250,13 @@ class RegionPass(ExactPass):
             columns=poses.world_from_camera[:, :3, 1],
             cut_short=float(cut_short.sum()),
         )
+        if len(set(self._tasks)) > 1:
+            own = self._is_left[poses.camera]
+            pieces, pairs = (
+                np.flatnonzero(own[row, faces])
+                for row, faces in ((regions.pose, face), (regions.pair_pose, pair_face))
+            )
+            regions = regions._with(pieces, pairs)
         if not (limits := self._least[poses.camera]).any():
             return regions
         axes, cameras = poses.world_from_camera[:, :3, 1].copy(), cameras_of(self.camera)

@@ -115,7 +115,10 @@ def gated_reasons(
     cameras on the other see it from behind. With limits it is `BASELINE` or `UNCERTAIN` where the
     devices see the point and do not meet these.
     """
-    n_rows = len(led_by(camera, poses))
+    n_rows, every = len(led_by(camera, poses)), np.arange(reason.shape[1])
+    # Of what a camera sees, reasons of the surface itself are next to none.
+    is_seen = reason > Reason.COVERED
+    rank = np.where(is_seen, 2 * Reason.COVERED - 1, 2 * reason).astype(np.uint8)
     found = np.empty((n_rows, reason.shape[1]), np.uint8)
     pose = np.empty(found.shape, np.int64)
     for gate, own, row in by_gate(camera, poses):
@@ -124,14 +127,15 @@ def gated_reasons(
             continue
         for at, of_rig in zip(row, own, strict=True):
             front = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
-            behind = np.minimum(reason[of_rig], np.uint8(Reason.BACK_FACING))
-            best, device = gate.failing(np.where(front, reason[of_rig], behind))
-            other, of_other = gate.failing(np.where(front, behind, reason[of_rig]))
-            found[at] = np.maximum(best, other)
+            behind = np.minimum(rank[of_rig], np.uint8(2 * Reason.BACK_FACING))
+            best, device = gate.failing(np.where(front, rank[of_rig], behind))
+            other, of_other = gate.failing(np.where(front, behind, rank[of_rig]))
+            pose[at] = of_rig[np.where(other > best, of_other, device)]
+            top = np.maximum(best, other)
+            found[at] = np.where(top % 2, reason[pose[at], every], top // 2)
             placed = poses.world_from_camera[of_rig]
             for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
                 found[at][fails & (found[at] == Reason.COVERED)] = failed
-            pose[at] = of_rig[np.where(other > best, of_other, device)]
     return found, pose
 
 

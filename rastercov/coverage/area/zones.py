@@ -499,7 +499,7 @@ def advised(
             "incidence_deg": math.degrees(figures["incidence"]),
             **more,
         },
-        "advice": advice(Reason[name.upper()], figures, depth, task, eye[pose.camera[0]], hider),
+        "advice": advice(name, figures, depth, task, eye[pose.camera[0]], hider),
     }
 
 
