@@ -14,7 +14,8 @@ from rastercov.base.memory import read_only
 from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, lamps_of
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
 from rastercov.coverage.surface import own_reasons
@@ -43,7 +44,8 @@ class FacePass:
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        task.check_light(lamps_of(camera))
+        for each in FEATURES:
+            each.check(camera, task)
         tasks = tasks_of(camera, task)
         self.rules = [own.rules(each) for each, own in zip(self.cameras, tasks, strict=True)]
         scene = scene_of(mesh)

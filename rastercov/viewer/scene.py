@@ -23,9 +23,11 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, lamps_of
+from rastercov.coverage.area.light import lit_by
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -134,12 +136,12 @@ class Scene:
     notes: tuple[str, ...] = field(default=())
     moving: PlanMotion | None = None
 
-    def lit_by(self, lamps: Lamps) -> "Scene":
-        """The same with lamps; ConfigError for those of a plan, and for another unit."""
+    def lit_by(self, path: Path) -> "Scene":
+        """The same with lamps of a file; ConfigError for those of a plan, and for another unit."""
         if self.plan is not None:
             raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
-        start = self.start
-        start = replace(start.lit(lamps), task=start.task.lit_by(lamps))
+        lamps, start = load_lamps(path), self.start
+        start = replace(start.lit(lamps), task=lit_by(start.task, lamps))
         lamps.carried_by(tuple(start.cameras))
         notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
         return replace(self, start=start, notes=notes)
