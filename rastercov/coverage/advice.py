@@ -188,5 +188,7 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     said += [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
     if task["min_angle_deg"]:
         said.append(f"{task['min_angle_deg']:g}° apart")
-    more = [words(task[name]) for name, words in WORDS.items() if task[name] != usual[name]]
+    names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]
+    changed = [name for name in names if task[name] != usual[name]]
+    more = [WORDS[at](task[at]) if at in WORDS else f"with {at} {task[at]}" for at in changed]
     return f"Covered is what {', '.join(said + more)}."

@@ -57,14 +57,11 @@ if TYPE_CHECKING:
 UNITS = {
     "min_pixels": "px",
     "max_blur": "px",
-    "max_incidence_deg": "deg",
-    "min_angle_deg": "deg",
-    "max_highlight_deg": "deg",
     "min_pixel_density": "px/m",
     "min_facing_density": "px/m",
     "min_pixels_per_m2": "px/m²",
 }
-"""Units of thresholds."""
+"""Units of thresholds, but of those that end in _deg."""
 KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
 """Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
@@ -372,7 +369,7 @@ def task_fields(lamps: Lamps | None = None) -> list[dict[str, Any]]:
                     "choices": own.get("enum"),
                     "default": getattr(default, name),
                     "is_optional": "anyOf" in schema,
-                    "unit": units.get(name, ""),
+                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
                 }
             )
     return found
