@@ -44,7 +44,6 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.criteria import Uncertainty as Uncertainty
     from rastercov.coverage.area.laser import LaserLine as LaserLine
     from rastercov.coverage.area.motion import MotionQuery as MotionQuery
-    from rastercov.coverage.area.motion import regions as regions
     from rastercov.coverage.area.over_time import OverTime as OverTime
     from rastercov.coverage.area.table import Regions as Regions
     from rastercov.coverage.area.union import Covered as Covered
@@ -56,6 +55,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.engine import Engine as Engine
     from rastercov.coverage.evaluation import Evaluation as Evaluation
     from rastercov.coverage.job import evaluate as evaluate
+    from rastercov.coverage.job import regions as regions
     from rastercov.coverage.network import Network as Network
     from rastercov.coverage.observer import Observer as Observer
     from rastercov.coverage.observer import open_observer as open_observer
@@ -106,7 +106,7 @@ _NAMES = {
     "coverage.area.cells": "Cells CellShares cells",
     "coverage.area.criteria": "BeamDensity Highlight Illuminance RayAngle Uncertainty",
     "coverage.area.laser": "LaserLine",
-    "coverage.area.motion": "MotionQuery regions",
+    "coverage.area.motion": "MotionQuery",
     "coverage.area.over_time": "OverTime",
     "coverage.area.table": "Regions",
     "coverage.area.union": "Covered RegionUnion unite",
@@ -114,7 +114,7 @@ _NAMES = {
     "coverage.coverage": "Coverage",
     "coverage.engine": "Engine",
     "coverage.evaluation": "Evaluation",
-    "coverage.job": "evaluate",
+    "coverage.job": "evaluate regions",
     "coverage.network": "Network",
     "coverage.observer": "Observer open_observer",
     "coverage.reasons": "Reason",

@@ -18,6 +18,7 @@ from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.records import ROW_TYPES, PairRows
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
@@ -67,7 +68,7 @@ def figures_of_pose(
         "incidence": geometry.incidence,
     }
     per_m2 = {"pixels_per_m2": pixels_per_m2(mesh, camera, pose, geometry)}
-    coverage, reason = judge(task, mesh.degenerate_mask, geometry, figures | per_m2)
+    coverage, reason = judge(task, own_reasons(mesh, task), geometry, figures | per_m2)
     return figures | {"coverage": coverage, "reason": reason}
 
 
@@ -191,14 +192,14 @@ def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
 
 def judge(
     task: Task,
-    is_degenerate: BoolArray,
+    own: NDArray[np.uint8],
     geometry: FaceGeometry,
     figures: Mapping[str, NDArray[Any]],
 ) -> tuple[FloatArray, NDArray[np.uint8]]:
     """Coverage (3.6) of each face by one camera, and its `Reason`, (F,) each.
 
-    `figures` holds the criteria of the pose, (F,) each, by the names of `Coverage`; and for a task
-    with `min_pixels_per_m2` those of `pixels_per_m2`.
+    `own` are reasons of the surface itself; `figures` holds the criteria of the pose, by the names
+    of `Coverage`; and for a task with `min_pixels_per_m2` those of `pixels_per_m2`.
     """
     resolution, visibility = figures["resolution"], figures["visibility"]
     enough = np.minimum(resolution, 1.0) if task.cap_resolution else resolution
@@ -209,7 +210,7 @@ def judge(
     is_visible = visibility >= task.min_visibility
     # One factor at a time: the reason is the first that brings the product below the threshold.
     factors = (
-        (Reason.DEGENERATE, ~is_degenerate),
+        (Reason.DEGENERATE, own != Reason.DEGENERATE),
         (Reason.BACK_FACING, geometry.is_front),
         (Reason.OUTSIDE, geometry.in_view),
         (Reason.OUT_OF_FOCUS, figures["in_focus"]),
@@ -224,7 +225,8 @@ def judge(
         product = product * factor
         fails = (product < task.min_coverage) | (product == 0)
         reason[fails & (reason == Reason.COVERED)] = name
-    return product, reason
+    reason = np.where(reason == Reason.COVERED, own, reason)
+    return product * (own == Reason.COVERED), reason
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:

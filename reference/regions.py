@@ -20,6 +20,8 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
@@ -173,7 +175,8 @@ def meets_criteria(
         else:
             meets, per_m2, least = _through_lens(camera, local, normal, near)
             sharp = local[:, 2] if MODELS[camera.model].is_planar else distance
-        meets &= (facing > 0) & mesh.task_mask[face] & ~mesh.degenerate_mask[face]
+        meets &= (facing > 0) & mesh.task_mask[face]
+        meets &= own_reasons(mesh, task)[face] == Reason.COVERED
         away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
         is_near = np.abs((mesh.normals * away).sum(axis=1)) <= 1e-9 * np.linalg.norm(away, axis=1)
         meets &= ~surely_unseen(mesh, pose, is_near)[face]

@@ -321,11 +321,15 @@ OF_RIG = (*OF_RULE, "tasks", "fixed", "lamps")
 
 
 def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
-    """A rig with the rule, thresholds, fixed cameras and lamps of a file, where it has any."""
+    """A rig with the rule, thresholds, fixed cameras and lamps of entries, where these have any."""
     given = {name: entries[name] for name in OF_RULE if name in entries}
     more = {name: entries[name] for name in ("tasks", "fixed") if name in entries}
-    own = rig.cameras, rig.names, rig.rig_from_camera
-    found = Rig(*own, rule=rule_of(given), **more) if given or more else rig
+    found = rig
+    if given or more:
+        if "rule" not in given:
+            given = rule_to_json(rig.rule) | given
+        more = {"tasks": rig.tasks, "fixed": rig.fixed} | more
+        found = Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rule_of(given), **more)
     if "lamps" not in entries:
         return found
     try:

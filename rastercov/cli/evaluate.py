@@ -18,9 +18,8 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, lamps_of, names_of_poses, with_lamps
+from rastercov.camera.rig import Cameras, names_of_poses
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -31,7 +30,7 @@ from rastercov.cli.console import (
     size_line,
     warn,
 )
-from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
+from rastercov.cli.inputs import SceneOptions, lit_by, poses_around, read_eyes
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.shards import Tally, Workers
@@ -129,7 +128,7 @@ def evaluate(
     skips = conventions.skip_bad_poses
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
-    lit = lamps_of(eyes.rig) if lamps is None else load_lamps(lamps)
+    rig, task = lit_by(eyes.rig, task, lamps)
     moving = None
     if motion is not None:
         from rastercov.placement.plan.over_time import PlanMotion
@@ -138,9 +137,9 @@ def evaluate(
         mesh = moving.motion.mesh
     run_and_print(
         mesh,
-        with_lamps(eyes.rig, lit),
+        rig,
         eyes.poses,
-        task.lit_by(lit),
+        task,
         out,
         settings,
         as_json,
@@ -214,14 +213,14 @@ def run_and_print(
 
 def _print_tables(summary: dict[str, Any], level: int | None) -> None:
     """Print the summary of an evaluation as tables and lines."""
-    from rastercov.coverage.area.by_camera import missed_lines
+    from rastercov.coverage.area.by_camera import lines_of
     from rastercov.coverage.area.over_time import time_lines
     from rastercov.coverage.area.zones import zone_lines
     from rastercov.report.tables import run_table
 
     print_network(summary, level)
     Console().print(run_table(summary))
-    for line in (*time_lines(summary), *missed_lines(summary), *zone_lines(summary)):
+    for line in (*time_lines(summary), *lines_of(summary), *zone_lines(summary)):
         print(line)
 
 

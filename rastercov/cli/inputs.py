@@ -25,9 +25,11 @@ from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, names_of_poses
+from rastercov.camera.rig import Cameras, Rig, Views, names_of_poses
 from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
+from rastercov.coverage.area.light import lit
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
@@ -303,6 +305,11 @@ def read_rig(
     elif camera_name is not None:
         views = views.of_camera(camera_name)
     return replace(views, notes=(*views.notes, *bad, *border.unused()))
+
+
+def lit_by(rig: Rig, task: Task, path: Path | None) -> tuple[Cameras, Task]:
+    """A rig with the lamps of a file, or its own, and the task with their exposure."""
+    return lit(rig, task, rig.lamps if path is None else load_lamps(path))
 
 
 def in_metres(views: Views, source: str | Path) -> Views:

@@ -17,7 +17,6 @@ from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views
 from rastercov.cli import options
@@ -102,7 +101,7 @@ def view(
 
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
     if lamps is not None:
-        scene = scene.lit_by(load_lamps(lamps))
+        scene = scene.lit_by(lamps)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn([*scene.mesh.warnings, *scene.notes, *doubts])

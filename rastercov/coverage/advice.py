@@ -13,7 +13,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import EDITIONS, density_text
-from rastercov.coverage.reasons import REASONS, Reason
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 
 LIMITS = (
@@ -65,7 +65,7 @@ def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short |
 
 
 def advice(
-    reason: Reason,
+    reason: str,
     figures: Mapping[str, Any],
     depth: FloatArray,
     task: Task,
@@ -77,8 +77,8 @@ def advice(
 
     Parameters
     ----------
-    reason : Reason
-        Criterion that fails.
+    reason : str
+        Name of the criterion that fails.
     figures : mapping
         `distance`, metres, `incidence`, radians, and those of `LIMITS` that are known.
     depth : (N,) float64
@@ -91,12 +91,12 @@ def advice(
         Of lengths.
     """
     short, distance = short_of(figures, task, unit), float(figures["distance"])
-    if reason == Reason.TOO_COARSE and short is None:
-        return GENERAL["too_coarse"]
+    if reason == "too_coarse" and short is None:
+        return GENERAL[reason]
     z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
     reach = "or more" if math.isinf(z_f) else f"to {in_words(z_f, unit)}"
     factor, found, wanted = short or Short(1.0, "", "")
-    return REASONS[reason.name.lower()].advice.format(
+    return REASONS[reason].advice.format(
         wider=", or take a wider lens" if (depth > 0).all() else "",
         depth=depth_in_words(depth, unit),
         in_focus=f"{in_words(z_n, unit)} {reach}",
@@ -188,5 +188,7 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     said += [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
     if task["min_angle_deg"]:
         said.append(f"{task['min_angle_deg']:g}° apart")
-    more = [words(task[name]) for name, words in WORDS.items() if task[name] != usual[name]]
+    names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]
+    changed = [name for name in names if task[name] != usual[name]]
+    more = [WORDS[at](task[at]) if at in WORDS else f"with {at} {task[at]}" for at in changed]
     return f"Covered is what {', '.join(said + more)}."

@@ -14,7 +14,7 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, led_by
-from rastercov.coverage.area.by_camera import ByCamera, light_doubts
+from rastercov.coverage.area.by_camera import ByCamera, doubts_of
 from rastercov.coverage.area.motion import MotionQuery, carriers
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.over_time import OverTime, TimeAreas, check_over_time
@@ -150,7 +150,7 @@ class Evaluation(Coverage):
             self.areas.add_to(found)
             found |= self.areas.dead_zones(self.camera, placed)
             if not isinstance(self.areas, TimeAreas):
-                found |= self.apart.of_light()
+                found |= self.apart.further()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -172,7 +172,7 @@ class Evaluation(Coverage):
             "dead_pixels": dead_pixels(self.camera),
             "doubts": [
                 *doubts(network, self.camera, placed),
-                *light_doubts(found),
+                *doubts_of(found),
                 *(self.areas.doubts() if self.areas is not None else ()),
             ],
             "per_pose": per_pose,
@@ -184,6 +184,4 @@ class Evaluation(Coverage):
             leads = led_by(self.camera, placed)
             for entry, index in zip(per_pose, placed.camera[leads].tolist(), strict=True):
                 entry["camera"] = self.apart.names[index]
-            if devices := self.apart.by_device():
-                found["by_device"] = devices
         return found

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
 from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, lamps_of
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import judge_poses
@@ -41,10 +44,13 @@ class FacePass:
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        task.check_light(lamps_of(camera))
+        for each in FEATURES:
+            each.check(camera, task)
         tasks = tasks_of(camera, task)
         self.rules = [own.rules(each) for each, own in zip(self.cameras, tasks, strict=True)]
-        self._scene = scene_of(mesh)
+        scene = scene_of(mesh)
+        own = {each: read_only(own_reasons(mesh, each), np.uint8) for each in tasks}
+        self._scenes = [scene._replace(own=own[each]) for each in tasks]
         self._lenses = [lens_of(each) for each in self.cameras]
 
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
@@ -70,7 +76,7 @@ class FacePass:
                     lens = self._lenses[index]
                     if type(lens) not in spaces:
                         spaces[type(lens)] = workspace(self.mesh.n_vertices, lens)
-                    scope = self._scene, lens, seen, spaces[type(lens)]
+                    scope = self._scenes[index], lens, seen, spaces[type(lens)]
                     work(slice(start, stop), index, scope)
                     start = stop
 

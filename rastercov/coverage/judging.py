@@ -11,12 +11,12 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, IntArray
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, is_joint, lamps_of, led_by, rows_of_result
+from rastercov.camera.rig import Cameras, is_joint, led_by, rows_of_result
 from rastercov.coverage.area.rows import gated, gated_reasons
 from rastercov.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import UNLIT, Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.records import ROW_TYPES, PairRows, Sink, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -180,7 +180,7 @@ def sums_of_rigs(
     on = mesh.centroids, mesh.normals
     reason = gated_reasons(figures["reason"], camera, poses, *on, has_limits=False)[0]
     # Each camera may cover most of the face, and together they cover less: one is in the shadow.
-    left = Reason.OCCLUDED if lamps_of(camera) is None else UNLIT
+    left = next((each.reason for each in found.conditions), Reason.OCCLUDED)
     reason[~covered & (reason == Reason.COVERED)] = left
     reason[covered] = Reason.COVERED
     folded["reason"][rows] = reason

@@ -19,6 +19,7 @@ from rastercov.base.memory import (
 )
 from rastercov.base.threads import once_each
 from rastercov.camera.camera import Camera
+from rastercov.coverage.surface import own_reasons
 from rastercov.mesh import Mesh
 from rastercov.native.coverage_figures import (
     COLUMNS,
@@ -51,7 +52,7 @@ class Scene(NamedTuple):
     vertices: FloatArray
     faces: NDArray[np.uint64]
     normals: FloatArray
-    degenerate: BoolArray
+    own: Bytes  # reason of the surface itself, `COVERED` where there is none
     two_sided: BoolArray
     offsets: FloatArray
     reach: float  # greatest coordinate
@@ -172,12 +173,12 @@ class Sink(NamedTuple):
 
 @once_each
 def scene_of(mesh: Mesh) -> Scene:
-    """Arrays of a `Mesh`."""
+    """Arrays of a `Mesh`, whatever a task asks of its surface."""
     return Scene(
         read_only(mesh.vertices, np.float64),
         read_only(mesh.faces.view(np.uint64), np.uint64),
         read_only(mesh.normals, np.float64),
-        read_only(mesh.degenerate_mask, np.bool_),
+        read_only(own_reasons(mesh), np.uint8),
         read_only(mesh.two_sided_mask, np.bool_),
         read_only(mesh.plane_offsets, np.float64),
         float(np.abs(mesh.bounds).max()),

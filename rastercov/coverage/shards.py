@@ -150,7 +150,7 @@ class EvaluationShards:
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
             own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
-            own["light"] = getattr(self.observer, "light", None)
+            own["conditions"] = getattr(self.observer, "conditions", ())
             found = Regions(pose_ids=left.ids, eyes=left.world_from_camera[:, :3, 3], **own)
         cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
         return JudgedPoses(

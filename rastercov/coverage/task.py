@@ -18,8 +18,7 @@ from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.exposure import Exposure
-from rastercov.camera.lamps import Lamps
-from rastercov.camera.light_units import GLOSS, LIGHT, check_unit
+from rastercov.camera.light_units import GLOSS, LIGHT
 from rastercov.coverage.densities import PX_PER_M
 
 
@@ -174,27 +173,6 @@ class Task:
         upper = most if self.max_illuminance is None else min(most, self.max_illuminance)
         lower = max(least, self.min_illuminance)
         return replace(self, min_illuminance=lower, max_illuminance=upper)
-
-    def lit_by(self, lamps: Lamps | None) -> Self:
-        """The same task within the band of the exposure of lamps, where they have one."""
-        if lamps is None or lamps.exposure is None:
-            return self
-        return self.exposed(lamps.exposure, lamps.unit)
-
-    def check_light(self, lamps: Lamps | None) -> None:
-        """Raise ConfigError for thresholds of light without lamps, or in another unit."""
-        if lamps is None:
-            for name in OF_LIGHT:
-                if getattr(self, name):
-                    raise ConfigError(f"{name} is of light; give lamps, or leave it out")
-            return
-        for name in OF_LIGHT[:2]:
-            check_unit(name, getattr(self, name), lamps.unit)
-        if self.max_illuminance is not None and self.max_illuminance <= lamps.ambient:
-            raise ConfigError(
-                f"max_illuminance {self.max_illuminance:g} is not above the ambient light, "
-                f"{lamps.ambient:g} {lamps.unit}, so nothing is covered"
-            )
 
     @classmethod
     def thesis(cls, **changes: float | str | bool | None) -> Self:

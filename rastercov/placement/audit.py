@@ -335,8 +335,8 @@ def audit(
     Raises
     ------
     ConfigError
-        For workers without a folder, names or frames of another number than the poses, and where a
-        worker or its scheduler fails.
+        For workers without a folder, names or frames of another number than the poses, and where
+        workers fail.
     PoseError
         For a pose that is no rigid motion.
     """

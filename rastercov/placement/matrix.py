@@ -282,7 +282,7 @@ def build_matrix(
     ConfigError
         When the folder holds a matrix of other inputs, or another process is writing to it; for
         cells, also for a task with a threshold that is of a face, or method "sampled"; for workers
-        without a folder, and where a worker or its scheduler fails.
+        without a folder, and where workers fail.
     PoseError
         For a pose that is no rigid motion.
     """

@@ -14,7 +14,8 @@ from rastercov.base.memory import BoolArray, FloatArray, Int32Array
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.failures import LightOfPoints, first_failures
+from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.features import conditions_at
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
@@ -99,13 +100,12 @@ def by_points(
         (found,) = first_failures(
             opened, camera, task, scene.pose[None], points, faces.astype(np.int64)
         )
-        reason, light = found[0], None
+        reason = found[0]
         if placed is not None:
-            light = LightOfPoints.of(scene.mesh, placed[0], task, points, faces.astype(np.int64))
-        if light is None or placed is None:
-            return reason
-        seen = reason == Reason.COVERED
-        return np.where(seen, light.reasons(placed[1]), reason).astype(np.uint8)
+            on = points, faces.astype(np.int64)
+            for each in conditions_at(scene.mesh, placed[0], task, *on):
+                reason = np.where(reason == Reason.COVERED, each.reasons(placed[1]), reason)
+        return reason.astype(np.uint8)
 
     def judge(face: FaceImage) -> NDArray[np.uint8]:
         asked = np.append(scene.mesh.task_mask, False)[face] & ~covered_pixels(parts, scene, face)

@@ -46,15 +46,15 @@ from rastercov.camera.rig import (
     names_of,
     names_of_poses,
 )
-from rastercov.coverage.area.by_camera import missed_lines
-from rastercov.coverage.area.motion import MOST_PICTURES, MotionQuery, regions
+from rastercov.coverage.area.by_camera import lines_of
+from rastercov.coverage.area.motion import MOST_PICTURES, MotionQuery
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query
-from rastercov.coverage.job import answer, evaluate
+from rastercov.coverage.job import answer, evaluate, regions
 from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import is_long, kept_in, remove
@@ -467,7 +467,7 @@ def _page_of(
         "network.html",
         images,
         answer=shown.answer,
-        lines=missed_lines(summary),
+        lines=lines_of(summary),
         summary=summary,
         run=summary["run"],
         notes=[*summary["warnings"], *summary["doubts"]],

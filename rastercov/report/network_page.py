@@ -15,10 +15,10 @@ from rastercov.base.format import area, length, percent, plural, signed, verb, w
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, lamps_of, names_of, short_names
+from rastercov.camera.rig import Cameras, names_of, short_names
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.failures import illuminance_of_faces
+from rastercov.coverage.area.features import values_of as values_of_features
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.over_time import OverTime, TimeAreas, time_lines, time_words
@@ -157,16 +157,10 @@ class NetworkPage:
             found = {"time": self.timed.share_of_time()} | found
         um = self.uncertainty_um
         deviation = None if um is None else OfUnit(um[0], "um")
-        more = {"device": self._devices(), "uncertainty": deviation, "lux": self._light()}
+        of_features = values_of_features(self.mesh, self.camera, self.network.task)
+        light = {name: OfLight(*own) for name, own in of_features.items()}
+        more = {"device": self._devices(), "uncertainty": deviation} | light
         return found | {name: own for name, own in more.items() if own is not None}
-
-    def _light(self) -> OfLight | None:
-        """Illuminance of each face, where there are lamps."""
-        lamps, values = lamps_of(self.camera), illuminance_of_faces(self.mesh, self.camera)
-        if lamps is None or values is None:
-            return None
-        task = self.network.task
-        return OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
 
     @property
     def timed(self) -> OverTime | None:

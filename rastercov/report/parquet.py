@@ -23,7 +23,7 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import NAMES
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 COVERED_M2 = "covered_m2"
 """Column by area only."""
-CODES = {"visibility_kind": BoundKind, "reason": Reason}
+CODES = {"visibility_kind": [each.name.lower() for each in BoundKind], "reason": NAMES}
 """Columns that are written by name."""
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
@@ -98,7 +98,7 @@ class CoverageTable:
         self.n_rows = 0
         self._group_of_face = mesh.face_group.astype(np.int32)
         self._names = {"group": _names(group.name for group in mesh.groups)} | {
-            name: _names(code.name.lower() for code in codes) for name, codes in CODES.items()
+            name: _names(codes) for name, codes in CODES.items()
         }
         if cameras is not None:
             self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]

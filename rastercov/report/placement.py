@@ -13,10 +13,10 @@ import numpy as np
 
 from rastercov.base.format import percent
 from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
-from rastercov.coverage.area.motion import regions
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.table import taken
 from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.job import regions
 from rastercov.coverage.parts import MOST_ROWS
 from rastercov.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings

@@ -5,12 +5,12 @@
 
 Nothing but numbers passes through a pool. What a shard depends on lies in the folder, which all
 processes share; so a worker that dies loses its shard at most, and the bytes of a shard do not
-depend on the process that made it. A scheduler needs the extra `cluster` (dask, distributed).
+depend on the process that made it.
 
 store.py        `ShardStore`: files with checksums, notes on poses that were left out, the lock
 run.py          `fill`: all shards, made here or by workers, with retries
 work.py         work on one shard by a worker; poses that kill their process; `Made`, `Tally`
-workers.py      `Workers`: processes of this machine, or of a scheduler (`rastercov.cluster`)
+workers.py      `Workers`: the processes of a pool
 process.py      processes of this machine, called through pipes
 inputs.py       header, mesh, cameras and poses in the folder of a store
 """

@@ -23,12 +23,11 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import led_by
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
-from rastercov.coverage.area.failures import LightOfPoints, illuminance_of_faces
-from rastercov.coverage.area.light import failing_lamp
+from rastercov.coverage.area.feature import PointCondition
+from rastercov.coverage.area.features import FEATURES, conditions_at, device_of, values_of
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated_reasons
-from rastercov.coverage.area.sensors import deviations
+from rastercov.coverage.area.rows import deviations_of, gated_reasons
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.engine import Engine
@@ -115,7 +114,7 @@ class Measurements:
         Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
-        self._light: tuple[Any, LightOfPoints | None, dict[Any, NDArray[np.uint8]]] | None = None
+        self._light: tuple[Any, list[PointCondition], dict[Any, NDArray[np.uint8]]] | None = None
         self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
@@ -153,14 +152,17 @@ class Measurements:
         faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
         if self._light is None or self._light[0] != key:
             points = mesh.centroids[faces]
-            state.task.check_light(state.lamps)
-            self._light = key, LightOfPoints.of(mesh, state.rig(), state.task, points, faces), {}
-        _, judge, known = self._light
+            on = mesh, state.rig(), state.task, points, faces
+            for each in FEATURES:
+                each.check(*on[1:3])
+            self._light = key, conditions_at(*on), {}
+        _, conditions, known = self._light
         place = camera, pose.tobytes()
         if place not in known:
             found = np.full(mesh.n_faces, Reason.COVERED, np.uint8)
-            if judge is not None and len(faces):
-                found[faces] = judge.reasons(Poses.of(pose[None], camera=[names.index(camera)]))
+            for judge in conditions if len(faces) else ():
+                own = judge.reasons(Poses.of(pose[None], camera=[names.index(camera)]))
+                found[faces] = np.where(found[faces] == Reason.COVERED, own, found[faces])
             while len(known) >= MOST_LIT:
                 del known[next(iter(known))]
             known[place] = found
@@ -284,12 +286,9 @@ class NetworkFigures:
         reason, device = found.astype(np.int64), poses.camera[row].astype(np.int64)
         device[(reason == BASELINE) | (reason == UNCERTAIN)] = -1
         for at, lead in enumerate(led_by(rig, poses).tolist()):
-            gate = rig.gates[int(poses.camera[lead])]
-            placed = poses.world_from_camera[lead : lead + gate.n]
-            if gate.has_deviation:
-                faces = np.flatnonzero(reason[at] == Reason.COVERED)
-                corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
-                most = deviations(gate, placed[:, :3, 3], placed[:, :3, 1], corners)
+            faces = np.flatnonzero(reason[at] == Reason.COVERED)
+            corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
+            if (most := deviations_of(rig, poses, lead, corners)) is not None:
                 worst[faces] = np.maximum(worst[faces], most.reshape(-1, 3).max(axis=1, initial=0))
         return reason, device, worst, rig.names
 
@@ -312,11 +311,10 @@ class NetworkFigures:
 
     def _illuminance(self) -> OfLight:
         """Light of the lamps of the cell at the centroid of each face."""
-        lamps, task = self.state.lamps, self.state.task
-        values = illuminance_of_faces(self.mesh, self.state.rig())
-        if lamps is None or values is None:
+        values = values_of(self.mesh, self.state.rig(), self.state.task)
+        if "lux" not in values:
             raise ConfigError("there are no lamps; give some with --lamps")
-        return OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
+        return OfLight(*values["lux"])
 
     def _best(self, name: str) -> NDArray[np.float32]:
         """Greatest of a density of `Row` by a camera that covers the face, pixels a metre."""
@@ -450,13 +448,12 @@ def _of_station(
     observer = measurements.observer(camera)
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
     found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
-    reason = Reason(int(found["reason"]))
-    name = reason.name.lower()
+    name = NAMES[int(found["reason"])]
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
     found["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
-    occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
+    occluder = _occluder(mesh, station, face) if name == "occluded" else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
@@ -473,12 +470,13 @@ def _of_station(
         "in the image": percent(found["in_view_fraction"]),
     }
     hider = "" if occluder is None else occluder["name"]
-    tip = advice(reason, found, depth, task, camera, hider, state.unit)
-    if failed > Reason.COVERED:  # of light
-        rig, name = state.rig(), NAMES[failed]
-        lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])
-        lamp = failing_lamp(rig, lead, mesh.centroids[face], mesh.normals[face], failed)
-        words, tip = f"{REASONS[name].label} ({lamp})", general_advice(name)
+    tip = advice(name, found, depth, task, camera, hider, state.unit)
+    rig = state.rig()
+    lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])
+    device = device_of(rig, lead, mesh.centroids[face], mesh.normals[face], failed)
+    if device is not None:
+        name = NAMES[failed]
+        words, tip = f"{REASONS[name].label} ({device})", general_advice(name)
     return {
         "station": station.id,
         "name": station.name,

@@ -23,9 +23,11 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue
 from rastercov.camera.formats import read_views
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, Views, lamps_of
+from rastercov.coverage.area.light import lit_by
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -55,14 +57,11 @@ if TYPE_CHECKING:
 UNITS = {
     "min_pixels": "px",
     "max_blur": "px",
-    "max_incidence_deg": "deg",
-    "min_angle_deg": "deg",
-    "max_highlight_deg": "deg",
     "min_pixel_density": "px/m",
     "min_facing_density": "px/m",
     "min_pixels_per_m2": "px/m²",
 }
-"""Units of thresholds."""
+"""Units of thresholds, but of those that end in _deg."""
 KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
 """Kinds of fields of the page by the types of JSON schemas."""
 SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
@@ -134,12 +133,12 @@ class Scene:
     notes: tuple[str, ...] = field(default=())
     moving: PlanMotion | None = None
 
-    def lit_by(self, lamps: Lamps) -> "Scene":
-        """The same with lamps; ConfigError for those of a plan, and for another unit."""
+    def lit_by(self, path: Path) -> "Scene":
+        """The same with lamps of a file; ConfigError for those of a plan, and for another unit."""
         if self.plan is not None:
             raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
-        start = self.start
-        start = replace(start.lit(lamps), task=start.task.lit_by(lamps))
+        lamps, start = load_lamps(path), self.start
+        start = replace(start.lit(lamps), task=lit_by(start.task, lamps))
         lamps.carried_by(tuple(start.cameras))
         notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
         return replace(self, start=start, notes=notes)
@@ -370,7 +369,7 @@ def task_fields(lamps: Lamps | None = None) -> list[dict[str, Any]]:
                     "choices": own.get("enum"),
                     "default": getattr(default, name),
                     "is_optional": "anyOf" in schema,
-                    "unit": units.get(name, ""),
+                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
                 }
             )
     return found

@@ -23,6 +23,7 @@ from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.placement.candidates.segments import Segmentation, segment
@@ -125,7 +126,8 @@ class Session:
         self.scene, self.lock = scene, RLock()
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
         self.history = History(scene.start)
-        scene.start.task.check_light(scene.start.lamps)
+        for each in FEATURES:
+            each.check(scene.start.whole, scene.start.task)
         self.at: tuple[float, ...] = ()
         self._method, self._moments = method, OrderedDict[tuple[float, ...], Moment]()
         self.take_time(())

@@ -16,11 +16,8 @@ from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamps import illuminances, intensities_of, lamps_of_json, points_of
 from rastercov.camera.rig import with_lamps
 from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.failures import (
-    CentrePass,
-    failures_of_rows,
-    illuminance_of_faces,
-)
+from rastercov.coverage.area.failures import CentrePass, failures_of_rows
+from rastercov.coverage.area.features import values_of
 from rastercov.coverage.reasons import HIGHLIGHT, NAMES, TOO_BRIGHT, TOO_DARK, UNLIT, Reason
 from rastercov.reference.regions import covers_points, points_on, rig_covers_points
 from rastercov.report.modes import MODES, OfLight
@@ -470,13 +467,15 @@ def test_wrong_thresholds_of_light_are_refused_in_one_line(task, words):
 def test_a_map_of_illuminance_has_the_thresholds_as_its_borders():
     mesh, camera, _ = room()
     lamps = adding_lamps()
-    light = illuminance_of_faces(mesh, with_lamps(camera, lamps))
+    task = rc.Task(min_illuminance=2.0, max_illuminance=8.0)
+    light, *limits = values_of(mesh, with_lamps(camera, lamps), task)["lux"]
+    assert limits == ["lx", 2.0, 8.0]
     of_points = points_of(lamps, np.ones(3, bool))
     face = np.arange(mesh.n_faces)
     sees = reached(mesh, of_points, lamps.eyes, mesh.centroids, face)[0]
     truth = illuminances(lamps, of_points, sees, mesh.centroids, mesh.normals)
     assert light == pytest.approx(truth)
-    assert illuminance_of_faces(mesh, camera) is None
+    assert values_of(mesh, camera, rc.Task()) == {}
     painted = MODES["lux"].paint(mesh, OfLight(light, "lx", 2.0, 8.0))
     shares = {entry["label"]: entry["percent"] for entry in painted.legend}
     areas = mesh.areas / mesh.areas.sum() * 100

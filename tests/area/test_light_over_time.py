@@ -12,6 +12,7 @@ from timed import evaluate_over_time, regions_over_time
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.camera.rig import with_lamps
+from rastercov.coverage.area.light import lit_by
 from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.table import joined as joined_regions
@@ -71,7 +72,7 @@ def test_a_motion_that_moves_nothing_gives_the_areas_at_rest_to_the_bit(task):
     still = rc.regions(mesh, camera, poses, task, lamps=lamps)
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
         assert getattr(found.regions, name).tobytes() == getattr(still, name).tobytes()
-    assert found.regions.light is None  # that of one frame would gate all
+    assert not found.regions.conditions  # that of one frame would gate all
     evaluated = rc.evaluate(mesh, camera, poses, task, by="area", lamps=lamps, fields=())
     assert found.share() == pytest.approx(evaluated.areas.summary()["percent"] / 100, rel=1e-12)
     assert 0 < found.share() < evaluate_over_time(motion, camera, poses, TASK).share()
@@ -154,7 +155,7 @@ NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "boun
 
 def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
-    camera, task = with_lamps(camera, lamps), task.lit_by(lamps)
+    camera, task = with_lamps(camera, lamps), lit_by(task, lamps)
     job = Frames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]
 

@@ -132,7 +132,6 @@ OWN: dict[str, dict[str, Any]] = {
     "Exposure.band": {"unit": "W/m2"},
     "Exposure.in_words": {"unit": "lx"},
     "Task.exposed": {"exposure": rc.Exposure(**OF_SENSOR), "unit": "lx"},
-    "Task.check_light": {"lamps": LAMPS},
     "Lamp.from_ies": {"path": FOLDER / "lamp.ies"},
     "Lamps.carried_by": {"cameras": ["a", "b"]},
     "Lamp": {"intensity": 5.0, "size": (0.0, 0.0), "points": 1},

@@ -16,7 +16,8 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.coverage.area.failures import failures_of_rows, illuminance_of_faces
+from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.features import values_of
 from rastercov.coverage.reasons import NAMES, REASONS, TOO_DARK, UNLIT
 from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES, OfLight
@@ -131,7 +132,7 @@ def test_a_lamp_on_a_camera_moves_with_it():
 
 def test_the_map_of_light_is_that_of_the_report(session):
     head, levels = acted(session, "lux")
-    values = illuminance_of_faces(PART, rc.Rig([CAMERA])._lit(LAMPS))
+    values, *_ = values_of(PART, rc.Rig([CAMERA])._lit(LAMPS), rc.Task())["lux"]
     painted = MODES["lux"].paint(PART, OfLight(values, "lx", 70.0, None))
     assert np.array_equal(levels, painted.levels)
     assert head["legend"] == painted.legend

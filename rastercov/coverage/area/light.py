@@ -11,25 +11,29 @@ task asks. A highlight is cut from what each camera sees, for each lamp of the s
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
+from rastercov.camera.light_units import check_unit
 from rastercov.camera.photometry import table_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig
+from rastercov.camera.rig import Cameras, Rig, with_lamps
 from rastercov.coverage.area.criteria import Highlight, Illuminance
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.polygons import chosen, polygon_areas
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.area.table import Regions, joined, taken
-from rastercov.coverage.reasons import HIGHLIGHT
+from rastercov.coverage.area.table import Cut, Finder, Regions, joined, taken
+from rastercov.coverage.reasons import HIGHLIGHT, UNLIT
 from rastercov.coverage.task import OF_LIGHT, Task
+from rastercov.mesh import Mesh
 
 TINY = float(np.finfo(float).tiny)
 
@@ -109,7 +113,11 @@ class Light:
         The cameras, on which lamps may ride.
     find : callable
         Regions of poses of `Lamps.eyes`.
+    finder : Finder, optional
+        Their pass, which is closed with the light.
     """
+
+    reason = UNLIT
 
     def __init__(
         self,
@@ -117,8 +125,9 @@ class Light:
         task: Task,
         rig: Rig,
         find: Callable[[Poses], Regions],
+        finder: Finder | None = None,
     ) -> None:
-        self.lamps, self.task, self._find = lamps, task, find
+        self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
         self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
@@ -127,9 +136,21 @@ class Light:
         self._fixed: Once[Lit] = Once()
         self._fixed_regions: Once[Regions] = Once()
 
-    def anew(self, find: Callable[[Poses], Regions] | None = None) -> "Light":
-        """The same lamps, where nothing that they light is known, such as on a mesh that moved."""
-        return Light(self.lamps, self.task, self._rig, find or self._find)
+    def in_scene(self, mesh: Mesh) -> "Light":
+        """See `Condition`: nothing that the lamps light is known."""
+        if self._finder is not None:
+            self._finder.set_mesh(mesh)
+        return Light(self.lamps, self.task, self._rig, self._find, self._finder)
+
+    def found_by(self, find: Callable[[Finder, Poses], Regions]) -> "Light":
+        """See `Condition`."""
+        assert self._finder is not None
+        return Light(self.lamps, self.task, self._rig, partial(find, self._finder), self._finder)
+
+    def close(self) -> None:
+        """See `Condition`."""
+        if self._finder is not None:
+            self._finder.close()
 
     def alone(self) -> "Light":
         """The same lamps, whatever the thresholds of light."""
@@ -151,11 +172,8 @@ class Light:
         self._last = key, found  # asked for again by figures of the same poses
         return list(found)
 
-    def cut_of(self, leads: Poses) -> Callable[[Regions, bool], Regions]:
-        """Function that cuts rows on one side of their faces to what lamps light there.
-
-        Rows are those of a result, by the first pose of each.
-        """
+    def cut_of(self, leads: Poses) -> Cut:
+        """See `Condition`."""
         lit = self.rows(leads)
 
         def cut(regions: Regions, is_rear: bool) -> Regions:
@@ -167,19 +185,21 @@ class Light:
 
         return cut
 
-    def within(self, regions: Regions, leads: Poses) -> Regions:
-        """Parts of rows of single cameras that lamps light."""
+    def of_rows(self, regions: Regions, camera: Cameras, poses: Poses, leads: Poses) -> Regions:
+        """See `Condition`; what highlights were cut from is lit already."""
+        if self._limits_highlights(camera, poses).all():
+            return regions
         cut = regions._by_side(self.cut_of(leads))
         return replace(cut, eyes=regions.eyes, columns=regions.columns)
 
-    def limits_highlights(self, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
+    def _limits_highlights(self, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
         """(P,) poses of cameras whose own task limits highlights."""
         tasks = tasks_of(camera, self.task)
         return np.array([task.max_highlight_deg > 0 for task in tasks])[poses.camera]
 
-    def without_highlights(self, regions: Regions, camera: Cameras, poses: Poses) -> Regions:
+    def of_cameras(self, regions: Regions, camera: Cameras, poses: Poses) -> Regions:
         """Lit parts in which P poses see no lamp mirrored, of cameras that limit highlights."""
-        is_asked = self.limits_highlights(camera, poses)
+        is_asked = self._limits_highlights(camera, poses)
         if not is_asked.any():
             return regions
         some, limit = regions.of_poses(is_asked), self.task.max_highlight_deg
@@ -299,6 +319,34 @@ class Light:
             parts.append(regions.at_least(k, own, one_side=False))
             rows.append(np.unique(own[own >= 0]) // len(needed))
         return joined(parts).at_least(1, np.concatenate(rows))
+
+
+def lit_by(task: Task, lamps: Lamps | None) -> Task:
+    """The same task within the band of the exposure of lamps, where they have one."""
+    if lamps is None or lamps.exposure is None:
+        return task
+    return task.exposed(lamps.exposure, lamps.unit)
+
+
+def lit(camera: Cameras, task: Task, lamps: Lamps | None) -> tuple[Cameras, Task]:
+    """Cameras with the lamps that must light what they see, and the task as of `lit_by`."""
+    return with_lamps(camera, lamps), lit_by(task, lamps)
+
+
+def check_light(task: Task, lamps: Lamps | None) -> None:
+    """Raise ConfigError for thresholds of light without lamps, or in another unit."""
+    if lamps is None:
+        for name in OF_LIGHT:
+            if getattr(task, name):
+                raise ConfigError(f"{name} is of light; give lamps, or leave it out")
+        return
+    for name in OF_LIGHT[:2]:
+        check_unit(name, getattr(task, name), lamps.unit)
+    if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
+        raise ConfigError(
+            f"max_illuminance {task.max_illuminance:g} is not above the ambient light, "
+            f"{lamps.ambient:g} {lamps.unit}, so nothing is covered"
+        )
 
 
 def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, reason: int) -> str:

@@ -14,29 +14,26 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
     cameras_of,
-    check_scene,
-    gates_of,
-    lamps_of,
-    names_of,
-    with_lamps,
+    is_joint,
 )
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.rows import gated, tasks_of
+from rastercov.coverage.area.table import Finder, Regions, joined, taken
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.surface import key_of
 from rastercov.coverage.task import Task
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh
@@ -109,57 +106,6 @@ class MotionQuery(InOneLine):
         return replace(joined(parts), pose_ids=regions.pose_ids[:n])
 
 
-def regions(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    task: Task | None = None,
-    *,
-    lamps: Lamps | None = None,
-    motion: Motion | MotionQuery | None = None,
-    method: str | Engine = "certified",
-    threads: int | None = None,
-) -> Regions:
-    """Parts of the task faces that each pose covers, as convex polygons in their planes.
-
-    Parameters
-    ----------
-    mesh, camera
-        The surface, and the camera that sees it, or several: see `Poses.camera`. Of a `Rig` with a
-        rule, a row of the result is a pose of the rig, and has what its cameras cover together.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    task : Task, optional
-        Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
-        `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`; `views` and
-        `min_angle_deg` are of several poses, and left out here.
-    lamps : Lamps, optional
-        Lamps that must light what is covered, on the side of the face that the camera is on. They
-        stay in their places while bodies move, or ride on the rig of the cameras.
-    motion : Motion or MotionQuery, optional
-        T frames of the mesh, which is its mesh at rest, as the result is: row t R + r is row r of R
-        in frame t; `pose_ids` are those of each frame. Bodies that are absent have no regions.
-    method : {"certified", "exact"}, or Engine
-        Method of visibility, as for `open_observer`.
-    threads : int, optional
-        Poses measured in parallel; by default one per core.
-
-    Raises
-    ------
-    ConfigError
-        For a threshold that is of a face, method "sampled", and a motion of another mesh.
-    PoseError
-        For a pose that is no rigid motion.
-    """
-    check_scene(mesh, camera)
-    camera, placed = with_lamps(camera, lamps), Poses.of(poses)
-    task = (Task() if task is None else task).lit_by(lamps)
-    engine = Engine.of(method, threads)
-    if motion is not None:
-        return regions_of_frames(query_of(motion, mesh), camera, placed, task, engine)
-    return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)
-
-
 def query_of(motion: Motion | MotionQuery, mesh: Mesh) -> MotionQuery:
     """The query itself, or that of a motion; ConfigError for one of another mesh."""
     asked = motion if isinstance(motion, MotionQuery) else MotionQuery(motion)
@@ -222,20 +168,23 @@ class Frames(NamedTuple):
         """Frames of cameras on bodies."""
         motion = asked.motion
         carried, sights = carriers(asked, camera, placed), Sights(motion)
+        tasks = tasks_of(camera, task)
         first: dict[bytes, int] = {}
         source = np.empty((len(motion), len(placed)), np.int64)
         for row in in_turn(motion).tolist():
             mesh, _ = motion._at(row, of_occluders=False)
             moved = carried_by(carried[:, row], placed)
             near = near_limits(cameras_of(camera), mesh.opaque.bounds, moved)
-            source[row] = [first.setdefault(key, row) for key in sights.of(row, moved, near)]
+            surface = key_of(mesh, tasks)
+            keys = sights.of(row, moved, near)
+            source[row] = [first.setdefault(key + surface, row) for key in keys]
         return cls(motion, camera, placed, task, engine, carried, source)
 
     def regions(self, rows: IntArray) -> Regions:
         """Regions of each pose in some frames, (K,), to the bit those of a run over all."""
         motion, camera, placed, source = self.motion, self.camera, self.placed, self.source
-        has_rules = bool(gates_of(camera)) or lamps_of(camera) is not None
-        lamps, is_found = OfLamps(motion), np.zeros(source.shape, np.bool_)
+        has_rules = is_joint(camera)
+        lamps, is_found = OfConditions(motion), np.zeros(source.shape, np.bool_)
         is_found[source[rows], np.arange(len(placed))] = True
         is_used = np.asarray(is_found.any(axis=1))
         is_used[rows if has_rules else rows[:1]] = True
@@ -264,9 +213,10 @@ class Frames(NamedTuple):
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
                         known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
                     if has_rules and row in rows:
-                        light = finder.lit_by(partial(lamps.find, row, kept))
+                        find = partial(lamps.find, row, kept)
+                        there = tuple(each.found_by(find) for each in finder.conditions)
                         own = _in_frame(joined(none + rows_of(row)), mesh, kept, moved)
-                        found = gated(replace(own, light=light), camera, moved)
+                        found = gated(replace(own, conditions=there), camera, moved)
                         frames[row] = at_rest(found, motion, kept)
         if has_rules:
             return joined([frames[row] for row in rows.tolist()])
@@ -281,13 +231,8 @@ def carriers(asked: MotionQuery, camera: Cameras, poses: Poses) -> FloatArray:
     if not isinstance(names, list | tuple) or len(names) != n:
         raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
     tables = np.stack([asked.motion.poses_of(name) for name in names])
-    lamps = lamps_of(camera)
-    for own in () if lamps is None else lamps.carried_by(names_of(camera)):
-        if len(used := {names[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
-            raise ConfigError(
-                f"a lamp that rides on cameras needs these on one body, got {', '.join(used)}; "
-                "place it in the world"
-            )
+    for each in FEATURES:
+        each.check_bodies(camera, names)
     poses.check_cameras(n)
     return tables[poses.camera]
 
@@ -312,14 +257,14 @@ def _by_presence(motion: Motion) -> list[IntArray]:
 
 
 def at_rest(found: Regions, motion: Motion, kept: NDArray[np.int64]) -> Regions:
-    """Regions of a frame on the mesh at rest; sides are not those of the eyes there, nor light."""
+    """Regions of a frame on the mesh at rest, where neither sides nor conditions are known."""
     return replace(
         found,
         mesh=motion.mesh,
         face=kept[found.face].astype(np.int32),
         pair_face=kept[found.pair_face].astype(np.int32),
         eyes=np.full_like(found.eyes, np.nan),
-        light=None,
+        conditions=(),
     )
 
 
@@ -386,17 +331,17 @@ class Sights:
         ]
 
 
-class OfLamps:
-    """Regions of points of lamps in the frames of a motion, at rest; equal sights are found once.
+class OfConditions:
+    """Regions of poses of conditions in frames of a motion, at rest; equal sights are found once.
 
-    To the bit: the size of the scene cuts only the border of their light, and by its power of two.
+    To the bit: the size of the scene cuts only their border, and by its power of two.
     """
 
     def __init__(self, motion: Motion) -> None:
         self._motion, self._sights = motion, Sights(motion)
         self._known: dict[bytes, Regions] = {}
 
-    def find(self, row: int, kept: IntArray, finder: RegionPass, poses: Poses) -> Regions:
+    def find(self, row: int, kept: IntArray, finder: Finder, poses: Poses) -> Regions:
         """Regions of poses that stay in their places, in a frame, which is the mesh of the finder.
 
         `kept` are the faces at rest of its faces.

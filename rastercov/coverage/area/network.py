@@ -235,6 +235,11 @@ class AreaNetwork:
 DOUBTFUL = ("doubtful_percent", "doubtful_m2")
 
 
+def most_off(figures: Mapping[str, Any], unit: str) -> float:
+    """Largest error of a covered area, either way, "m2" or "percent"."""
+    return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
+
+
 def _doubtful(m2: float, percent: float) -> dict[str, float]:
     """Entries of what may be covered besides, where there is any; `percent` of a m^2."""
     return dict(zip(DOUBTFUL, (percent * m2, m2), strict=True)) if m2 > 0 else {}

@@ -7,7 +7,7 @@ that the covered area does not depend on the triangles that the surface is cut i
 docs/area.md.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -20,18 +20,11 @@ from rastercov.base.memory import BoolArray, check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
-    Cameras,
-    Rig,
-    cameras_of,
-    check_scene,
-    lamps_of,
-    rows_of_result,
-)
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, rows_of_result
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.criteria import PixelDensity
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import frames_of, rows_at
-from rastercov.coverage.area.light import Light
 from rastercov.coverage.area.records import Criteria, LensCriteria, Planes
 from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Regions
@@ -39,6 +32,8 @@ from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
 from rastercov.coverage.observer import ExactObserver
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.mesh import Mesh
@@ -126,7 +121,8 @@ class RegionPass(ExactPass):
         tasks = tasks_of(camera, self.task)
         for each in dict.fromkeys((self.task, *tasks)):
             check_pointwise(each)
-        self.task.check_light(lamps_of(camera))
+        for feature in FEATURES:
+            feature.check(camera, self.task)
         engine = Engine.of(method, threads)
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
@@ -140,38 +136,36 @@ class RegionPass(ExactPass):
         self._scales = np.array([each.fx * each.fy for each in cameras])
         self._tasks = tasks
         super().__init__(mesh, camera, engine, keeps_pieces=True)
-        self._is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
+        self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
         has_lens = not all(each.is_pinhole for each in cameras)
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
-        self.light: Light | None = None
-        """Light of the lamps of the cameras; regions of `find` know it, and are not cut by it."""
-        self._of_lamps: RegionPass | None = None
-        if (lamps := lamps_of(camera)) is not None and isinstance(camera, Rig):
-            self._of_lamps = RegionPass(mesh, lamps.eyes, method=engine, only_task=True)
-            self.light = Light(lamps, self.task, camera, self._of_lamps.find)
+        make = partial(RegionPass, mesh, method=engine, only_task=True)
+        found = (each.condition(camera, self.task, make) for each in FEATURES)
+        self.conditions = tuple(each for each in found if each is not None)
+        """Of the cameras; regions of `find` know them, and are not cut by them."""
 
     def set_mesh(self, mesh: Mesh) -> None:
-        """As of `ExactPass`; light is that of the mesh from now on."""
+        """As of `ExactPass`; conditions are those in the mesh from now on."""
         if mesh is self.mesh:
             return
         super().set_mesh(mesh)
-        if self.light is not None and self._of_lamps is not None:
-            self._of_lamps.set_mesh(mesh)
-            self.light = self.light.anew()
+        self._look_at(mesh)
+        self.conditions = tuple(each.in_scene(mesh) for each in self.conditions)
 
-    def lit_by(self, find: Callable[["RegionPass", Poses], Regions]) -> Light | None:
-        """Light of the mesh, with regions of points of lamps by a function of their pass."""
-        if self.light is None or self._of_lamps is None:
-            return None
-        return self.light.anew(partial(find, self._of_lamps))
+    def _look_at(self, mesh: Mesh) -> None:
+        """Set the faces that the surface itself lets be covered: by some camera, and by each."""
+        is_left = {each: own_reasons(mesh, each) == Reason.COVERED for each in self._tasks}
+        self._is_left = np.array([is_left[each] for each in self._tasks])
+        has_area = frames_of(mesh).areas > 0
+        self._is_asked = mesh.task_mask & has_area & self._is_left.any(axis=0)
 
     def close(self) -> None:
         """Release the scratch memory."""
         super().close()
-        if self._of_lamps is not None:
-            self._of_lamps.close()
+        for each in self.conditions:
+            each.close()
 
     def find(
         self, poses: Poses, closed: NDArray[np.bool_] | None = None, seen: Observation | None = None
@@ -235,11 +229,18 @@ class RegionPass(ExactPass):
             area=area,
             bound=bound,
             eyes=poses.world_from_camera[:, :3, 3],
-            light=self.light,
+            conditions=self.conditions,
             excess=excess,
             columns=poses.world_from_camera[:, :3, 1],
             cut_short=float(cut_short.sum()),
         )
+        if len(set(self._tasks)) > 1:
+            own = self._is_left[poses.camera]
+            pieces, pairs = (
+                np.flatnonzero(own[row, faces])
+                for row, faces in ((regions.pose, face), (regions.pair_pose, pair_face))
+            )
+            regions = regions._with(pieces, pairs)
         if not (limits := self._least[poses.camera]).any():
             return regions
         axes, cameras = poses.world_from_camera[:, :3, 1].copy(), cameras_of(self.camera)
@@ -312,7 +313,7 @@ class RegionObserver(ExactObserver):
     ) -> None:
         self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
         super().__init__(self._finder)
-        self.light = self._finder.light
+        self.conditions = self._finder.conditions
         self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:

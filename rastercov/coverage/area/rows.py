@@ -1,7 +1,7 @@
 """Rows of a result, from the regions of single cameras.
 
 A row is a pose of a camera, or of the cameras that count together by the rule of their rig, see
-`rastercov.camera.rig.rows_of_result`. Where the cameras have lamps, it is what these light, too.
+`rastercov.camera.rig.rows_of_result`, where conditions of features, such as light, hold.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
-from rastercov.coverage.area.sensors import failed_limits, through, unmet_limits
+from rastercov.coverage.area.sensors import deviations, failed_limits, through, unmet_limits
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
@@ -50,22 +50,22 @@ def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
 def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
     """Regions of rows of the result from those of each of P poses, in their order.
 
-    Where the cameras have lamps, they are what these light, too.
+    Conditions of features, such as light, cut them, too.
     """
-    light = regions.light
-    if not gates_of(camera) and light is None:
+    conditions = regions.conditions
+    if not gates_of(camera) and not conditions:
         return regions
     parts, rows = [], []
     for gate, own, row in by_gate(camera, poses):
         chosen = np.zeros(len(poses), np.bool_)
         chosen[own.ravel()] = True
         part, some, leads = regions.of_poses(chosen), poses[chosen], poses[own[:, 0]]
-        if light is not None:
-            part = light.without_highlights(part, camera, some)
+        for each in conditions:
+            part = each.of_cameras(part, camera, some)
         if gate is not None:
-            part = through(part, gate, lit=None if light is None else light.cut_of(leads))
-        elif light is not None and not light.limits_highlights(camera, some).all():
-            part = light.within(part, leads)
+            part = through(part, gate, cuts=[each.cut_of(leads) for each in conditions])
+        for each in conditions if gate is None else ():
+            part = each.of_rows(part, camera, some, leads)
         parts.append(part)
         rows.append(row)
     if len(parts) == 1:
@@ -115,7 +115,10 @@ def gated_reasons(
     cameras on the other see it from behind. With limits it is `BASELINE` or `UNCERTAIN` where the
     devices see the point and do not meet these.
     """
-    n_rows = len(led_by(camera, poses))
+    n_rows, every = len(led_by(camera, poses)), np.arange(reason.shape[1])
+    # Of what a camera sees, reasons of the surface itself are next to none.
+    is_seen = reason > Reason.COVERED
+    rank = np.where(is_seen, 2 * Reason.COVERED - 1, 2 * reason).astype(np.uint8)
     found = np.empty((n_rows, reason.shape[1]), np.uint8)
     pose = np.empty(found.shape, np.int64)
     for gate, own, row in by_gate(camera, poses):
@@ -124,14 +127,15 @@ def gated_reasons(
             continue
         for at, of_rig in zip(row, own, strict=True):
             front = in_front(poses.world_from_camera[of_rig, :3, 3], points, normals)
-            behind = np.minimum(reason[of_rig], np.uint8(Reason.BACK_FACING))
-            best, device = gate.failing(np.where(front, reason[of_rig], behind))
-            other, of_other = gate.failing(np.where(front, behind, reason[of_rig]))
-            found[at] = np.maximum(best, other)
+            behind = np.minimum(rank[of_rig], np.uint8(2 * Reason.BACK_FACING))
+            best, device = gate.failing(np.where(front, rank[of_rig], behind))
+            other, of_other = gate.failing(np.where(front, behind, rank[of_rig]))
+            pose[at] = of_rig[np.where(other > best, of_other, device)]
+            top = np.maximum(best, other)
+            found[at] = np.where(top % 2, reason[pose[at], every], top // 2)
             placed = poses.world_from_camera[of_rig]
             for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
                 found[at][fails & (found[at] == Reason.COVERED)] = failed
-            pose[at] = of_rig[np.where(other > best, of_other, device)]
     return found, pose
 
 
@@ -152,3 +156,12 @@ def unmet_lines(regions: Regions, camera: Cameras, poses: Poses) -> list[str]:
         if len(seen.xy):
             lines += unmet_limits(gate, seen, poses.world_from_camera[own], rig)
     return lines
+
+
+def deviations_of(rig: Rig, poses: Poses, lead: int, points: FloatArray) -> FloatArray | None:
+    """(N,) deviations of points (N, 3) by the row with a first pose; None where it has no limit."""
+    gate = rig.gates[int(poses.camera[lead])]
+    placed = poses.world_from_camera[lead : lead + gate.n]
+    if not gate.has_deviation:
+        return None
+    return deviations(gate, placed[:, :3, 3], placed[:, :3, 1], points)

@@ -6,7 +6,7 @@ of such a rig, and one for each pose of another camera: `rastercov.camera.rig.ro
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -20,7 +20,7 @@ from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.polygons import following
-from rastercov.coverage.area.table import Regions, joined
+from rastercov.coverage.area.table import Cut, Regions, joined
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN
 
 MOST_INFORMATION = 1e7
@@ -34,15 +34,12 @@ QUARTERS = np.array([
 ]) / 2  # fmt: skip
 """Corners of the quarters of a triangle by its corners."""
 
-Cut = Callable[[Regions, bool], Regions]
-"""Cuts regions on the front of their faces, or on the rear where it is true."""
 
-
-def through(regions: Regions, gate: Gate, without: int = -1, lit: Cut | None = None) -> Regions:
+def through(regions: Regions, gate: Gate, without: int = -1, cuts: Sequence[Cut] = ()) -> Regions:
     """Regions of rigs of one rule, whose cameras follow one another.
 
     With `without`, a camera, by the rule of the others: as if that camera covered everything. An
-    uncertainty is that by all of them. `lit` cuts what lamps light, see `Light.cut_of`.
+    uncertainty is that by all of them. `cuts` are those of conditions, see `Condition.cut_of`.
     """
     n_rigs = len(regions.pose_ids) // gate.n
     rig, device = np.divmod(np.arange(len(regions.pose_ids)), gate.n)
@@ -54,7 +51,8 @@ def through(regions: Regions, gate: Gate, without: int = -1, lit: Cut | None = N
 
     def count(part: Regions, is_rear: bool) -> Regions:
         found = counted(part)
-        found = found if lit is None else lit(found, is_rear)
+        for cut in cuts:
+            found = cut(found, is_rear)
         found = _within_baseline(found, gate, eyes) if gate.has_baseline else found
         if not gate.has_deviation or regions.columns is None:
             return found

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,8 @@ from rastercov.base.arguments import check_kind, checked_array, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.criteria import MOST_DEVICES, Criterion
@@ -19,6 +21,61 @@ from rastercov.coverage.area.cut import Kept, parts_where
 from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+Cut = Callable[["Regions", bool], "Regions"]
+"""Cuts regions on the front of their faces, or on the rear where it is true."""
+
+
+class Finder(Protocol):
+    """What finds regions of poses of a condition, such as a `RegionPass`."""
+
+    @property
+    def cameras(self) -> Sequence[Camera]:
+        """Those of the poses."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """What they look at."""
+
+    def find(self, poses: Poses, /) -> "Regions":
+        """Regions of some poses, each by itself."""
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """Look at the mesh with bodies elsewhere."""
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+
+
+class Condition(Protocol):
+    """A condition on what cameras see, beyond their thresholds; for any number of threads.
+
+    Attributes
+    ----------
+    reason : int
+        Row of `REASONS` of faces of which it leaves too little.
+    """
+
+    reason: int
+
+    def of_cameras(self, regions: "Regions", camera: Cameras, poses: Poses) -> "Regions":
+        """What it leaves to each of P poses, before a rule counts them."""
+
+    def of_rows(self, regions: "Regions", camera: Cameras, poses: Poses, leads: Poses) -> "Regions":
+        """What it leaves of rows of single cameras, by the first pose of each."""
+
+    def cut_of(self, leads: Poses) -> Cut:
+        """Function that cuts rows that a rule has counted, by the first pose of each."""
+
+    def in_scene(self, mesh: Mesh) -> "Condition":
+        """The same condition after bodies of the mesh have moved."""
+
+    def found_by(self, find: Callable[["Finder", Poses], "Regions"]) -> "Condition":
+        """The same, with regions of its own poses by a function of their pass."""
+
+    def close(self) -> None:
+        """Release the scratch memory."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,9 +103,8 @@ class Regions(FacePolygons):
         Covered area of each pair and the bound of its error, m^2.
     eyes : (P, 3) float64
         Centre of the camera of each pose, metres; NaN where a row is of several.
-    light : Light or None
-        `rastercov.coverage.area.light.Light` of the lamps of the cameras, where they have any;
-        pieces are not cut by it.
+    conditions : tuple of Condition
+        Conditions of features on what cameras see, such as light; pieces are not cut by them.
     devices : (N,) int64, optional
         Devices that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
@@ -71,7 +127,7 @@ class Regions(FacePolygons):
     area: FloatArray
     bound: FloatArray
     eyes: FloatArray
-    light: Any = None
+    conditions: tuple[Condition, ...] = ()
     devices: IntArray | None = None
     columns: FloatArray | None = None
     excess: FloatArray = None  # type: ignore[assignment] # set below

@@ -27,16 +27,16 @@ from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera
-from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 from rastercov.coverage.advice import advice, figures_of_point, general_advice, short_of
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows, first_failures
+from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.light import failing_lamp
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.reasons import BASELINE, HIGHLIGHT, NAMES, REASONS, UNLIT, Reason
+from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -422,8 +422,8 @@ def _reasons(
             eyes = poses.world_from_camera[failing, :3, 3]
             failing = failing[spaces.nearest_in_one_space(eyes, points[at], int(face[at]))]
         surface = points[at], frames_of(mesh).normal[face[at]]
-        if UNLIT <= winner <= HIGHLIGHT and isinstance(camera, Rig) and len(failing):
-            entry["device"] = failing_lamp(camera, poses[failing[:1]], *surface, winner)
+        if len(failing) and (name_of := device_of(camera, poses[failing[:1]], *surface, winner)):
+            entry["device"] = name_of
         own = mesh.groups[mesh.face_group[face[at]]].name
         before = "" if hider is None else body_of(hider)
         before = "another part of it" if before == body_of(own) else before
@@ -499,7 +499,7 @@ def advised(
             "incidence_deg": math.degrees(figures["incidence"]),
             **more,
         },
-        "advice": advice(Reason[name.upper()], figures, depth, task, eye[pose.camera[0]], hider),
+        "advice": advice(name, figures, depth, task, eye[pose.camera[0]], hider),
     }
 
 

@@ -21,7 +21,8 @@ struct Scene {
     Array<const double, Any, 3> vertices;
     Array<const uint64_t, Any, 3> faces; // unsigned: no index is negative
     Array<const double, Any, 3> normals;
-    Array<const bool, Any> degenerate, two_sided;
+    Array<const uint8_t, Any> own; // reason of the surface itself, COVERED where there is none
+    Array<const bool, Any> two_sided;
     Array<const double, Any> offsets;
     double reach, doubtful_cosine; // greatest coordinate; below it a face may be edge-on
 
@@ -80,7 +81,7 @@ template <class Centre> bool is_on_side(const Scene &scene, int64_t f, const Cen
 // True if rounding may decide which side of a face the camera sees.
 inline bool is_edge_on(const Scene &scene, int64_t f, const Corners<double> &corners, double cosine,
                        double state) {
-    if (scene.degenerate[f]) return true;
+    if (scene.own[f] == DEGENERATE) return true;
     const auto steepness = steepness_of(corners, cosine);
     if (is_steep(scene, steepness, state)) return false;
     const auto [i, j, k] = scene.indices(f);

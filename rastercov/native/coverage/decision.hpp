@@ -50,8 +50,9 @@ constexpr double LARGEST_RESOLUTION = 1e300; // of one face; a smaller R_min giv
 // Facts that the coverage of faces depends on: whether the angle of incidence is too large, areas,
 // px^2, and densities. What is not asked for is 0.
 template <class N> struct Measures {
-    Mask<N> is_degenerate, is_front, is_inside, has_part, is_focused, is_oblique;
+    Mask<N> is_front, is_inside, has_part, is_focused, is_oblique;
     N visible, drawn, density, facing, per_m2;
+    Whole<N> own; // reason of the surface itself, COVERED where there is none
 };
 
 template <class N> struct Decision {
@@ -83,16 +84,17 @@ template <class N> INLINE Decision<N> decide(const Rules &rules, const Measures<
     const Mask<N> is_hidden = fails(product);
     const Mask<N> is_oblique = face.is_oblique & !(product == nothing);
     const Mask<N> is_sampled = face.is_front & face.is_inside & face.is_focused & has_image;
-    out.coverage = select(is_sampled & !is_oblique, product, nothing);
     using W = Whole<N>;
-    W reason = select(is_oblique, W(TOO_OBLIQUE), W(COVERED));
+    const Mask<N> is_left = is_sampled & !is_oblique & (face.own == W(COVERED));
+    out.coverage = select(is_left, product, nothing);
+    W reason = select(is_oblique, W(TOO_OBLIQUE), face.own);
     reason = select(is_hidden, W(OCCLUDED), reason);
     reason = select(is_coarse, W(TOO_COARSE), reason);
     reason = select(!has_image, W(UNSAMPLED), reason);
     reason = select(!face.is_focused, W(OUT_OF_FOCUS), reason);
     reason = select(!face.is_inside, W(OUTSIDE), reason);
     reason = select(!face.is_front, W(BACK_FACING), reason);
-    out.reason = select(face.is_degenerate, W(DEGENERATE), reason);
+    out.reason = select(face.own == W(DEGENERATE), W(DEGENERATE), reason);
     return out;
 }
 

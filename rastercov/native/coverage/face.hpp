@@ -46,7 +46,7 @@ template <class Camera>
 void require_scene(const Scene &scene, const Camera &camera, VertexRows<Camera> points) {
     require_lens(camera);
     const int64_t n = scene.faces.rows();
-    require(have_rows(n, scene.normals, scene.degenerate, scene.two_sided, scene.offsets),
+    require(have_rows(n, scene.normals, scene.own, scene.two_sided, scene.offsets),
             "arrays of a scene must have one row for each face");
     require(points.rows() >= scene.vertices.rows(), "points must have a row for each vertex");
     require_indices(scene.faces, scene.vertices.rows(), "faces must hold rows of vertices");
@@ -120,8 +120,8 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     face.area = field.area;
     const Triple<N> normal = turned(read_triple<N>(scene.normals.begin() + 3 * f), view.pose());
     face.cosine = incidence_cosine(corners, normal, read_mask<N>(scene.two_sided.begin() + f));
-    is.is_degenerate = read_mask<N>(scene.degenerate.begin() + f);
-    is.is_front = (face.cosine > N(0.0)) & !is.is_degenerate;
+    is.own = read<Whole<N>>(scene.own.begin() + f);
+    is.is_front = (face.cosine > N(0.0)) & !(is.own == Whole<N>(DEGENERATE));
     is.is_inside = face.state == N(INSIDE);
     is.has_part = is.is_inside | !(face.part == N(0.0));
     is.is_oblique = exceeds_incidence(face.cosine, rules);
@@ -279,7 +279,7 @@ void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
 template <> struct Record<coverage::Scene> {
     using S = coverage::Scene;
     static constexpr auto fields =
-        Fields<&S::vertices, &S::faces, &S::normals, &S::degenerate, &S::two_sided, &S::offsets,
+        Fields<&S::vertices, &S::faces, &S::normals, &S::own, &S::two_sided, &S::offsets,
                &S::reach, &S::doubtful_cosine>();
 };
 template <class Count> struct Record<coverage::Seen<Count>> {

@@ -27,6 +27,7 @@ from rastercov.camera.lamps import Lamps
 from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, is_joint, with_lamps
+from rastercov.coverage.area.light import lit_by
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -386,7 +387,7 @@ class Plan(PlanModel):
         # A table by group matters for counting views only, not for what one camera covers.
         by_group = isinstance(self.task.views, dict)
         own["views"] = views or (1 if by_group else self.task.views)
-        return Task(**own).lit_by(self.built_lamps(self.folder))
+        return lit_by(Task(**own), self.built_lamps(self.folder))
 
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Robot]:

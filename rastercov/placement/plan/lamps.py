@@ -24,7 +24,7 @@ from rastercov.camera.lamps import MOST_LAMPS, Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, with_lamps
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.light import Light, check_light
 from rastercov.coverage.area.motion import at_rest, carried_by, carriers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
@@ -196,15 +196,16 @@ class Frame:
 
     def regions(self, lamps: Lamps | None, task: Task) -> Regions:
         """Rows of the result, in the light of lamps, or in any light."""
-        light, rig = None, with_lamps(self._rig, lamps)
+        light: tuple[Light, ...] = ()
+        rig = with_lamps(self._rig, lamps)
         if lamps is not None:
             kind = np.array([self._kinds.index(lamp) for lamp in lamps.lamps])
 
             def find(points: Poses) -> Regions:
                 return self._reached(points.world_from_camera, kind[points.camera])
 
-            light = Light(lamps, task, self._rig, find)
-        found = gated(replace(self._seen, light=light), rig, self._placed)
+            light = (Light(lamps, task, self._rig, find),)
+        found = gated(replace(self._seen, conditions=light), rig, self._placed)
         return found if self._motion is None else at_rest(found, self._motion, self._kept)
 
     def _reached(self, places: FloatArray, kinds: Sequence[int] | IntArray) -> Regions:
@@ -250,7 +251,7 @@ class Lighting:
         self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
         self.selection: SelectionSection = plan.selection
         self.task, dark = plan.build_task(), plan.with_lamps(None)
-        self.task.check_light(every)
+        check_light(self.task, every)
         kinds = list(dict.fromkeys(str(entry.lamp) for entry in plan.lamp_entries))
         self._every, self._kinds = every, [every.names.index(name) for name in kinds]
         self._stay = [row for row in range(len(every)) if row not in self._kinds]

@@ -24,7 +24,7 @@ from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, is_joint, rows_of_result
-from rastercov.coverage.area.by_camera import ByCamera, cameras_apart, missed_lines
+from rastercov.coverage.area.by_camera import ByCamera, cameras_apart, lines_of
 from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.over_time import TimeAreas, time_lines
 from rastercov.coverage.area.regions import RegionPass
@@ -479,9 +479,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
     if apart := _by_camera(plan.rig, cameras):
         found["by_camera"] = apart
     if cameras.apart is not None:
-        found |= cameras.apart.of_light()
-        if devices := cameras.apart.by_device():
-            found["by_device"] = devices
+        found |= cameras.apart.further()
     return found
 
 
@@ -505,7 +503,7 @@ def area_lines(summary: Mapping[str, Any]) -> list[str]:
     `summary` is one of `summary_of`.
     """
     if "covered_area" in summary:
-        missed = [*time_lines(summary), *missed_lines(summary)]
+        missed = [*time_lines(summary), *lines_of(summary)]
         return [f"covered: {in_words(summary['covered_area'])}", *missed, *zone_lines(summary)]
     return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
 

@@ -30,7 +30,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import NAMES, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import n_words
@@ -521,14 +521,14 @@ def _of_rules(objectives: Objectives, some: Poses) -> list[str]:
 
 def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
-    counts = np.zeros(len(Reason), np.int64)
+    counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
-        counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(Reason))
+        counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
     shares = counts / max(1, counts.sum())
     order = np.argsort(-shares, kind="stable")
     why = ", ".join(
-        f"{percent(float(shares[row]))} {Reason(row).name.lower().replace('_', ' ')}"
+        f"{percent(float(shares[row]))} {NAMES[row].replace('_', ' ')}"
         for row in order
         if counts[row]
     )

@@ -38,8 +38,7 @@ from rastercov.camera.lamp_file import lamps_of
 from rastercov.camera.lamps import KINDS as LAMPS
 from rastercov.camera.lamps import Lamps
 from rastercov.camera.light_units import GLOSSES
-from rastercov.camera.rig import Rig, preset_rig
-from rastercov.camera.rule import KINDS, All, rule_of, rule_to_json
+from rastercov.camera.rig import OF_RULE, Rig, preset_rig, rig_with
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -251,10 +250,6 @@ class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # t
         return self
 
 
-OF_RULE = {"rule", "k", "needs", *All.__dataclass_fields__}
-"""Entries of a rig that are its rule."""
-
-
 class RigSection(Entry):
     """Cameras that move together: of the plan, all of a file with their places, or a preset."""
 
@@ -266,7 +261,7 @@ class RigSection(Entry):
     """Head of the catalogue, NAME:BASELINE or NAME:BASELINE:CAMERA, such as stereo:0.12."""
     cost: NotNegative | None = None
     """Of the rig; that of its cameras together unless given."""
-    rule: Annotated[str, *among(tuple(KINDS.values()))] | None = None
+    rule: Literal["any", "all", "at_least"] | None = None
     """Cameras that must see a point together: all, at_least k, or any; of the file unless given."""
     k: Count | None = None
     """Number of cameras of rule at_least."""
@@ -292,16 +287,10 @@ class RigSection(Entry):
 
     def _ruled(self, rig: Rig, tasks: Mapping[str, Any], fixed: Sequence[str] = ()) -> Rig:
         """A rig with the rule of these entries, thresholds of its cameras, and those that stay."""
-        given = self.model_dump(include=OF_RULE, exclude_none=True)
-        if not given and not tasks and not fixed:
-            return rig
-        if given and self.rule is None:
-            given = rule_to_json(rig.rule) | given
-        rule = rule_of(given) if given else rig.rule
-        own, names, places = rig.cameras, rig.names, rig.rig_from_camera
-        return Rig(
-            own, names, places, rule=rule, tasks=tasks or rig.tasks, fixed=fixed or rig.fixed
-        )
+        given = self.model_dump(include=set(OF_RULE), exclude_none=True)
+        given |= {"tasks": tasks} if tasks else {}
+        given |= {"fixed": fixed} if fixed else {}
+        return rig_with(rig, given)
 
     def build(
         self, folder: Path, cameras: Mapping[str, Camera], catalogue: Path | None = None

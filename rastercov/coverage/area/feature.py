@@ -1,0 +1,60 @@
+"""What a feature that can be deleted adds to what cameras see; `features` has all of them.
+
+A rig says which take part. What a feature lacks is as here, where it adds nothing.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.memory import FloatArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.table import Condition, Finder
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+Faces = NDArray[np.integer[Any]]
+
+
+class PointCondition(Protocol):
+    """A condition at points of faces, (N,); one thread may use it."""
+
+    def reasons(self, own: Poses, sees: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+        """(N,) row of `REASONS` for the poses of a row of the result, `COVERED` where it holds.
+
+        On the side of the face that the first pose is on; or, of points that cameras of a rig with
+        a rule see, (n, N), on the side from which they meet it, the better of two.
+        """
+
+
+class Feature:
+    """Hooks of a feature, which do nothing here."""
+
+    def check(self, camera: Cameras, task: Task) -> None:
+        """Raise `ConfigError` for thresholds that do not go with the cameras."""
+
+    def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
+        """Raise `ConfigError` where cameras cannot be on these bodies, one for each."""
+
+    def condition(
+        self, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
+    ) -> Condition | None:
+        """Condition on the regions of cameras; `find` makes a finder of regions of others."""
+
+    def at_points(
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+    ) -> PointCondition | None:
+        """The same at points of faces, (N, 3) metres."""
+
+    def device(
+        self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
+    ) -> str | None:
+        """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
+
+    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> Mapping[str, Any]:
+        """Values of faces by the names of `rastercov.report.modes`."""
+        return {}

@@ -1,0 +1,35 @@
+"""Features that add to what cameras see: a line each, and what is asked of all of them."""
+
+from typing import Any
+
+from rastercov.base.memory import FloatArray
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.feature import Faces, Feature, PointCondition
+from rastercov.coverage.area.light_points import OfLamps
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+FEATURES: tuple[Feature, ...] = (OfLamps(),)
+
+
+def conditions_at(
+    mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+) -> list[PointCondition]:
+    """Conditions at points of faces, (N, 3) metres."""
+    found = (each.at_points(mesh, camera, task, points, face) for each in FEATURES)
+    return [each for each in found if each is not None]
+
+
+def device_of(
+    camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
+) -> str | None:
+    """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
+    found = (each.device(camera, lead, point, normal, reason) for each in FEATURES)
+    return next((name for name in found if name is not None), None)
+
+
+def values_of(mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:
+    """Values of faces by the names of modes."""
+    every = (each.values(mesh, camera, task).items() for each in FEATURES)
+    return {name: own for some in every for name, own in some}

@@ -1,0 +1,50 @@
+"""Figures of a feature that can be deleted, beside those of a network and of its cameras."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from rastercov.base.memory import FloatArray
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+Alone = Callable[[int], dict[str, Any]]
+"""Covered area of a camera by itself, by its index."""
+
+
+class Figures:
+    """Figures of a run by area; `used` are the cameras with figures of their own."""
+
+    def __init__(self, mesh: Mesh, task: Task, camera: Cameras, used: Iterable[int]) -> None: ...
+
+    @property
+    def needs_all(self) -> bool:
+        """True where no face may be left out of regions."""
+        return False
+
+    def networks(self) -> Iterable[AreaNetwork]:
+        """All that regions are added to."""
+        return ()
+
+    def add(self, regions: Regions, camera: Cameras, poses: Poses) -> None:
+        """Take in the regions of further poses, each by itself."""
+
+    def summary(self, alone: Alone) -> dict[str, Any]:
+        """Entries of a summary, ready for JSON."""
+        return {}
+
+    def of_faces(self) -> FloatArray | None:
+        """(2, F) largest standard deviation of what is covered, and its bound, um."""
+
+    @staticmethod
+    def lines(summary: Mapping[str, Any]) -> list[str]:
+        """Lines for people on these entries of a summary."""
+        return []
+
+    @staticmethod
+    def doubts(summary: Mapping[str, Any]) -> list[str]:
+        """Lines on entries that are likely to be mistakes."""
+        return []

@@ -1,0 +1,99 @@
+"""Figures of what is lost for the light of lamps."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+from rastercov.base.format import percent, with_bound
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, lamps_of
+from rastercov.coverage.area.figures import Alone, Figures
+from rastercov.coverage.area.light import Light
+from rastercov.coverage.area.network import AreaNetwork, most_off
+from rastercov.coverage.area.rows import gated
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+UNITS_OF = ("percent", "m2")
+OF_LIGHT = {"unlit": "unlit", "out_of_limits": "too dark, too bright or in a highlight"}
+"""Words for what the cameras see and cannot use for its light."""
+
+
+class LightFigures(Figures):
+    """Figures of what cameras see, what of it is lit, and what has as much light as is asked."""
+
+    def __init__(self, mesh: Mesh, task: Task, camera: Cameras, used: Iterable[int]) -> None:
+        self._lights: list[Light] = []
+        n = 0 if lamps_of(camera) is None else 2 + task.asks_for_light
+        self._seen = [AreaNetwork(mesh, task) for _ in range(n)]
+
+    def networks(self) -> Iterable[AreaNetwork]:
+        """See `Figures`."""
+        return self._seen
+
+    def add(self, regions: Regions, camera: Cameras, poses: Poses) -> None:
+        """See `Figures`."""
+        light = next((each for each in regions.conditions if isinstance(each, Light)), None)
+        if light is None or not self._seen:
+            return
+        self._lights = self._lights or [light.alone(), light][: len(self._seen) - 1]
+        rest = tuple(each for each in regions.conditions if each is not light)
+        kept = [rest, *((*rest, each) for each in self._lights)]
+        for areas, conditions in zip(self._seen, kept, strict=True):
+            areas.add(gated(replace(regions, conditions=conditions), camera, poses))
+
+    def summary(self, alone: Alone) -> dict[str, Any]:
+        """Entry `light` of what cameras see and cannot use for its light.
+
+        `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
+        a highlight, where the task asks. `lit_percent` is the share of the task area that a lamp
+        reaches, None of one on a rig.
+        """
+        if not self._lights:
+            return {}
+        light = self._lights[0]
+        seen = [areas.summary() for areas in self._seen]
+        lost = [
+            {name: max(more[name] - less[name], 0.0) for name in ("percent", "m2")}
+            | {f"bound_{unit}": most_off(more, unit) + most_off(less, unit) for unit in UNITS_OF}
+            for more, less in pairwise(seen)
+        ]
+        shares = [
+            {"lamp": name, "lit_percent": None if math.isnan(share) else 100 * share}
+            for name, share in zip(light.lamps.names, light.shares(), strict=True)
+        ]
+        named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
+        found: dict[str, Any] = named | {"lamps": shares}
+        if light.lamps.exposure is not None:
+            found["exposure"] = light.lamps.exposure.in_words(light.lamps.unit)
+        return {"light": found}
+
+    @staticmethod
+    def lines(summary: Mapping[str, Any]) -> list[str]:
+        """See `Figures`."""
+        if "light" not in summary:
+            return []
+        light = summary["light"]
+        lines = [light["exposure"]] if "exposure" in light else []
+        fixed = [lamp for lamp in light["lamps"] if lamp["lit_percent"] is not None]
+        shares = [f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in fixed]
+        for name, words in OF_LIGHT.items():
+            if name in light:
+                lost = with_bound(light[name]["percent"], light[name]["bound_percent"])
+                by_lamp = f"; lit, seen or not: {', '.join(shares)}" if shares else ""
+                lines.append(
+                    f"seen, and {words}: {lost} of the area" + (by_lamp if name == "unlit" else "")
+                )
+        return lines
+
+    @staticmethod
+    def doubts(summary: Mapping[str, Any]) -> list[str]:
+        """See `Figures`: lamps that light nothing."""
+        return [
+            f"lamp {lamp['lamp']} lights no part of the task; it may be inside a wall or look away"
+            for lamp in summary.get("light", {}).get("lamps", ())
+            if lamp["lit_percent"] == 0
+        ]

@@ -1,0 +1,213 @@
+"""Light of lamps at points of faces: the reason why each is not lit as a task asks; the feature."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
+from rastercov.camera.near_plane import near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, Rig, lamps_of, names_of
+from rastercov.coverage.area.feature import Faces, Feature
+from rastercov.coverage.area.frames import frames_of, in_front
+from rastercov.coverage.area.light import Light, check_light, failing_lamp
+from rastercov.coverage.area.point_pass import PointPass
+from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.area.table import Finder
+from rastercov.coverage.reasons import HIGHLIGHT, TOO_BRIGHT, TOO_DARK, UNLIT, Reason
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+TINY = np.finfo(float).tiny
+
+
+class LightOfPoints:
+    """Light of the lamps of cameras at points of faces, (N, 3) metres; one thread may use it."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        rig: Rig,
+        lamps: Lamps,
+        task: Task,
+        points: FloatArray,
+        face: NDArray[np.integer[Any]],
+    ) -> None:
+        self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
+        self._gates = rig.gates
+        self._normals = frames_of(mesh).normal[face]
+        self._two_sided = mesh.two_sided_mask[face]
+        self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
+        self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+        self._dazzled = [own.max_highlight_deg for own in tasks_of(rig, task)]
+        self._carried = lamps.carried_by(rig.names)
+        self._rides = np.asarray(self._carried.any(axis=1))
+        self._fixed = self._reached(points_of(lamps, ~self._rides))
+
+    @classmethod
+    def of(
+        cls,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        points: FloatArray,
+        face: NDArray[np.integer[Any]],
+    ) -> "LightOfPoints | None":
+        """Light of cameras; None where they have no lamps."""
+        lamps = lamps_of(camera)
+        if lamps is None or not isinstance(camera, Rig):
+            return None
+        return cls(mesh, camera, lamps, task, points, face)
+
+    def of_cell(self) -> FloatArray:
+        """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
+        poses, reached = self._fixed
+        fronts = in_front(poses.world_from_camera[:, :3, 3], self._points, self._normals)
+        on = self._points, self._normals
+        sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
+        return np.where(self._two_sided, np.maximum(*sides), sides[0])
+
+    def reasons(self, own: Poses, sees: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+        """See `PointCondition`."""
+        poses, reached = self._fixed
+        if self._rides.any():
+            world = own.world_from_camera[:1] @ self._camera_from_rig[own.camera[:1]]
+            on_rig = self._reached(points_of(self.lamps, self._rides, world))
+            is_there = self._carried[on_rig[0].camera, own.camera[0]]
+            reached = np.concatenate([reached, on_rig[1] & is_there[:, None]])
+            camera = np.concatenate([poses.camera, on_rig[0].camera])
+            matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
+            poses = Poses.of(matrices, camera=camera)
+        fronts = in_front(own.world_from_camera[:, :3, 3], self._points, self._normals)
+        gate = self._gates.get(int(own.camera[0]))
+        if gate is None or sees is None:
+            return self._on_side(own, poses, reached, fronts[0])
+        front, rear = (gate.holds(sees & side) for side in (fronts, ~fronts))
+        is_front = front | ~rear
+        found = self._on_side(
+            own, poses, reached, is_front, (gate.holds, sees & (fronts == is_front))
+        )
+        if (both := front & rear).any():
+            rest = gate.holds, sees & (fronts == ~both)
+            other = self._on_side(own, poses, reached, ~both, rest)
+            found[both] = np.minimum(found, other)[both]  # reasons of light are above `COVERED`
+        return found
+
+    def _on_side(
+        self,
+        own: Poses,
+        poses: Poses,
+        reached: NDArray[np.bool_],
+        is_front: NDArray[np.bool_],
+        together: tuple[Callable[[BoolArray], BoolArray], BoolArray] | None = None,
+    ) -> NDArray[np.uint8]:
+        """(N,) reason on a side of each point, by the points of lamps that reach it, (K, N).
+
+        A camera that sees a lamp mirrored does not count; with a function whether a rule holds, and
+        the points that each of its cameras sees, (n, N), the others may be enough.
+        """
+        on, task, eyes = (self._points, self._normals), self.task, poses.world_from_camera[:, :3, 3]
+        sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
+        found = np.full(len(self._points), Reason.COVERED, np.uint8)
+        dazzled = np.zeros((len(own), len(self._points)), np.bool_)
+        for row, (centre, index) in enumerate(
+            zip(own.world_from_camera[:, :3, 3], own.camera, strict=True)
+        ):
+            if degrees := self._dazzled[index]:
+                dazzled[row] = self._mirrored(centre, eyes, sees, degrees)
+        is_lost = dazzled.any(axis=0)
+        if together is not None:
+            holds, covers = together
+            is_lost &= ~holds(covers & ~dazzled)
+        found[is_lost] = HIGHLIGHT
+        light = illuminances(self.lamps, poses, sees, *on)
+        if task.max_illuminance is not None:
+            found[light > task.max_illuminance] = TOO_BRIGHT
+        found[light < task.min_illuminance] = TOO_DARK
+        found[~are_lit(self.lamps, sees, poses.camera)] = UNLIT
+        return found
+
+    def _mirrored(
+        self, centre: FloatArray, eyes: FloatArray, sees: NDArray[np.bool_], degrees: float
+    ) -> NDArray[np.bool_]:
+        """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
+        to_camera = centre - self._points
+        to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
+        found = np.zeros(len(self._points), np.bool_)
+        for eye, own in zip(eyes, sees, strict=True):
+            half = eye - self._points
+            half /= np.maximum(np.linalg.norm(half, axis=1), TINY)[:, None]
+            half += to_camera
+            along = np.abs(np.einsum("ni,ni->n", half, self._normals))
+            found |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
+        return found
+
+    def _reached(self, poses: Poses) -> tuple[Poses, NDArray[np.bool_]]:
+        """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
+        n = len(self._points)
+        near = near_limits(self._judge.cameras, self._mesh.opaque.bounds, poses)
+        judge = self._judge.worker(poses, near, is_nearest=False)
+        found = np.zeros((len(poses), n), np.bool_)
+        for row in range(len(poses)):  # as many as there are points of lamps, at most 64
+            reason, hider = np.empty(n, np.uint8), np.empty(n, np.int64)
+            judge(row, reason, hider)
+            found[row] = reason == Reason.COVERED
+        return poses, found
+
+
+class OfLamps(Feature):
+    """Lamps of rigs, see `rastercov.camera.lamps`."""
+
+    def check(self, camera: Cameras, task: Task) -> None:
+        """See `Feature`."""
+        check_light(task, lamps_of(camera))
+
+    def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
+        """See `Feature`."""
+        lamps = lamps_of(camera)
+        for own in () if lamps is None else lamps.carried_by(names_of(camera)):
+            if len(used := {bodies[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
+                raise ConfigError(
+                    f"a lamp that rides on cameras needs these on one body, got {', '.join(used)}; "
+                    "place it in the world"
+                )
+
+    def condition(
+        self, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
+    ) -> Light | None:
+        """See `Feature`."""
+        lamps = lamps_of(camera)
+        if lamps is None or not isinstance(camera, Rig):
+            return None
+        finder = find(lamps.eyes)
+        return Light(lamps, task, camera, finder.find, finder)
+
+    def at_points(
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
+    ) -> LightOfPoints | None:
+        """See `Feature`."""
+        return LightOfPoints.of(mesh, camera, task, points, face)
+
+    def device(
+        self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
+    ) -> str | None:
+        """See `Feature`: the nearest lamp, or the one that is mirrored."""
+        if not UNLIT <= reason <= HIGHLIGHT or not isinstance(camera, Rig):
+            return None
+        return failing_lamp(camera, lead, point, normal, reason)
+
+    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:
+        """See `Feature`: `lux`, illuminance by the lamps of the cell, its unit and its limits."""
+        lamps, faces = lamps_of(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+        light = LightOfPoints.of(mesh, camera, Task(), mesh.centroids[faces], faces)
+        if lamps is None or light is None:
+            return {}
+        found = np.zeros(mesh.n_faces)
+        found[faces] = light.of_cell()
+        return {"lux": (found, lamps.unit, task.min_illuminance, task.max_illuminance)}

@@ -1,0 +1,118 @@
+"""Points of faces in poses of cameras: the first criterion that each fails, and what hides it."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.surface import own_reasons
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.mesh.contacts import TriangleTree
+from rastercov.native import area_point
+
+MARGIN_REL = 1e-9
+"""Distance from the point up to which a surface hides nothing, relative to the diagonal of the
+mesh: coincident surfaces are not found."""
+
+
+class Points(NamedTuple):
+    """Points in a scene of diagonal 1 about the origin, their unit normals, and their triangles.
+
+    `own` is the triangle of each point in the order of the tree, -1 where it is not in it;
+    `two_sided` says whether either side counts.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    two_sided: NDArray[np.bool_]
+    own: IntArray
+
+
+class PointPass:
+    """Points of faces, (N, 3) metres, held against the criteria of a task; for any threads.
+
+    Attributes
+    ----------
+    cameras : sequence of Camera
+    faces : (T,) int64
+        Faces that hide, in the order of the tree; one -1 where there is none.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        points: FloatArray,
+        face: NDArray[np.integer[Any]],
+    ) -> None:
+        from rastercov.coverage.records import lens_of
+
+        self.cameras = cameras_of(camera)
+        self._centre = mesh.bounds.mean(axis=0)
+        self._diagonal = mesh.diagonal or 1.0
+        solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
+        self.faces, row = np.full(1, -1), np.full(mesh.n_faces, -1)
+        corners, nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
+        if len(solid):
+            tree = TriangleTree.over(self._placed(mesh.vertices), mesh.faces[solid])
+            corners, nodes, self.faces = tree.corners, tree.nodes, solid[tree.order]
+            row[self.faces] = np.arange(len(self.faces))
+        self._tree = read_only(corners, np.float64), read_only(nodes, np.float64)
+        self._points = Points(
+            points=read_only(self._placed(points), np.float64),
+            normals=read_only(frames_of(mesh).normal[face], np.float64),
+            two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
+            own=read_only(row[face], np.int64),
+        )
+        tasks = tasks_of(camera, task)
+        of_surface = {each: own_reasons(mesh, each)[face] for each in tasks}
+        self._of_camera = [
+            (lens_of(each), own.rules(each).in_units_of(self._diagonal), of_surface[own])
+            for each, own in zip(self.cameras, tasks, strict=True)
+        ]
+
+    def _placed(self, points: FloatArray) -> FloatArray:
+        """Points (N, 3) in a scene of diagonal 1 about the origin."""
+        return (points - self._centre) / self._diagonal
+
+    def worker(
+        self, poses: Poses, near: FloatArray, *, is_nearest: bool
+    ) -> Callable[[int, NDArray[np.uint8], IntArray], None]:
+        """Function of one thread that fills the reasons, and the triangles that hide, of a pose.
+
+        It takes the row of the pose, (N,) `Reason` and (N,) rows of `faces`, -1 where nothing
+        hides. `near`, (P,), are the depths of the near planes; see `judge_points` for the rest.
+        """
+        rotations = np.ascontiguousarray(poses.world_from_camera[:, :3, :3])
+        eyes = self._placed(poses.world_from_camera[:, :3, 3])
+
+        corners, nodes = self._tree
+
+        def judge(row: int, reason: NDArray[np.uint8], hider: IntArray) -> None:
+            lens, rules, own = self._of_camera[poses.camera[row]]
+            area_point.judge_points(
+                self._points,
+                lens,
+                rules,
+                rotations[row],
+                eyes[row],
+                float(near[row]) / self._diagonal,
+                MARGIN_REL,
+                is_nearest,
+                corners,
+                nodes,
+                reason,
+                hider,
+            )
+            np.copyto(reason, own, where=reason == Reason.COVERED)
+
+        return judge

@@ -1,0 +1,151 @@
+"""Figures of rigs with a rule: what each device sees, and what is lost by it alone."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.format import with_bound
+from rastercov.base.memory import FloatArray
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, gates_of, names_of
+from rastercov.camera.rule import Gate
+from rastercov.coverage.area.figures import Alone, Figures
+from rastercov.coverage.area.network import DOUBTFUL, AreaNetwork, most_off
+from rastercov.coverage.area.sensors import through, worst_deviations
+from rastercov.coverage.area.table import Regions
+from rastercov.coverage.reasons import CONDITIONS
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2", *DOUBTFUL)
+"""Figures of what a device covers by itself."""
+ANGLE, UNCERTAINTY = -1, -2
+"""Conditions of a rig with a rule, among its cameras, in the order of `CONDITIONS`."""
+
+
+def _rule_without(gate: Gate, device: int | None) -> Gate:
+    """The rule of a rig without one of its conditions; all of it for None."""
+    if device is None:
+        return gate
+    if device == UNCERTAINTY:
+        return gate._replace(most_deviation=0.0)
+    return gate._replace(least_deg=0.0, most_deg=180.0) if device == ANGLE else gate.without(device)
+
+
+def _worst_um(worst: NDArray[np.float64]) -> dict[str, float]:
+    low, high = (1e6 * float(each.max(initial=0.0)) for each in worst)
+    return {"worst_um": low, "worst_bound_um": high - low}
+
+
+class RigFigures(Figures):
+    """Figures of each device of rigs with a rule.
+
+    Attributes
+    ----------
+    worst : dict of int to (2, F) float64
+        Largest standard deviation of what a rig with a limit of it covers of each face, in any
+        pose, by its first camera, metres, from below and above; see `worst_deviations`.
+    """
+
+    def __init__(self, mesh: Mesh, task: Task, camera: Cameras, used: Iterable[int]) -> None:
+        self._rigs: dict[int, tuple[Gate, dict[int | None, AreaNetwork]]] = {}
+        self._names, is_used = names_of(camera), set(used)
+        self.worst: dict[int, NDArray[np.float64]] = {}
+        for first, gate in gates_of(camera).items():
+            if first in is_used:
+                asked = {ANGLE: gate.has_baseline, UNCERTAINTY: gate.has_deviation}
+                names = (
+                    None,
+                    *range(gate.n),
+                    *(each for each, is_asked in asked.items() if is_asked),
+                )
+                self._rigs[first] = gate, {each: AreaNetwork(mesh, task) for each in names}
+
+    @property
+    def needs_all(self) -> bool:
+        """See `Figures`: the largest deviation is that in any pose."""
+        return any(gate.has_deviation for gate, _ in self._rigs.values())
+
+    def networks(self) -> Iterable[AreaNetwork]:
+        """See `Figures`."""
+        return (areas for _, own in self._rigs.values() for areas in own.values())
+
+    def add(self, regions: Regions, camera: Cameras, poses: Poses) -> None:
+        """See `Figures`."""
+        for each in regions.conditions if self._rigs else ():
+            regions = each.of_cameras(regions, camera, poses)
+        for first, (gate, without) in self._rigs.items():
+            own = (poses.camera >= first) & (poses.camera < first + gate.n)
+            if own.any():
+                some = regions.of_poses(own)
+                leads = poses[np.flatnonzero(own)[:: gate.n]]
+                cuts = [each.cut_of(leads) for each in regions.conditions]
+                for device, areas in without.items():
+                    rest = _rule_without(gate, device)
+                    other = -1 if device is None else max(device, -1)
+                    if device is None and gate.has_deviation:
+                        found = through(some, gate, other, cuts)
+                        areas.add(found)
+                        worst = worst_deviations(found, some, gate)
+                        self.worst[first] = np.maximum(self.worst.get(first, 0.0), worst)
+                    elif rest.k:
+                        areas.add(through(some, rest, other, cuts))
+
+    def of_faces(self) -> FloatArray | None:
+        """See `Figures`; 0 where nothing is covered, None without a rig that has a limit."""
+        if not self.worst:
+            return None
+        low, high = 1e6 * np.max(list(self.worst.values()), axis=0)
+        return np.array([low, high - low])
+
+    def summary(self, alone: Alone) -> dict[str, Any]:
+        """Entry `by_device`, figures of each device.
+
+        `sees` is what it covers by itself. `missed` is what the rig would cover besides, did this
+        device cover everything: what is lost by it alone, by its shadow, and out of its image or
+        its thresholds. Those without a name are the angle between their rays, and the uncertainty,
+        with `worst_um`, the largest of what is covered, and by how much it may be larger.
+        """
+        found = []
+        for first, (gate, without) in self._rigs.items():
+            whole = without[None].summary()
+            for device, areas in without.items():
+                if device is None:
+                    continue
+                others = areas.summary()
+                if not _rule_without(gate, device).k:
+                    others |= {"m2": whole["of_m2"], "bound_m2": 0.0}
+                lost = max(others["m2"] - whole["m2"], 0.0)
+                bound = most_off(whole, "m2") + most_off(others, "m2")
+                percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
+                own = None if device < 0 else alone(first + device)
+                found.append(
+                    {
+                        "device": None if own is None else self._names[first + device],
+                        "condition": CONDITIONS[-1 - device] if device < 0 else None,
+                        **(
+                            _worst_um(self.worst[first])
+                            if device == UNCERTAINTY and first in self.worst
+                            else {}
+                        ),
+                        "sees": own and {name: own[name] for name in OF_DEVICE if name in own},
+                        "missed": {
+                            "percent": percent * lost,
+                            "bound_percent": percent * bound,
+                            "m2": lost,
+                            "bound_m2": bound,
+                        },
+                    }
+                )
+        return {"by_device": found} if found else {}
+
+    @staticmethod
+    def lines(summary: Mapping[str, Any]) -> list[str]:
+        """See `Figures`."""
+        return [
+            f"missed by {entry['device'] or entry['condition']} alone: {size} of the area"
+            for entry in summary.get("by_device", ())
+            for size in [with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])]
+        ]
