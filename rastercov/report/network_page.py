@@ -53,7 +53,7 @@ from rastercov.report.overview import (
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, device_rows, heading_and_tilt
+from rastercov.report.tables import camera_rows, device_rows, mounting_angles
 
 Progress = Callable[[int, int], None]
 
@@ -478,9 +478,9 @@ class NetworkPage:
         for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
             columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
         axes = upright(poses := self.poses.world_from_camera)
-        turned = [heading_and_tilt(axes @ pose[:3]) for pose in poses]
-        columns["heading"] = [f"{signed(heading, 0)}°" for heading, _ in turned]
-        columns["down"] = [f"{signed(down, 0)}°" for _, down in turned]
+        turned = zip(*(mounting_angles(axes @ pose[:3]) for pose in poses), strict=True)
+        for name, values in zip(("heading", "down", "roll"), turned, strict=True):
+            columns[name] = [f"{signed(value, 1)}°" for value in values]
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
         else:
