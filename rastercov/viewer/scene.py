@@ -612,7 +612,7 @@ def _cameras(run: Mapping[str, Any]) -> Rig:
     if "camera" in run:
         return Rig([Camera.from_dict(run["camera"])], ["camera"])
     entries = [dict(each) for each in run.get("cameras", ())]
-    names = [str(each.pop("name", f"camera {row}")) for row, each in enumerate(entries)]
+    names = [str(each.pop("name", f"camera {row + 1}")) for row, each in enumerate(entries)]
     return Rig([Camera.from_dict(each) for each in entries], names)
 
 

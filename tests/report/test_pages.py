@@ -86,7 +86,7 @@ def test_every_figure_that_counts_is_told(placement, pages):
         percent(told["selection"]["bound"]), percent(told["tolerance"]["together"]["worst"]),
         f"{told['left']['left']['faces']:,}", "dropped: kept out", str(kept_out),
         BALL, "a <note> for the top", f"{network['largest_visibility_bound']:.2g}",
-        *(f"{each['heading_deg']:.0f}°" for each in told["cameras"]),
+        *(f"{each['heading_deg']:.1f}°" for each in told["cameras"]),
     ):  # fmt: skip
         assert figure in words, figure
     assert not re.search("<note>|ball <b>", "".join(pages.values()))
@@ -177,7 +177,7 @@ def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
 
 def test_a_page_by_hand_of_a_placement_has_both_cameras(placement, pages):
     data = data_of(pages["view.html"])
-    assert [each["name"] for each in data["state"]["stations"]] == ["camera 0", "camera 1"]
+    assert [each["name"] for each in data["state"]["stations"]] == ["camera 1", "camera 2"]
     said = data["frames"]["reason"]["summary"]
     mesh = placement.prepared.mesh
     weights = mesh.areas * mesh.task_mask / mesh.areas[mesh.task_mask].sum()

@@ -125,7 +125,7 @@ def test_the_files_of_the_command_are_to_scale(capsys, tmp_path, monkeypatch):
     numbers = re.findall(r"([-\d.]+),([-\d.]+)", paths["WALLS"][1].get("d"))
     walls = np.array(numbers, np.float64)
     np.testing.assert_allclose(np.ptp(walls, axis=0), (6e3 / 25, 5e3 / 25), atol=0.01)
-    assert {"Store", "2020-02-20", "camera 0"} <= {text.text for text in svg.iter() if text.text}
+    assert {"Store", "2020-02-20", "camera 1"} <= {text.text for text in svg.iter() if text.text}
     assert re.search(rb"/MediaBox \[0 0 1190\.55 841\.89\]", Path("plan.pdf").read_bytes())
     drawing = ezdxf.readfile("plan.dxf")
     assert not drawing.audit().has_errors
