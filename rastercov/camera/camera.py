@@ -327,12 +327,12 @@ class Camera:
     )
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None and field.name in CENTRES:
-                value = getattr(self, CENTRES[field.name]) / 2
-            if field.name in CHECKS and (value is not None or field.default is not None):
-                object.__setattr__(self, field.name, CHECKS[field.name](field.name, value))
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value is None and each.name in CENTRES:
+                value = getattr(self, CENTRES[each.name]) / 2
+            if each.name in CHECKS and (value is not None or each.default is not None):
+                object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "distortion", coefficients)

@@ -15,7 +15,14 @@ from rastercov.base.format import area, length, percent, plural, signed, verb, w
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, lamps_of, names_of, short_names
+from rastercov.camera.rig import (
+    Cameras,
+    cameras_of,
+    gates_of,
+    lamps_of,
+    names_of,
+    short_names,
+)
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import illuminance_of_faces
@@ -53,13 +60,13 @@ from rastercov.report.overview import (
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, device_rows, mounting_angles
+from rastercov.report.tables import camera_rows, camera_words, device_rows, mounting_angles
 
 Progress = Callable[[int, int], None]
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
-MOST_CLOSE_UPS = 3
+MOST_CLOSE_UPS = MOST_KINDS = 3
 """Zones with a picture of their own."""
 OF_A_FACE = ("drawn_pixels", "incidence", "pixel_density", "facing_density")
 """Figures of a face that its advice wants."""
@@ -354,6 +361,8 @@ class NetworkPage:
             heading=self.title,
             title=self.title,
             sentences=self.sentences(),
+            rules=self._rules(),
+            kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])
                 for name, text in ALTERNATIVES.items()
@@ -374,6 +383,22 @@ class NetworkPage:
             view=self.view,
             **values,
         )
+
+    def _rules(self) -> list[str]:
+        """Sentences on what devices measure together."""
+        names = names_of(self.camera)
+        gates = gates_of(self.camera).items()
+        return [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+
+    def _kinds(self) -> list[str]:
+        """Words on each type of camera that is used, with its name where there are several."""
+        used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
+        cameras = cameras_of(self.camera)
+        words = [camera_words(cameras[row]) for row in used]
+        if len(set(words)) == 1:
+            return words[:1]
+        said = [f"{names[row]}: {text}" for row, text in zip(used, words, strict=True)]
+        return said[:MOST_KINDS] + ["..."] * (len(said) > MOST_KINDS)
 
     @property
     def answer(self) -> str:

@@ -14,7 +14,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -29,9 +29,7 @@ from rastercov.base.format import area, percent, plural, shortened, signed
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
 from rastercov.base.versions import version_of
-from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import angles_of_view
 from rastercov.camera.rig import Rig, cameras_of, lamps_of, names_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
@@ -50,7 +48,7 @@ from rastercov.report.plan_geometry import (
     scene_of_plan,
     seen_on_plan,
 )
-from rastercov.report.tables import mounting_angles
+from rastercov.report.tables import camera_words, mounting_angles
 from rastercov.report.theme import DORI as BANDS
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
@@ -566,22 +564,13 @@ def _tables(
     others: list[list[Cell]] = []
     for index, kind in kinds.items():
         camera = cameras[index]
-        name = camera.product or (names_of(found.camera)[index] if len(cameras) > 1 else "")
-        across, down = (signed(each, 1) for each in angles_of_view(camera))
+        name = camera.product or (names_of(found.camera)[index] if cameras[1:] else "camera")
         reach = [min(camera.fx, camera.fy) / DORI[level] for level in LEVELS]
         depths = " / ".join(signed(each, 0 if each >= 9.95 else 1) for each in reach)
         ir = "" if camera.ir_range is None else f", IR {camera.ir_range:g} m"
-        size = f"{camera.width} x {camera.height} px"
-        others.append(
-            _cells([kind, shortened(name or size, 72)], ((2, "start"), (8, "start")), True)
-        )
-        words = ", ".join(
-            filter(None, (size if name else "", lens_text(camera) if camera.focal_length else ""))
-        )
-        text = (
-            f"{words}{', ' if words else ''}view {across} x {down}°, I / R / O / D {depths} m{ir}"
-        )
-        others.append([(8, "start", text, False)])
+        others.append(_cells([kind, shortened(name, 72)], ((2, "start"), (8, "start")), True))
+        words = f"{camera_words(replace(camera, product=''))}, I / R / O / D {depths} m{ir}"
+        others.append([(8, "start", words, False)])
     for lamp in lamps:
         if not lamp.rides:
             others.append(placed(lamp.name, "lamp", lamp.pose))
@@ -591,15 +580,6 @@ def _tables(
         text = f"lamp on {plural(count, 'camera')}, {words}"
         others.append([(2, "start", shortened(name, 20), False), (40, "start", text, False)])
     return lines, others
-
-
-def lens_text(camera: Camera) -> str:
-    """Focal length and f-number of a camera; its field of view where metres are not known."""
-    if camera.focal_length is None:
-        across, down = angles_of_view(camera)
-        return f"{across:.0f} x {down:.0f}°"
-    stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
-    return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
 
 
 def check_sheet_name(path: Path) -> None:

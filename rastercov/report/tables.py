@@ -7,8 +7,10 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural, size_in_words, with_bound
+from rastercov.base.format import area, percent, plural, signed, size_in_words, with_bound
 from rastercov.base.memory import FloatArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import angles_of_view
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.area.over_time import time_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
@@ -130,6 +132,23 @@ def mounting_angles(pose: FloatArray, north: float | None = None) -> tuple[float
     if north is not None:
         heading = round((north - heading) % 360, 1) % 360
     return heading, tilt, roll
+
+
+def lens_text(camera: Camera) -> str:
+    """Focal length and f-number of a camera; its field of view where metres are not known."""
+    if camera.focal_length is None:
+        across, down = angles_of_view(camera)
+        return f"{across:.0f} x {down:.0f}°"
+    stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
+    return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
+
+
+def camera_words(camera: Camera) -> str:
+    """Camera and lens as they are sold, pixels, focal length and angles of view, in one line."""
+    across, down = (signed(each, 1) for each in angles_of_view(camera))
+    lens = "" if camera.focal_length is None else lens_text(camera)
+    size = f"{camera.width} x {camera.height} px"
+    return ", ".join(filter(None, (camera.product, size, lens, f"view {across} x {down}°")))
 
 
 def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:

@@ -26,8 +26,8 @@ from rastercov.report.plan_geometry import (
     scene_of_plan,
     seen_on_plan,
 )
-from rastercov.report.plan_sheet import Frame, _hatching, frame_of, lens_text, rooms_of
-from rastercov.report.tables import mounting_angles
+from rastercov.report.plan_sheet import Frame, _hatching, frame_of, rooms_of
+from rastercov.report.tables import lens_text, mounting_angles
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
 LENS = rc.Camera(width=1280, height=720, fx=640, fy=640, model="opencv", distortion=(0, 0, 0, 0))
