@@ -10,7 +10,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -206,6 +206,12 @@ def field_angle(name: str, value: object) -> float:
     return angle
 
 
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str) or not value.isprintable():
+        raise CameraError(f"{name} must be a printable text, got {shown(value)}")
+    return value
+
+
 def _range(name: str, value: object) -> tuple[float, float]:
     first, second = two(name, value)
     is_open = second is None or is_inf(second)  # JSON has no infinity
@@ -224,6 +230,8 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "near": _near,
     "focus_range": _range,
     "max_angle_deg": field_angle,
+    "product": _text,
+    "ir_range": positive,
 }
 """Check of each field by itself."""
 CENTRES = {"cx": "width", "cy": "height"}
@@ -279,6 +287,10 @@ class Camera:
     max_angle_deg : float, optional
         Largest angle from the optical axis at which the lens is trusted, up to 175, or 180 for
         none; otherwise as far as the image reaches, or as the model is proved not to fold.
+    product : str, optional
+        Camera and lens as they are sold, for people; that of the catalogue for a preset.
+    ir_range : float, optional
+        Reach of its own infrared lamps, metres, for plan sheets; nothing is computed with it.
 
     Raises
     ------
@@ -307,14 +319,20 @@ class Camera:
     max_angle_deg: Annotated[
         float | None, Doc("Largest angle from the axis at which the lens is trusted, deg.")
     ] = None
+    product: Annotated[str, Doc("Camera and lens as they are sold.")] = field(
+        default="", compare=False
+    )
+    ir_range: Annotated[float | None, Doc("Reach of its own infrared lamps, m.")] = field(
+        default=None, compare=False
+    )
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None and field.name in CENTRES:
-                value = getattr(self, CENTRES[field.name]) / 2
-            if field.name in CHECKS and (value is not None or field.default is not None):
-                object.__setattr__(self, field.name, CHECKS[field.name](field.name, value))
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value is None and each.name in CENTRES:
+                value = getattr(self, CENTRES[each.name]) / 2
+            if each.name in CHECKS and (value is not None or each.default is not None):
+                object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "distortion", coefficients)
@@ -483,7 +501,7 @@ class Camera:
 
     def to_json(self) -> dict[str, Any]:
         """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""
-        fields = {k: v for k, v in asdict(self).items() if v not in (None, ())}
+        fields = {k: v for k, v in asdict(self).items() if v not in (None, (), "")}
         if self.model == "pinhole":
             del fields["model"]
         return fields

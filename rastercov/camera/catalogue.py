@@ -10,7 +10,7 @@ metres, prices of one currency.
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -187,7 +187,8 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
     With `focus_distance` alone the lens is open, at its least f-number.
     """
     found = catalogue(file)
-    entries = {k: v for part in found.parts(name) for k, v in part.items()}
+    parts = found.parts(name)
+    entries = {k: v for part in parts for k, v in part.items()}
     if not changes.keys().isdisjoint(OF_VIEW):
         entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, "f_numbers", "nearest")}
     elif not has_lens(entries):
@@ -201,7 +202,15 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
         raise CameraError(f"{name} focuses from {entries['nearest']:g} m on, got {shown(z)} m")
     if z is not None and low and changes.keys().isdisjoint({"f_number", "aperture"}):
         entries["f_number"] = low
+    if changes.keys().isdisjoint(OF_VIEW) or not (has_lens(parts[0]) or parts[1:]):
+        changes = {"product": product_of(parts)} | dict(changes)
     return {k: v for k, v in entries.items() if k not in OF_SHOP} | dict(changes)
+
+
+def product_of(parts: Sequence[Entries]) -> str:
+    """Names of a camera and its lens, as they are sold."""
+    names = (" ".join(filter(None, map(part.get, ("maker", "product")))) for part in parts)
+    return " + ".join(filter(None, names))
 
 
 def price_of(name: str, file: StrPath | None = None) -> float | None:

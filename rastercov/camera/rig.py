@@ -55,7 +55,7 @@ class Rig(InOneLine):
     cameras : sequence of Camera
         N cameras, at least one.
     names : sequence of str, optional
-        Their names, all different; "camera 0", ... unless given.
+        Their names, all different; "camera 1", ... unless given.
     rig_from_camera : (N, 4, 4) array_like, optional
         Place of each camera on the rig; all at its origin unless given.
     rule : Any, All or AtLeast, optional
@@ -460,25 +460,25 @@ def by_gate(camera: Cameras, poses: Poses) -> Iterator[tuple[Gate | None, IntArr
 
 
 def names_of(cameras: Cameras) -> tuple[str, ...]:
-    """Names of the cameras; "camera 0", ... where they have none of their own."""
+    """Names of the cameras; "camera 1", ... where they have none of their own."""
     if isinstance(cameras, Rig):
         return cameras.names
-    return tuple(f"camera {row}" for row in range(len(cameras_of(cameras))))
+    return tuple(f"camera {row + 1}" for row in range(len(cameras_of(cameras))))
 
 
 def names_of_poses(poses: Poses, images: Sequence[str] = ()) -> tuple[str, ...]:
     """Names of placed cameras, in tables, pictures, plan sheets and the viewer.
 
-    They are those of their images, (P,), where all differ; "camera 0", ... by the rows of their
+    They are those of their images, (P,), where all differ; "camera 1", ... by the rows of their
     file otherwise.
     """
     if len(set(images)) == len(poses) and all(images):
         return tuple(images)
-    return tuple(f"camera {row}" for row in poses.ids.tolist())
+    return tuple(f"camera {row + 1}" for row in poses.ids.tolist())
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Names for a column or a legend of cameras: the number alone of "camera 0"."""
+    """Names for a column or a legend of cameras: the number alone of "camera 1"."""
     return [re.sub(r"^camera (?=\d+$)", "", name) for name in names]
 
 

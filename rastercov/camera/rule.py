@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
+from rastercov.base.format import distance
 from rastercov.base.memory import BoolArray, IntArray
 
 MOST_DEVICES = 64
@@ -117,6 +118,21 @@ class Gate(NamedTuple):
     def has_deviation(self) -> bool:
         """True where the standard deviation of a point is limited."""
         return self.most_deviation > 0
+
+    def in_words(self, names: Sequence[str]) -> str:
+        """Sentence on what is measured, with the names of the devices."""
+        if self.k == self.n:
+            said = [f"what all of {', '.join(names)} see"]
+        else:
+            needed = " and ".join(names[row] for row in self.needs)
+            said = [f"what {self.k} of {', '.join(names)} see"]
+            said += [f"{needed} among them"] if needed else []
+        if self.has_baseline:
+            to = f" to {self.most_deg:g}° apart" if self.most_deg < 180 else "° apart or more"
+            said.append(f"along rays {self.least_deg:g}{to}")
+        if self.has_deviation:
+            said.append(f"uncertain by {distance(self.most_deviation)} at most")
+        return f"Measured is {', '.join(said)}."
 
     def holds(self, sees: BoolArray) -> BoolArray:
         """(...) whether the rule holds where each of the devices sees, (n, ...)."""

@@ -4,10 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
@@ -43,9 +45,13 @@ def sheet(
     project: Annotated[
         str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
     ] = None,
+    customer: Annotated[str | None, typer.Option(help="Whom the sheet is for.")] = None,
+    author: Annotated[str | None, typer.Option(help="Whom the sheet is by.")] = None,
+    revision: Annotated[str | None, typer.Option(help="Revision of the sheet.")] = None,
     date: Annotated[
         str | None, typer.Option(help="Date on the sheet.", show_default="today")
     ] = None,
+    lamps: options.LampsOption = None,
 ) -> None:
     """Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.
 
@@ -60,6 +66,8 @@ def sheet(
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
+    if lamps is not None:
+        scene = scene.lit_by(load_lamps(lamps))
     start, mesh = scene.start, scene.mesh
     if not start.on:
         raise ConfigError("there is no camera to draw; give --poses")
@@ -71,8 +79,18 @@ def sheet(
         found = answer(query, staff=Staff(None, progress))
     if found.interrupted:
         raise KeyboardInterrupt
-    title = scene.title if project is None else project
-    text = report.plan_sheet(found, names, frame, title, date=date, north=north, views=start.needed)
+    plan, limits = scene.plan, scene.limits
+    own = {} if plan is None else plan.sheet.model_dump(exclude_none=True) | {"plan": plan.name}
+    given = {"project": project, "customer": customer, "author": author, "revision": revision,
+             "date": date, "north": north}  # fmt: skip
+    own |= {name: value for name, value in given.items() if value is not None}
+    site = report.Site(
+        scene.rooms(frame.cut), np.array(limits["boxes"], np.float64).reshape(-1, 2, 3),
+        limits["keep_out"], own.pop("north", None)
+    )  # fmt: skip
+    text = report.plan_sheet(
+        found, names, frame, {"project": scene.title} | own, site, start.needed
+    )
     report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print(out)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_kind, flag, members
 from rastercov.base.errors import MeshError, errors_as
-from rastercov.base.files import StrPath, is_same_file
+from rastercov.base.files import StrPath, is_same_file, printable
 from rastercov.base.format import shortened
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.mesh.arrays import face_labels
@@ -59,6 +59,27 @@ def body_of(group: str) -> str:
     """Name of the part whose CAD face a group is; the group's own where it is none."""
     part, _, last = group.rpartition("/")
     return part if part and re.fullmatch(r"face \d+", last) else group
+
+
+def stem_of(path: StrPath) -> str:
+    """Name of a file in names of groups: its own, without folders and suffix."""
+    return printable(Path(path).stem) or "mesh"
+
+
+def names_beside(paths: Sequence[StrPath], names: Sequence[Sequence[str]]) -> list[str]:
+    """Names in one scene of the groups of files, from those in each file.
+
+    They stay as they are, whatever files follow; "stem/name" where a file before has a group or
+    part of that first level.
+    """
+    found: list[str] = []
+    taken: set[str] = set()
+    for path, own in zip(paths, names, strict=True):
+        stem = stem_of(path)
+        new = [f"{stem}/{n}" if n.split("/")[0] in taken and n != stem else n for n in own]
+        taken.update(name.split("/")[0] for name in new)
+        found += new
+    return found
 
 
 def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
@@ -150,11 +171,10 @@ def at_level(group: str, level: int | None) -> str:
 
 
 class FileGroups(NamedTuple):
-    """A mesh file and its groups, by their names in the scene and, where known, in the file."""
+    """A mesh file and its groups, by their names in the scene."""
 
     path: StrPath
     groups: Sequence[str]
-    own: Sequence[str] = ()
 
 
 class Names:
@@ -177,31 +197,32 @@ class Names:
         self._known = {group: group for group in groups}
         self.groups = tuple(self._known)
         self._own: dict[str, list[str]] = {}
-        if len(files) == 1:  # of several files, groups begin with the stem
-            stem = Path(files[0].path).stem
-            self._known = {f"{stem}/{each}": each for each in files[0].groups} | self._known
-        else:
-            for file in files:
-                for name, group in zip(file.own, file.groups, strict=False):
-                    self._own.setdefault(name, []).append(group)
+        for file in files:  # "stem/name" is a group, whether or not it is called so in the scene
+            stem = stem_of(file.path)
+            for group in file.groups:
+                name = group.removeprefix(f"{stem}/")
+                self._own.setdefault(name, []).append(group)
+                self._known.setdefault(f"{stem}/{name}", group)
 
     def groups_of(self, name: str) -> list[str]:
         """Groups that a name means, in the order of the scene; MeshError where there is none."""
         if name in self._known and self._group_first:
             return [self._known[name]]
-        rows, _ = files_named(name, [each.path for each in self.files])
+        rows, is_exact = files_named(name, [each.path for each in self.files])
+        own = [] if rows else self._own.get(name, [])
+        if len(own) > 1:  # its name in a file, as if that were alone
+            names = (word for word, group in self._known.items() if group in own and word != name)
+            raise MeshError(
+                f"{len(own)} files have a group {quoted(name)}; give one of {listed(names)}, "
+                f"or {quoted(f'*/{name}')} for all"
+            )
         if name in self._known:
             return [self._known[name]]
-        if below := [group for group in self.groups if group.startswith(f"{name}/")]:
-            return below
-        if not rows and (own := self._own.get(name)):  # its name in a file, as if that were alone
-            if len(own) > 1:
-                raise MeshError(
-                    f"{len(own)} files have a group {quoted(name)}; give one of {listed(own)}, "
-                    f"or {quoted(f'*/{name}')} for all"
-                )
+        found = {group for row in rows for group in self.files[row].groups}
+        below = {group for group in self.groups if group.startswith(f"{name}/")}
+        if own and not below:
             return own
-        found = {group for row in rows for group in self.files[row].groups} | self._like(name)
+        found |= below if below or is_exact else self._like(name)
         found = found or self._like(f"*/{name}")  # the levels above may be left out
         if not found:
             raise MeshError(

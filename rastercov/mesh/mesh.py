@@ -203,7 +203,7 @@ class Mesh(InNotebook):
         -------
         Mesh
             Faces in the order of the files. Groups are the named groups, objects or nodes of the
-            file (as "stem/name" if there are several files), otherwise the file's stem.
+            file ("stem/name" if a file before has that name), otherwise the file's stem.
             `source_face` counts the polygons of each file from 0.
 
         Raises

@@ -123,7 +123,7 @@ def read_gltf_motion(
         raise ConfigError(f"{name}: the animation moves no mesh")
 
     def group_of(path: str) -> str:
-        known = [each for each in (path, f"{stem}/{path}", stem) if each in groups]
+        known = [each for each in (f"{stem}/{path}", path, stem) if each in groups]
         if not known:
             raise ConfigError(f"{name}: the mesh has no group {shown(path)}, which is animated")
         return known[0]

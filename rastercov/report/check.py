@@ -53,6 +53,7 @@ def page_of(found: Checked, level: int | None = None) -> str:
         shown.drawn(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
+        title_rows=plan.sheet.rows(plan.name),
         lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
         notes=[*found.mesh.warnings, *found.lines()],
         summary=told | {"quarantined": {}},

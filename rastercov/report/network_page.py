@@ -15,7 +15,13 @@ from rastercov.base.format import area, length, percent, plural, signed, verb, w
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of, short_names
+from rastercov.camera.rig import (
+    Cameras,
+    cameras_of,
+    gates_of,
+    names_of,
+    short_names,
+)
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.features import values_of as values_of_features
@@ -53,13 +59,13 @@ from rastercov.report.overview import (
 )
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, device_rows, heading_and_tilt
+from rastercov.report.tables import camera_rows, camera_words, device_rows, mounting_angles
 
 Progress = Callable[[int, int], None]
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
-MOST_CLOSE_UPS = 3
+MOST_CLOSE_UPS = MOST_KINDS = 3
 """Zones with a picture of their own."""
 OF_A_FACE = ("drawn_pixels", "incidence", "pixel_density", "facing_density")
 """Figures of a face that its advice wants."""
@@ -348,6 +354,8 @@ class NetworkPage:
             heading=self.title,
             title=self.title,
             sentences=self.sentences(),
+            rules=self._rules(),
+            kinds=self._kinds(),
             pictures={
                 name: Picture.drawn(text, images[name])
                 for name, text in ALTERNATIVES.items()
@@ -368,6 +376,22 @@ class NetworkPage:
             view=self.view,
             **values,
         )
+
+    def _rules(self) -> list[str]:
+        """Sentences on what devices measure together."""
+        names = names_of(self.camera)
+        gates = gates_of(self.camera).items()
+        return [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+
+    def _kinds(self) -> list[str]:
+        """Words on each type of camera that is used, with its name where there are several."""
+        used, names = np.unique(self.poses.camera).tolist(), names_of(self.camera)
+        cameras = cameras_of(self.camera)
+        words = [camera_words(cameras[row]) for row in used]
+        if len(set(words)) == 1:
+            return words[:1]
+        said = [f"{names[row]}: {text}" for row, text in zip(used, words, strict=True)]
+        return said[:MOST_KINDS] + ["..."] * (len(said) > MOST_KINDS)
 
     @property
     def answer(self) -> str:
@@ -472,9 +496,9 @@ class NetworkPage:
         for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
             columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
         axes = upright(poses := self.poses.world_from_camera)
-        turned = [heading_and_tilt(axes @ pose[:3]) for pose in poses]
-        columns["heading"] = [f"{signed(heading, 0)}°" for heading, _ in turned]
-        columns["down"] = [f"{signed(down, 0)}°" for _, down in turned]
+        turned = zip(*(mounting_angles(axes @ pose[:3]) for pose in poses), strict=True)
+        for name, values in zip(("heading", "down", "roll"), turned, strict=True):
+            columns[name] = [f"{signed(value, 1)}°" for value in values]
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
         else:

@@ -79,6 +79,7 @@ def pages_of(
         drawn,
         answer=shown.answer,
         passed=placement.is_met if placement.requirements else None,
+        title_rows=plan.sheet.rows(plan.name),
         lines=verdicts(placement.requirements),
         log=notes,
         notes=(),
@@ -90,7 +91,8 @@ def pages_of(
         has_view=has_view and shown.view is not None,
         is_best=isinstance(prepared.problem.goal, BestCoverage),
         mounts=[
-            ", ".join(map(str, np.flatnonzero(owner == row))) for row in range(len(cameras.mounted))
+            ", ".join(map(str, np.flatnonzero(owner == row) + 1))
+            for row in range(len(cameras.mounted))
         ],
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),

@@ -308,7 +308,7 @@ def cameras_table(placement: Placement) -> Table:
         share = entry["share_so_far"]
         if row < MAX_ROWS:
             table.add_row(
-                str(row),
+                str(row + 1),
                 *([Text(entry["camera"])] if several else []),
                 Text(entry["origin"]),
                 " ".join(f"{value:.{digits}f}" for value in entry["position"]),
@@ -343,7 +343,7 @@ def lines(placement: Placement) -> list[str]:
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
         said += [
-            f"{what} {row} of the selection added nothing after refinement and was left out"
+            f"{what} {row + 1} of the selection added nothing after refinement and was left out"
             for row in placement.left_out
         ]
     if placement.arm is not None:
@@ -363,7 +363,7 @@ def lines(placement: Placement) -> list[str]:
         )
         if found.critical >= 0:
             left = percent(found.cameras[found.critical].without)
-            text += f"; without {_what(prepared)} {found.critical} only {left} are left"
+            text += f"; without {_what(prepared)} {found.critical + 1} only {left} are left"
         said.append(text)
     said += [f"{each.status}: {each.words()}" for each in placement.requirements]
     if not placement.is_met and "stricter selection" in placement.steps:

@@ -12,19 +12,32 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh
-from rastercov.mesh.topology import edge_table
+from rastercov.mesh.sections import cross, section
+from rastercov.mesh.solids import closed_faces
+from rastercov.mesh.topology import components_of, edge_table
 
 CREASE = np.cos(np.deg2rad(30))
 """Cosine of the angle between two faces from which their edge is drawn."""
 APART = 1e-3
 """Least distance of a camera from the plane of the cut, m, into which it could not look."""
+LEAF, LEAVES = 0.5, 100
+"""Size of a leaf at most, m, and pieces of a group of that size from which they are leaves."""
+WALL = 0.6
+"""Distance around what is planned in which walls are drawn, m."""
+GAP = 1e-5
+"""Half of the mean width of a gap that is drawn at least, m."""
+APART_FROM_OTHERS, LEAST_BUILDING = 1.0, 0.02
+"""Distance of a wall from others that is apart, m; part of the largest box around walls that are
+together that others have at least."""
+PIECE = 0.05
+"""Length of a piece of wall that a distance is measured along, m."""
 
 
 def scene_of_plan(walls: FloatArray, box: FloatArray, cut: float, poses: Poses) -> Mesh:
@@ -58,13 +71,121 @@ def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: 
     corners = to_world(scene, found.face[corner_of].astype(np.int64), found.xy)[:, :2]
     pieces = shapely.make_valid(shapely.polygons(shapely.linearrings(corners, indices=corner_of)))
     rows = range(len(poses))
-    return [shapely.union_all(pieces[found.pose == row], grid_size=1e-6) for row in rows]
+    seen = (shapely.union_all(pieces[found.pose == row], grid_size=1e-6) for row in rows)
+    return [_without_gaps(each) for each in seen]
 
 
-def edges_between(mesh: Mesh, low: float, high: float) -> FloatArray:
-    """Creases above 30 degrees, and borders, between two heights in plan, (N, 2, 2)."""
-    table = edge_table(mesh.welded_faces, mesh.n_vertices)
-    one, other = (table.faces[table.first + rest] for rest in (0, table.n_uses - 1))
+def _without_gaps(shape: Any) -> Any:
+    """An area without the gaps between its pieces, which are as narrow as their rounding."""
+
+    def is_wide(ring: Any) -> bool:
+        return bool(shapely.Polygon(ring).area > GAP * ring.length)
+
+    parts = [each for each in shapely.get_parts(shape) if each.geom_type == "Polygon"]
+    return shapely.union_all(
+        [shapely.Polygon(each.exterior, list(filter(is_wide, each.interiors))) for each in parts]
+    )
+
+
+def is_foliage(mesh: Mesh) -> BoolArray:
+    """(F,) faces of leaves: of groups with many small pieces that are no solids, those pieces."""
+    piece = mesh.topology.components()
+    count = int(piece.max(initial=-1)) + 1
+    low, high = np.full((2, count, 3), np.inf)
+    corners = mesh.vertices[mesh.faces]
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.minimum.at(high, piece, -corners.max(axis=1))
+    is_small = np.linalg.norm(-high - low, axis=1) < LEAF
+    is_small[piece[closed_faces(mesh)]] = False
+    small = is_small[piece]
+    pieces = np.unique(mesh.face_group[small].astype(np.int64) * count + piece[small])
+    n_small = np.bincount(pieces // max(count, 1), minlength=len(mesh.groups))
+    return small & (n_small >= LEAVES)[mesh.face_group]
+
+
+def middle_part(points: FloatArray, weights: FloatArray, share: float = 0.99) -> FloatArray:
+    """Box (2, 2) with that share of the weight of points (N, 2) along each axis, or none."""
+    if not weights.sum() > 0:
+        return np.empty((0, 2))
+    ends = []
+    for values in points.T:
+        order = np.argsort(values)
+        passed = np.cumsum(weights[order]) / weights.sum()
+        rows = np.searchsorted(passed, ((1 - share) / 2, (1 + share) / 2))
+        ends.append(values[order[np.minimum(rows, len(order) - 1)]])
+    return np.array(ends).T
+
+
+def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
+    """Box (2, 2) in plan of cameras, and of 99 % of targets and of scored buildings at the cut.
+
+    Of all scored faces where there are neither. Around targets alone, with the walls near them.
+    """
+    is_own = mesh.task_mask & ~mesh.target_mask
+    scored = mesh.faces[is_own & ~is_foliage(mesh)]
+    walls = _buildings(section(mesh.vertices, scored, cut))
+    lengths = np.linalg.norm(walls[:, 0] - walls[:, 1], axis=1)
+    targets = mesh.vertices[mesh.faces[mesh.target_mask]]
+    boxes = [
+        middle_part(walls.reshape(-1, 2), np.repeat(lengths, 2)),
+        middle_part(targets[..., :2].reshape(-1, 2), np.repeat(mesh.areas[mesh.target_mask], 3)),
+    ]
+    if not any(map(len, boxes)):
+        corners = mesh.vertices[mesh.faces[is_own]][..., :2].reshape(-1, 2)
+        boxes.append(middle_part(corners, np.repeat(mesh.areas[is_own], 3)))
+    found = np.concatenate((*boxes, poses.world_from_camera[:, :2, 3]))
+    low, high = found.min(axis=0), found.max(axis=0)
+    if not len(walls):
+        ends = np.asarray(mesh.opaque.bounds)[:, :2]
+        low = np.minimum(low, np.maximum(low - WALL, ends[0]))
+        high = np.maximum(high, np.minimum(high + WALL, ends[1]))
+    return np.stack((low, high))
+
+
+def _buildings(walls: FloatArray) -> FloatArray:
+    """Walls (N, 2, 2) without those that stand apart and go around little, such as trunks."""
+    if not len(walls):
+        return walls
+    lines = shapely.linestrings(walls)
+    near = shapely.STRtree(lines).query(lines, "dwithin", APART_FROM_OTHERS)
+    block = components_of(len(walls), near.T)
+    low, high = np.full((2, int(block.max()) + 1, 2), np.inf)
+    np.minimum.at(low, block, walls.min(axis=1))
+    np.minimum.at(high, block, -walls.max(axis=1))
+    around = np.prod(-high - low, axis=1)
+    return walls[(around >= LEAST_BUILDING * around.max())[block]]
+
+
+def distances_to_walls(walls: FloatArray, at: FloatArray) -> list[FloatArray]:
+    """Shortest lines (2, 2) from a point to walls (N, 2, 2): along the nearest one, and across."""
+    start, step = walls[:, 0], walls[:, 1] - walls[:, 0]
+    length = np.linalg.norm(step, axis=1)
+    start, step = start[length > PIECE], step[length > PIECE]
+    if not len(start):
+        return []
+    share = np.einsum("ij,ij->i", at - start, step) / np.einsum("ij,ij->i", step, step)
+    nearest = start + np.clip(share, 0, 1)[:, None] * step
+    row = np.linalg.norm(nearest - at, axis=1).argmin()
+    along = step[row] / np.linalg.norm(step[row])
+    found = []
+    for axis in (along, np.array((-along[1], along[0]))):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = cross(start - at, step) / cross(axis, step)
+            s = cross(start - at, np.broadcast_to(axis, start.shape)) / cross(axis, step)
+        hits = t[(s >= -1e-9) & (s <= 1 + 1e-9) & (abs(t) > 1e-3)]
+        if len(hits):
+            found.append(np.stack((at, at + hits[abs(hits).argmin()] * axis)))
+    return found
+
+
+def edges_between(mesh: Mesh, drawn: BoolArray, low: float, high: float) -> FloatArray:
+    """Creases above 30 degrees, and borders, between two heights in plan, (N, 2, 2).
+
+    Of the faces that are `drawn`, (F,).
+    """
+    table = edge_table(mesh.welded_faces[drawn], mesh.n_vertices)
+    rows = np.flatnonzero(drawn)[table.faces]
+    one, other = (rows[table.first + rest] for rest in (0, table.n_uses - 1))
     is_crease = np.einsum("ij,ij->i", mesh.normals[one], mesh.normals[other]) < CREASE
     ends = mesh.vertices[table.vertices[is_crease | (table.n_uses != 2)].astype(np.int64)]
     ends = ends[((ends[..., 2] >= low) & (ends[..., 2] <= high)).all(axis=1), :, :2]

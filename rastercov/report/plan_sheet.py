@@ -9,10 +9,12 @@ guidelines. 2015.
 
 import datetime
 import io
+import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -23,14 +25,12 @@ import shapely
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, shortened, signed
+from rastercov.base.format import area, percent, plural, shortened, signed
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
 from rastercov.base.versions import version_of
-from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import angles_of_view
-from rastercov.camera.rig import cameras_of
+from rastercov.camera.rig import Rig, cameras_of, lamps_of, names_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
@@ -40,8 +40,15 @@ from rastercov.coverage.evaluation import Evaluation
 from rastercov.mesh import Mesh
 from rastercov.mesh.sections import section, solid
 from rastercov.report.pages import rendered
-from rastercov.report.plan_geometry import edges_between, scene_of_plan, seen_on_plan
-from rastercov.report.tables import heading_and_tilt
+from rastercov.report.plan_geometry import (
+    distances_to_walls,
+    edges_between,
+    is_foliage,
+    planned,
+    scene_of_plan,
+    seen_on_plan,
+)
+from rastercov.report.tables import camera_words, mounting_angles
 from rastercov.report.theme import DORI as BANDS
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
@@ -54,8 +61,16 @@ LEVELS = tuple(reversed(DORI))
 """Levels that have a band, the nearest first."""
 MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
+TITLE = ("customer", "plan", "author", "revision", "date")
+"""Entries of the title block, besides the project."""
 LETTERS = 84
 """In a line of the title block."""
+LEAST_DIMENSION = 3.0
+"""Length of a dimension line at least, mm."""
+LINE = 4.2
+"""Distance of the lines of tables, mm."""
+MOST_MEASURED = 60
+"""Cameras up to which a sheet has their distances to walls."""
 LONGEST_BAR = 60.0
 """Length of the scale bar at most, mm."""
 HATCH = 1.6
@@ -68,6 +83,28 @@ SYMBOL = ((-4, 1.3), (-4, -1.3), (-1.2, -1.3), (-1.2, -0.4), (0.6, -1.3), (0.6, 
 """Symbol of a camera that looks to the right, mm."""
 
 
+@dataclass(frozen=True)
+class Site:
+    """What a plan sheet shows besides meshes and cameras, in metres.
+
+    Attributes
+    ----------
+    rooms : sequence of (str, str, polygon)
+        Name, number and outline of each room at the cut.
+    spaces : (N, 2, 3) float64
+        Boxes that may hold cameras.
+    keep_out : sequence of mapping
+        Volumes without cameras: name, and box, or centre and radius.
+    north : float, optional
+        Direction of the north, degrees counter-clockwise from +x.
+    """
+
+    rooms: Sequence[tuple[str, str, Any]] = ()
+    spaces: FloatArray = field(default_factory=lambda: np.empty((0, 2, 3)))
+    keep_out: Sequence[Mapping[str, Any]] = ()
+    north: float | None = None
+
+
 class Frame(NamedTuple):
     """Paper with its scale, the place of its upper left corner in the world, and two heights, m."""
 
@@ -77,14 +114,29 @@ class Frame(NamedTuple):
     floor: float
     cut: float
 
+    @property
+    def ends(self) -> FloatArray:
+        """Lower left and upper right corner of the drawing on the paper, y down, mm."""
+        width, height = PAPERS[self.paper]
+        return np.array(((MARGIN, height - MARGIN), (width - MARGIN - PANEL, MARGIN)))
+
+    @property
+    def box(self) -> FloatArray:
+        """The same corners in the world."""
+        return self.ends * (1, -1) * self.scale / 1e3 + self.corner
+
+    def on_paper(self, xy: FloatArray) -> FloatArray:
+        """Points (..., 2) of the world on the paper, mm."""
+        return (xy - self.corner) * (1e3, -1e3) / self.scale
+
     def path(self, found: object) -> str:
-        """Lines, and the borders of areas, of the world as an SVG path."""
-        parts = shapely.get_parts(found)
+        """Lines, and the borders of areas, of the world in the drawing as an SVG path."""
+        parts = shapely.get_parts(shapely.clip_by_rect(found, *self.box.ravel()))
         parts = parts[~shapely.is_empty(parts)]
         lines = [part for part in parts if part.geom_type == "LineString"]
         texts = []
         for line in (*lines, *shapely.get_rings(parts)):
-            xy = (shapely.get_coordinates(line) - self.corner) * (1e3, -1e3) / self.scale
+            xy = self.on_paper(shapely.get_coordinates(line))
             ring = line.geom_type == "LinearRing"
             points = [f"{x:.4f},{y:.4f}" for x, y in (xy[:-1] if ring else xy).tolist()]
             texts.append("M" + "L".join(points) + "Z" * ring)
@@ -99,7 +151,7 @@ def frame_of(
     floor: float | None = None,
     cut: float | None = None,
 ) -> Frame:
-    """Paper with the mesh and the cameras in the middle of its window.
+    """Paper with what is planned in the middle of its window; see `plan_geometry.planned`.
 
     `scale` is auto or 1:N; the floor is that of `floor_of`, and the cut `CUT` above it, unless
     given.
@@ -116,8 +168,7 @@ def frame_of(
     if not bottom <= cut <= top:
         ends = f"the mesh from {bottom:g} to {top:g} m"
         raise ConfigError(f"the cut is at z = {cut:g} m, and {ends}; give another --cut or --floor")
-    corners = np.concatenate((np.asarray(mesh.bounds), poses.world_from_camera[:, :3, 3]))[:, :2]
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    low, high = planned(mesh, poses, cut)
     check_choice("paper", paper, tuple(PAPERS))
     window = np.array(PAPERS[paper]) - (PANEL, 0)
     least = max(float(((high - low) * 1e3 / (window - 2 * MARGIN - 2 * GAP)).max()), 1e-3)
@@ -149,10 +200,8 @@ def plan_sheet(
     found: Evaluation,
     names: Sequence[str],
     frame: Frame,
-    project: str,
-    *,
-    date: str | None = None,
-    north: float | None = None,
+    title: Mapping[str, str],
+    site: Site,
     views: Mapping[str, int] | None = None,
 ) -> str:
     """Plan of what an evaluation is of, with its cameras, what they see, and dead zones; SVG.
@@ -165,46 +214,55 @@ def plan_sheet(
         Name of each pose.
     frame : Frame
         Paper, from `frame_of`.
-    project : str
-        Title.
-    date : str, optional
-        Date; today unless given.
-    north : float, optional
-        Direction of an arrow to the north, degrees counter-clockwise from +x.
+    title : mapping of str to str
+        Title block: "project", and those of `TITLE`; the date is today unless given.
+    site : Site
     views : mapping of str to int, optional
         Cameras that faces of a group need, 1 for the others; those of the task unless given.
     """
     mesh, (width, height) = found.mesh.opaque, PAPERS[frame.paper]
-    ends = np.array(((MARGIN, height - MARGIN), (width - MARGIN - PANEL, MARGIN)))
-    box = ends * (1, -1) * frame.scale / 1e3 + frame.corner
     segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
-    lines, solids = shapely.linestrings(segments), solid(segments)
-    walls = shapely.line_merge(shapely.multilinestrings(lines)).simplify(0)
-    paths = _views(found, frame, scene_of_plan(segments, box, frame.cut, found.poses))
-    paths |= {"WALLS": frame.path(walls), "SOLID": frame.path(solids)}
-    below = edges_between(mesh, frame.floor - 0.01, frame.cut)
+    is_drawn = ~is_foliage(mesh)
+    walls = section(mesh.vertices, mesh.welded_faces[is_drawn], frame.cut)
+    solids = solid(walls)
+    lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls))).simplify(0)
+    seen = _seen(found, scene_of_plan(segments, frame.box, frame.cut, found.poses))
+    paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
+    paths |= {"FOV": "".join(map(frame.path, seen["detect"])), "IR": _reach(found, frame, seen)}
+    paths |= {"WALLS": frame.path(lines), "SOLID": frame.path(solids)}
+    below = edges_between(mesh, is_drawn, frame.floor - 0.01, frame.cut)
     paths["BELOW"] = frame.path(shapely.multilinestrings(shapely.linestrings(below)))
     zone = _dead_zone(found, frame, views).difference(solids)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
+    paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
+    volumes = [_volume(each) for each in site.keep_out]
+    paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
     paths = {name: path or "M0,0" for name, path in paths.items()}  # fpdf2 refuses an empty path
-    turn = None if north is None else math.radians(north)
+    lamps = list(itertools.islice(_lamps(found), MOST_MEASURED))
+    rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
+    entries = _symbols(found, names, frame, [*rooms, *dimensions])
+    turn = None if site.north is None else math.radians(site.north)
     metre = 1e3 / frame.scale
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
     bar = max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
-    whole = percent(found.network.summary()["covered"]["area_percent"] / 100)
-    words = f"{whole} of the area, by whole faces"
     return rendered(
         "plan_sheet.svg",
         width=width,
         height=height,
         panel_width=PANEL,
-        paper=frame.paper,
-        scale_text=scale_text(frame.scale),
-        floor=frame.floor,
+        line=LINE,
         cut=frame.cut,
         paths=paths,
-        rows=_camera_rows(found, names, frame.floor),
-        cameras=_symbols(found, names, frame, ends),
+        table=_tables(found, names, frame, site.north, lamps),
+        cameras=entries,
+        rooms=rooms,
+        lamps=[_lamp_symbol(each, frame) for each in lamps],
+        dimensions=dimensions,
+        keep_out=[_label(shapely.point_on_surface(v), each["name"] or "no cameras", frame)
+                  for v, each in zip(volumes, site.keep_out, strict=True)],
+        has=[name for name, on in (("SPACES", len(site.spaces)), ("KEEP_OUT", volumes),
+                                   ("LAMPS", lamps), ("IR", paths["IR"] != "M0,0")) if on],
+        convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
         bar_mm=bar * metre,
         bar_text=f"{bar:g} m",
@@ -212,16 +270,55 @@ def plan_sheet(
         edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
-        mesh=shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60),
-        covered=words if found.areas is None else in_words(found.areas.summary(views)),
-        task_rows=[
-            ("" if row else "Task", line)
-            for row, line in enumerate(wrap(task_in_words(asdict(found.task), views), LETTERS))
-        ],
-        date=date or datetime.date.today().isoformat(),
-        version=version_of("rastercov"),
-        project=shortened(project, 44),
+        title_rows=_title_rows(found, frame, title, views),
+        project=shortened(title["project"], 44),
+    )  # fmt: skip
+
+
+def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
+    """Names, numbers and outlines of the spaces of a building that a cut crosses, for `Site`."""
+    found = []
+    for product, inside in mesh.spaces:
+        low, high = np.asarray(inside.bounds)[:, 2]
+        if low <= cut < high:
+            number = product.name if product.long_name else ""
+            name = product.long_name or product.name or product.global_id
+            outline = solid(section(inside.vertices, inside.welded_faces, cut))
+            found.append((name, number, outline))
+    return found
+
+
+def _title_rows(
+    found: Evaluation,
+    frame: Frame,
+    title: Mapping[str, str],
+    views: Mapping[str, int] | None,
+) -> list[tuple[str, str]]:
+    """Headings and words of the title block."""
+    mesh = found.mesh.opaque
+    whole = percent(found.network.summary()["covered"]["area_percent"] / 100)
+    words = f"{whole} of the area, by whole faces"
+    task = wrap(task_in_words(asdict(found.task), views), LETTERS)
+    storeys = dict.fromkeys(
+        product.storey
+        for product, inside in found.mesh.spaces
+        if inside.bounds[0, 2] <= frame.cut < inside.bounds[1, 2] and product.storey
     )
+    storey = "".join(f"{each}, " for each in storeys)
+    own = {"date": datetime.date.today().isoformat(), **title}
+    return [
+        *(
+            (name.capitalize(), shortened(own[name], LETTERS - 6))
+            for name in TITLE
+            if own.get(name)
+        ),
+        ("Mesh", shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60)),
+        ("Covered", words if found.areas is None else in_words(found.areas.summary(views))),
+        *(("" if row else "Task", line) for row, line in enumerate(task)),
+        ("Heights", f"{storey}floor at z = {frame.floor:.2f} m, cut at z = {frame.cut:.2f} m"),
+        ("Scale", f"{scale_text(frame.scale)} on {frame.paper}, lengths in metres"),
+        ("Made by", f"rastercov {version_of('rastercov')}"),
+    ]
 
 
 def scale_text(scale: float) -> str:
@@ -229,12 +326,91 @@ def scale_text(scale: float) -> str:
     return f"1:{scale:g}" if scale >= 1 else f"{1 / scale:g}:1"
 
 
-def _views(found: Evaluation, frame: Frame, scene: Mesh) -> dict[str, str]:
-    """Paths of what cameras see at the height of the cut, by level, and "FOV", of each camera."""
+def _seen(found: Evaluation, scene: Mesh) -> dict[str, list[Any]]:
+    """Area that each camera sees at the height of the cut, by level."""
     cameras = cameras_of(found.camera)
-    seen = {level: seen_on_plan(scene, cameras, found.poses, DORI[level]) for level in LEVELS}
-    paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
-    return paths | {"FOV": "".join(map(frame.path, seen["detect"]))}
+    return {level: seen_on_plan(scene, cameras, found.poses, DORI[level]) for level in LEVELS}
+
+
+def _reach(found: Evaluation, frame: Frame, seen: Mapping[str, Sequence[Any]]) -> str:
+    """Path of the reach of infrared lamps of cameras, in what these see."""
+    cameras, path = cameras_of(found.camera), ""
+    for pose, index, area_seen in zip(
+        found.poses.world_from_camera, found.poses.camera, seen["detect"], strict=True
+    ):
+        if (reach := cameras[index].ir_range) is not None:
+            around = shapely.Point(pose[:2, 3]).buffer(reach, quad_segs=32)
+            path += frame.path(around.boundary.intersection(area_seen))
+    return path
+
+
+def _flat(boxes: FloatArray, frame: Frame) -> Any:
+    """Boxes in plan; one that is flat in plan is as wide as its line on the paper."""
+    low, high = np.moveaxis(np.asarray(boxes)[..., :2], 1, 0)
+    pad = np.where(high - low < 1e-3, 0.25 * frame.scale / 1e3, 0.0)
+    return shapely.box(*(low - pad).T, *(high + pad).T)
+
+
+def _volume(entry: Mapping[str, Any]) -> Any:
+    """A keep-out volume in plan."""
+    if "box" in entry:
+        (x0, y0, _), (x1, y1, _) = entry["box"]
+        return shapely.box(x0, y0, x1, y1)
+    return shapely.Point(entry["centre"][:2]).buffer(entry["radius"])
+
+
+def _crossed(shape: Any) -> Any:
+    """Diagonals of the box around a shape, within it."""
+    x0, y0, x1, y1 = shape.bounds
+    return shape.intersection(shapely.MultiLineString([((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))]))
+
+
+def _label(point: Any, text: str, frame: Frame) -> dict[str, Any]:
+    """A text in the middle of a point of the world."""
+    x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
+    return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
+
+
+def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: Frame) -> list[dict[str, Any]]:
+    """Name and number of each room that the drawing has, in its widest place."""
+    found = []
+    window = shapely.box(*frame.box.ravel())
+    for name, number, outline in rooms:
+        shown = outline.intersection(window)
+        parts = [each for each in shapely.get_parts(shown) if each.geom_type == "Polygon"]
+        if parts:
+            widest = max(parts, key=shapely.area)
+            circle = shapely.maximum_inscribed_circle(widest, tolerance=0.05)
+            found.append(
+                _label(shapely.get_point(circle, 0), shortened(name, 24), frame)
+                | {"number": shortened(number, 24)}
+            )
+    return found
+
+
+def _dimensions(found: Evaluation, frame: Frame, walls: FloatArray) -> list[dict[str, Any]]:
+    """Lines from cameras to walls, along the nearest of these and across, with their lengths."""
+    entries = []
+    for at in found.poses.world_from_camera[:MOST_MEASURED, :2, 3]:
+        for ends in distances_to_walls(walls, at) if len(found.poses) <= MOST_MEASURED else ():
+            (x0, y0), (x1, y1) = frame.on_paper(ends).tolist()
+            size = math.hypot(x1 - x0, y1 - y0)
+            if size < LEAST_DIMENSION:
+                continue
+            tick = 0.7 * np.array((x1 - x0 - (y1 - y0), y1 - y0 + (x1 - x0))) / size
+            middle = np.array((x0 + x1, y0 + y1)) / 2
+            is_level = abs(x1 - x0) >= abs(y1 - y0)
+            entries.append(
+                {
+                    "ticks": [(end, tick.tolist()) for end in ((x0, y0), (x1, y1))],
+                    "x": middle[0] + (0 if is_level else 0.7),
+                    "y": middle[1] - 0.6 if is_level else middle[1] + 0.7,
+                    "half": 2.5,
+                    "anchor": "middle" if is_level else "start",
+                    "text": signed(float(np.linalg.norm(ends[1] - ends[0]))),
+                }
+            )
+    return entries
 
 
 def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None) -> Any:
@@ -270,11 +446,14 @@ def _hatching(zone: Any, step: float) -> Any:
 
 
 def _symbols(
-    found: Evaluation, names: Sequence[str], frame: Frame, window: FloatArray
+    found: Evaluation, names: Sequence[str], frame: Frame, taken: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Path of each camera, and its name and height with their middle, behind it, in the window."""
+    """Path of each camera, and its name and height with their middle, behind it, in the window.
+
+    They keep clear of each other and of labels that are there.
+    """
     entries: list[dict[str, Any]] = []
-    metre = 1e3 / frame.scale
+    metre, window = 1e3 / frame.scale, frame.ends
     for name, pose in zip(names, found.poses.world_from_camera, strict=True):
         at, ahead = pose[:2, 3], pose[:2, 2]
         size = float(np.linalg.norm(ahead))
@@ -282,10 +461,12 @@ def _symbols(
         outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) / metre
         text = shortened(name, 24)
         half = 0.5 + 0.85 * max(len(text), 6)
-        x, y = ((at - frame.corner) * (1, -1) * metre) + ahead * (-5.5 - half, 8.0)
+        x, y = frame.on_paper(at) + ahead * (-5.5 - half, 8.0)
         x = float(np.clip(x, window[0, 0] + half, window[1, 0] - half))
         y = float(np.clip(y, window[1, 1] + 3, window[0, 1] - 4))
-        while any(abs(x - e["x"]) < half + e["half"] and abs(y - e["y"]) < 6.3 for e in entries):
+        while any(
+            abs(x - e["x"]) < half + e["half"] and abs(y - e["y"]) < 6.3 for e in (*taken, *entries)
+        ):
             y += 1.0
         height = f"h {signed(pose[2, 3] - frame.floor)} m"
         symbol = frame.path(shapely.Polygon(outline))
@@ -294,30 +475,111 @@ def _symbols(
     return entries
 
 
-def _camera_rows(found: Evaluation, names: Sequence[str], floor: float) -> list[list[str]]:
-    """Cells of the camera table."""
-    cameras, rows = cameras_of(found.camera), []
+class Lit(NamedTuple):
+    """A lamp in its place: name, place, whether it rides on a camera, and words on its light."""
+
+    name: str
+    pose: FloatArray
+    rides: bool
+    words: str
+
+
+def _lamps(found: Evaluation) -> Iterator[Lit]:
+    """Lamps in their places; of those that ride on cameras, one for each of these."""
+    lamps = lamps_of(found.camera)
+    if lamps is None or not isinstance(found.camera, Rig):
+        return
+    needed = found.task.min_illuminance
+    camera_from_rig = np.linalg.inv(found.camera.rig_from_camera)
+    on = lamps.carried_by(names_of(found.camera))
+    for row, (lamp, place) in enumerate(zip(lamps.lamps, lamps.places, strict=True)):
+        whole = lamp.intensity_of_point * lamp.points
+        words = f"{whole:.3g} {lamp.unit}"
+        if needed:
+            words += f", reaches {math.sqrt(whole / needed):.3g} m"
+        if not lamps.rides[row]:
+            yield Lit(lamps.names[row], place, False, words)
+        for pose, index in zip(found.poses.world_from_camera, found.poses.camera, strict=True):
+            if on[row, index]:
+                at = pose @ camera_from_rig[index] @ place
+                yield Lit(lamps.names[row], at, True, words)
+
+
+def _lamp_symbol(lamp: Lit, frame: Frame) -> dict[str, Any]:
+    """A circle with rays, and the name below it."""
+    x, y = frame.on_paper(lamp.pose[:2, 3]).tolist()
+    ways = [(math.cos(turn), math.sin(turn)) for turn in np.arange(8) * math.pi / 4]
+    near, start, end = (
+        [f"{x + size * dx:.4f},{y + size * dy:.4f}" for dx, dy in ways] for size in (1.0, 1.3, 2.0)
+    )
+    circle = "L".join(near)
+    rays = "".join(f"M{one}L{other}" for one, other in zip(start, end, strict=True))
+    return {"x": x, "y": y, "name": shortened(lamp.name, 24), "symbol": f"M{circle}Z{rays}"}
+
+
+def _convention(north: float | None) -> dict[str, Any]:
+    """Directions of the drawing of heading and tilt, from where they begin to a camera."""
+    begin = math.radians(north or 0.0)
+    turns = begin + np.linspace(0, math.radians(40 if north is None else -50), 9)
+    tilts = np.linspace(0, math.radians(35), 7)
+    return {
+        "heading": np.stack((np.cos(turns), -np.sin(turns)), axis=1).tolist(),
+        "tilt": np.stack((np.cos(tilts), np.sin(tilts)), axis=1).tolist(),
+        "from": "x" if north is None else "N",
+    }
+
+
+Cell = tuple[float, str, str, bool]
+"""Place in a line, mm from its begin, anchor, text, and whether it is bold."""
+
+
+def _cells(texts: Sequence[str], columns: Sequence[tuple[float, str]], bold: bool) -> list[Cell]:
+    return [(x, anchor, text, bold) for (x, anchor), text in zip(columns, texts, strict=True)]
+
+
+def _tables(
+    found: Evaluation,
+    names: Sequence[str],
+    frame: Frame,
+    north: float | None,
+    lamps: Sequence[Lit],
+) -> tuple[list[list[Cell]], list[list[Cell]]]:
+    """Lines of the table of cameras, and of those of their types and of lamps."""
+    cameras, base = cameras_of(found.camera), np.array((0, 0, frame.floor))
+    kinds = {index: chr(65 + row % 26) + "'" * (row // 26)
+             for row, index in enumerate(dict.fromkeys(found.poses.camera.tolist()))}  # fmt: skip
+    ends = ((2, "start"), (40, "start"), *((x, "end") for x in (57, 70, 84, 104, 121, 138)))
+    heads = ("camera", "type", "x", "y", "height", "heading", "tilt", "roll")
+    lines = [_cells(heads, ends, True)]
+
+    def placed(name: str, kind: str, pose: FloatArray) -> list[Cell]:
+        at, angles = pose[:3, 3] - base, mounting_angles(pose, north)
+        words = [*map(signed, at.tolist()), *(f"{signed(each, 1)}°" for each in angles)]
+        return _cells([shortened(name, 20), kind, *words], ends, False)
+
     for name, pose, index in zip(
-        names, found.poses.world_from_camera, found.poses.camera, strict=True
+        names, found.poses.world_from_camera, found.poses.camera.tolist(), strict=True
     ):
-        camera, place = cameras[index], pose[:3, 3] - (0, 0, floor)
+        lines.append(placed(name, kinds[index], pose))
+    others: list[list[Cell]] = []
+    for index, kind in kinds.items():
+        camera = cameras[index]
+        name = camera.product or (names_of(found.camera)[index] if cameras[1:] else "camera")
         reach = [min(camera.fx, camera.fy) / DORI[level] for level in LEVELS]
-        heading, tilt = (f"{signed(each, 0)}°" for each in heading_and_tilt(pose))
-        distances = " / ".join(signed(each, 0 if each >= 9.95 else 1) for each in reach)
-        row = [*map(signed, place.tolist()), heading, tilt, lens_text(camera)]
-        rows.append(
-            [shortened(name, 16), *row, f"{signed(angles_of_view(camera)[0], 0)}°", distances]
-        )
-    return rows
-
-
-def lens_text(camera: Camera) -> str:
-    """Focal length and f-number of a camera; its field of view where metres are not known."""
-    if camera.focal_length is None:
-        across, down = angles_of_view(camera)
-        return f"{across:.0f} x {down:.0f}°"
-    stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
-    return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
+        depths = " / ".join(signed(each, 0 if each >= 9.95 else 1) for each in reach)
+        ir = "" if camera.ir_range is None else f", IR {camera.ir_range:g} m"
+        others.append(_cells([kind, shortened(name, 72)], ((2, "start"), (8, "start")), True))
+        words = f"{camera_words(replace(camera, product=''))}, I / R / O / D {depths} m{ir}"
+        others.append([(8, "start", words, False)])
+    for lamp in lamps:
+        if not lamp.rides:
+            others.append(placed(lamp.name, "lamp", lamp.pose))
+            others.append([(8, "start", lamp.words, False)])
+    riding = Counter((lamp.name, lamp.words) for lamp in lamps if lamp.rides)
+    for (name, words), count in riding.items():
+        text = f"lamp on {plural(count, 'camera')}, {words}"
+        others.append([(2, "start", shortened(name, 20), False), (40, "start", text, False)])
+    return lines, others
 
 
 def check_sheet_name(path: Path) -> None:
@@ -394,7 +656,7 @@ def _dxf(svg: str, frame: Frame) -> bytes:
                 hatch = space.add_hatch(dxfattribs=style | colour(fill) | {"hatch_style": 0})
                 for ring in rings:
                     hatch.paths.add_polyline_path(ring, is_closed=True)
-        for label in group.iterfind("{*}text"):
+        for label in filter(lambda each: each.text, group.iterfind("{*}text")):
             x, y, size = (float(label.get(name, "")) for name in ("x", "y", "font-size"))
             at = np.array((x, -y)) * frame.scale / 1e3 + frame.corner
             # Letters of a drawing are as high as capitals, 0.73 of the size of a font.

@@ -7,13 +7,17 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural, size_in_words, with_bound
+from rastercov.base.format import area, percent, plural, signed, size_in_words, with_bound
 from rastercov.base.memory import FloatArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import angles_of_view
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.area.over_time import time_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.reasons import REASONS
 
+STRAIGHT = 1e-4
+"""Sine of the angle to the vertical below which a camera looks straight up or down."""
 LONGEST_NAME = 22
 """Characters of the name of a part in a table."""
 
@@ -110,6 +114,41 @@ def heading_and_tilt(pose: FloatArray) -> tuple[float, float]:
     """
     x, y, z = pose[:3, 2].tolist()
     return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(-z, math.hypot(x, y)))
+
+
+def mounting_angles(pose: FloatArray, north: float | None = None) -> tuple[float, float, float]:
+    """Heading, tilt and roll of a camera in degrees, z up, by which it is mounted.
+
+    The heading is counter-clockwise from +x; with a `north`, degrees counter-clockwise from +x
+    itself, it is clockwise from that, 0 to 360. The tilt is down from level, the roll clockwise
+    for who looks along the camera. One that looks straight down or up is turned by its heading
+    alone: that of the top of its image in the first case, of the bottom in the second.
+    """
+    heading, tilt = heading_and_tilt(pose)
+    roll = math.degrees(math.atan2(-pose[2, 0], -pose[2, 1]))
+    if math.hypot(*pose[:2, 2].tolist()) < STRAIGHT:
+        x, y = (-math.copysign(1.0, tilt) * pose[:2, 1]).tolist()
+        heading, roll = math.degrees(math.atan2(y, x)), 0.0
+    if north is not None:
+        heading = round((north - heading) % 360, 1) % 360
+    return heading, tilt, roll
+
+
+def lens_text(camera: Camera) -> str:
+    """Focal length and f-number of a camera; its field of view where metres are not known."""
+    if camera.focal_length is None:
+        across, down = angles_of_view(camera)
+        return f"{across:.0f} x {down:.0f}°"
+    stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
+    return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
+
+
+def camera_words(camera: Camera) -> str:
+    """Camera and lens as they are sold, pixels, focal length and angles of view, in one line."""
+    across, down = (signed(each, 1) for each in angles_of_view(camera))
+    lens = "" if camera.focal_length is None else lens_text(camera)
+    size = f"{camera.width} x {camera.height} px"
+    return ", ".join(filter(None, (camera.product, size, lens, f"view {across} x {down}°")))
 
 
 def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:

@@ -320,7 +320,7 @@ def _with_angle(camera: Camera, value: object) -> Camera:
 def _scaled(camera: Camera, factor: float) -> Camera:
     """With focal lengths times a factor; the aperture keeps its diameter."""
     f = None if camera.focal_length is None else camera.focal_length * factor
-    return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f)
+    return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f, product="")
 
 
 def _with_focus(camera: Camera, value: object) -> Camera:

@@ -196,7 +196,7 @@ class RigState:
         if len(self.stations) >= MOST_STATIONS:
             raise ConfigError(f"the viewer takes up to {MOST_STATIONS:,} cameras; delete some")
         new = max((each.id for each in self.stations), default=-1) + 1
-        station = Station(new, self._free(name or f"camera {new}"), camera, checked_pose(pose))
+        station = Station(new, self._free(name or f"camera {new + 1}"), camera, checked_pose(pose))
         return replace(self, stations=(*self.stations, station))
 
     def with_copy(self, station: int) -> "RigState":

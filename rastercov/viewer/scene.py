@@ -21,7 +21,7 @@ from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import catalogue
+from rastercov.camera.catalogue import catalogue, product_of
 from rastercov.camera.formats import read_views
 from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.lamps import Lamps
@@ -47,6 +47,7 @@ from rastercov.report.pages import (
     described_motion,
 )
 from rastercov.report.panorama import is_inside
+from rastercov.report.plan_sheet import rooms_of
 from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 
@@ -281,7 +282,7 @@ class Scene:
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
                 for name in self.modes
             ],
-            "constraints": self._constraints() | {"is_kept": is_kept},
+            "constraints": self.limits | {"is_kept": is_kept},
             "can_edit": can_edit,
             "placement": self.placement,
             "result": self.result,
@@ -294,9 +295,7 @@ class Scene:
         shop, found = catalogue(self.start.catalogue), []
         for name in shop.names():
             camera, *lens = shop.parts(name)
-            words = [f"{camera.get('maker', '')} {camera.get('product', '')}".strip()]
-            words += [each["product"] for each in lens if "product" in each]
-            words.append(f"{camera['width']} × {camera['height']} px")
+            words = [product_of([camera, *lens]), f"{camera['width']} × {camera['height']} px"]
             words += [f"{each['focal_length'] * 1e3:g} mm" for each in lens]
             found.append((name, ", ".join(filter(None, words))))
         return found
@@ -308,7 +307,17 @@ class Scene:
         beyond = 2 * high - low + 1.0
         return is_inside(self.mesh, self.start.eyes) or bool(in_solid(self.mesh, beyond[None])[0])
 
-    def _constraints(self) -> dict[str, Any]:
+    def rooms(self, height: float) -> list[tuple[str, str, Any]]:
+        """Name, number and outline of each room at a height, m; of a plan, or of its building."""
+        found = rooms_of(self.mesh, height)
+        if not found and self.plan is not None:
+            rooms = (self.plan.room(name) for name in self.plan.rooms)
+            found = [(room.name, "", room.outline(height)) for room in rooms]
+        return [each for each in found if not each[2].is_empty]
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Boxes of cameras and volumes without them, ready for JSON."""
         if self.plan is None or self.pool is None:
             return {"boxes": [], "keep_out": []}
         boxes = np.asarray(self.pool.space.boxes).tolist() if self.has_boxes else []
@@ -602,7 +611,7 @@ def _cameras(run: Mapping[str, Any]) -> Rig:
     if "camera" in run:
         return Rig([Camera.from_dict(run["camera"])], ["camera"])
     entries = [dict(each) for each in run.get("cameras", ())]
-    names = [str(each.pop("name", f"camera {row}")) for row, each in enumerate(entries)]
+    names = [str(each.pop("name", f"camera {row + 1}")) for row, each in enumerate(entries)]
     return Rig([Camera.from_dict(each) for each in entries], names)
 
 

@@ -123,7 +123,7 @@ def test_a_zone_that_only_the_angle_leaves_is_named_for_it():
     missed = {each["device"]: each["missed"]["percent"] for each in found["by_device"]}
     assert missed[None] > 90
     # The other camera alone has no angle, so that this one could be anywhere.
-    assert missed["camera 0"] == pytest.approx(missed[None], abs=10)
+    assert missed["camera 1"] == pytest.approx(missed[None], abs=10)
 
 
 def test_centres_are_within_the_angle_too():

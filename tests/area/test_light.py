@@ -445,8 +445,8 @@ def test_thresholds_of_light_without_lamps_are_refused(task):
     for call in (rc.regions, rc.evaluate):
         with pytest.raises(ConfigError, match="is of light; give lamps, or leave it out"):
             call(sheet(), CAMERA, ABOVE, rc.Task(**task))
-    rig = rc.Rig([CAMERA], tasks={"camera 0": task})
-    with pytest.raises(ConfigError, match="leave it out of 'camera 0'"):
+    rig = rc.Rig([CAMERA], tasks={"camera 1": task})
+    with pytest.raises(ConfigError, match="leave it out of 'camera 1'"):
         rc.regions(sheet(), rig, ABOVE)
 
 

@@ -211,7 +211,7 @@ def test_bad_poses_are_named_or_left_out(tmp_path):
         assert error.pose_ids == (2, 3)
     views = read_views(tmp_path / "p.npy", conventions=rc.Conventions(skip_bad_poses=True))
     assert sorted(views.poses.rejected) == [2, 3]
-    assert views.images == ("camera 0", "camera 1", "camera 4")
+    assert views.images == ("camera 1", "camera 2", "camera 5")
 
 
 def test_views_of_one_camera_are_its_poses():

@@ -85,13 +85,24 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             assert {tuple(map(int, each.mediabox[2:])) for each in pdf.pages} == {(594, 841)}
             for number, text in enumerate(sheets, 1):
                 assert f"{number}/{len(sheets)}" in text
-            said = "h1, h2, h3, .verdict strong, .verdict li, p:not(.screen), tbody tr"
+            said = "h1, h2, h3, .verdict strong, .verdict li, p:not(.screen):not(.paper), tbody tr"
             for words in page.locator(said).all_text_contents():
                 assert any(packed(words) in text for text in sheets), words
             page.set_viewport_size({"width": 1280, "height": 800})
         browser.close()
     assert [text for text in faults if "GL Driver Message" not in text] == []  # slow OpenGL
     assert {url.split(":")[0] for url in asked} <= {"file", "data"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium to open pages; see `make chromium`")
+def test_paper_has_no_more_pages_for_more_images(here, capsys):
+    (here / "camera.toml").write_text(RIG)
+    call(capsys, "evaluate torus -c camera.toml -p sphere:100 --pictures 0 -o evaluate")
+    call(capsys, "audit evaluate/rig.json torus -o out --pdf")
+    sheets = [packed(each.extract_text()) for each in PdfReader("out/audit.pdf").pages]
+    assert len(sheets) < 15
+    assert sum("Thefirst80of100rows" in text for text in sheets) >= 1
 
 
 def test_without_a_browser_nothing_is_done(here, capsys, monkeypatch):

@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import write_part
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from nightly import examples
 
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import SceneOptions
 from rastercov.mesh import Mesh
+from rastercov.mesh.groups import FileGroups, Names, names_beside
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import named_scene, scene
 
@@ -41,6 +45,7 @@ def flagged(mesh, flag):
 
 
 BOTH = ["fixture/lid", "fixture/rest"]
+NAMES = ["lid", "arm/bolt", "arm/tip", "arm", "rest", "x/lid"]
 
 
 @pytest.mark.parametrize("name", FIXTURE)
@@ -92,7 +97,7 @@ def test_an_entry_of_a_plan_takes_names_in_its_file_and_those_of_reports(name, f
     table = {"meshes": [{"path": "part.obj", field: [name]}, {"path": "deep/table.obj"}]}
     mesh = scene(plan_of(table))
     flag = "is_two_sided" if field == "two_sided" else "is_occluder"
-    assert flagged(mesh, flag) == (["part/lid"] if field == "two_sided" else ["part/rest"])
+    assert flagged(mesh, flag) == (["lid"] if field == "two_sided" else ["rest"])
 
 
 def test_a_file_of_the_list_is_not_read_again_and_a_further_one_once():
@@ -163,3 +168,25 @@ def test_an_unknown_name_is_a_short_line(read):
     assert len(str(caught.value)) < 500
     with pytest.raises(MeshError, match=r"groups are face 17,.* and 39\d more"):
         loaded(occluder=["fase 17"], meshes=["cad.obj"])
+
+
+@settings(examples(20, at_night=300))
+@given(st.lists(st.lists(st.sampled_from(NAMES), min_size=1, max_size=3, unique=True), max_size=4))
+def test_groups_keep_their_names_whatever_files_follow(files):
+    """And each is found by its name in the scene, and by "stem/name"."""
+    paths = [f"f{row}.obj" for row in range(len(files))]
+    for last in range(1, len(files) + 1):
+        names = names_beside(paths[:last], files[:last])
+        assert names == names_beside(paths, files)[: len(names)]
+        assert len(set(names)) == len(names)
+    rows = np.repeat(np.arange(len(files)), [len(each) for each in files])
+    names, own = names_beside(paths, files), [name for each in files for name in each]
+    scenes = [FileGroups(p, [n for n, r in zip(names, rows, strict=True) if r == row])
+              for row, p in enumerate(paths)]  # fmt: skip
+    found = Names(names, scenes)
+    for name, short, row in zip(names, own, rows.tolist(), strict=True):
+        assert found.groups_of(f"f{row}/{short}") == [name]
+        assert Names(names, scenes, group_first=True).groups_of(name) == [name]
+        if own.count(short) > 1:
+            with pytest.raises(MeshError, match="files have a group"):
+                found.groups_of(short)

@@ -72,8 +72,8 @@ def test_several_files_are_one_scene_in_order(tmp_path):
     mesh = Mesh.load(paths, transforms=apart, occluders=["b/thing"], two_sided="all")
     assert mesh.groups == (
         Group("a", is_two_sided=True),
-        Group("b/thing", is_occluder=True, is_two_sided=True),
-        Group("c/part", is_two_sided=True),
+        Group("thing", is_occluder=True, is_two_sided=True),
+        Group("part", is_two_sided=True),
     )
     np.testing.assert_array_equal(mesh.face_group, np.repeat([0, 1, 2], 4))
     in_order = np.concatenate([POINTS[FACES] * scale for scale in (1, 2, 4)])

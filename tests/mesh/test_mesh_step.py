@@ -1,5 +1,6 @@
 """STEP files: solids written by hand, their units, their CAD faces, and what cannot be read."""
 
+import re
 from contextlib import suppress
 
 import numpy as np
@@ -43,6 +44,45 @@ def test_every_cad_face_is_a_group(load):
     assert [group.name for group in mesh.groups] == [f"crate/face {i}" for i in range(1, 7)]
     for side, (_, normal, _) in enumerate(SIDES):
         np.testing.assert_allclose(mesh.normals[mesh.face_group == side], [normal] * 2, atol=1e-6)
+
+
+NAMED = {
+    **dict.fromkeys(("''", "$", "'12'", "'NAUO7'", "'=>[0:1:1:2]'", "'Occurrence_3'"), "hinge"),
+    **{"'hinge:2'": "hinge:2", "'HINGE 7'": "HINGE 7", "'left'": "hinge (left)"},
+    "' le\nft '": "hinge (left)",
+}
+"""Names of occurrences of a product "hinge" in a file, and those of its groups."""
+
+
+@pytest.mark.parametrize("gap", ["", " ", "\n  ", "/* not * 'this' */"])
+def test_occurrences_have_the_names_of_their_products(gap):
+    data = crate(name="hinge", occurrences=NAMED).replace(b",", f"{gap},{gap}".encode())
+    named = gltf._with_product_names(data).decode().replace(f"{gap},{gap}", ",")
+    found = re.findall(r"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','(.*?)','',#\d+,#\d+,\$\);", named)
+    assert found == list(NAMED.values())
+    rest = re.sub(r"('1',).*?(,'',)", r"\1\2", named)  # nothing else is changed
+    assert rest == re.sub(
+        r"('1',)[^#]*?(,'',)", r"\1\2", data.decode().replace(f"{gap},{gap}", ",")
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_cascadio")
+@pytest.mark.parametrize(
+    "schema", ["CONFIG_CONTROL_DESIGN", "AUTOMOTIVE_DESIGN",
+               "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF { 1 0 10303 442 3 1 4 }"]
+)  # fmt: skip
+def test_parts_of_an_assembly_are_named_and_numbered(schema, load):
+    occurrences = ["''", "'NAUO2'", "'left'", "''"]
+    data = crate(name="Überbau", occurrences=occurrences).decode()
+    data = re.sub(r"FILE_SCHEMA\(\('[^']*'", f"FILE_SCHEMA(('{schema}'", data)
+    mesh = load("a.step", data.encode("latin-1"))
+    names = list(dict.fromkeys(group.name.split("/")[0] for group in mesh.groups))
+    assert names == ["Überbau", "Überbau #2", "Überbau (left)", "Überbau #3"]
+    for at, name in enumerate(names):
+        rows = [row for row, g in enumerate(mesh.groups) if g.name.startswith(f"{name}/")]
+        corners = mesh.vertices[mesh.faces[np.isin(mesh.face_group, rows)]]
+        assert corners[..., 0].min() == pytest.approx(10 * (at + 1))
 
 
 @pytest.mark.slow

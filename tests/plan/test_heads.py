@@ -199,7 +199,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     assert set(devices) == {zone["device"] for zone in said["dead_zones"] if "device" in zone}
     assert set(devices) <= {"cam", "proj"}
     shown = network_of(result, said, "heads", regions_of(result))
-    assert [shown.noun, *shown.names] == ["pose", "camera 0", "camera 2"]
+    assert [shown.noun, *shown.names] == ["pose", "camera 1", "camera 3"]
     drawn = shown.drawn()
     assert {"overview", "zones"} <= drawn.keys()
     every = {0, *devices.values()}

@@ -186,7 +186,7 @@ GROUPS = {
     + FIXTURE
     + BOX
     + 'role = "occluder"\ntransform = { scale = 3 }\n': [
-        *("part/lid task", "part/rest task", "arm occluder"),
+        *("lid task", "rest task", "arm occluder"),
         *("box occluder", "box #2 occluder"),
     ],
     # All groups of a file are one target.

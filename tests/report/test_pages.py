@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,8 +26,11 @@ POSES = rc.sphere_of_poses((0, 0, 0), 5.0, 4)
 BALL = "ball <b> & co"
 
 
+SOLD = "ACME 9 <wide> + 4 mm"
+SHEET = {"customer": "Smith & Sons", "project": "Balls", "author": "Ann", "revision": "C"}
 PLAN = {
-    "camera": {"width": 320, "height": 240, "fx": 300, "fy": 300},
+    "sheet": SHEET,
+    "camera": {"width": 320, "height": 240, "fx": 300, "fy": 300, "product": SOLD},
     "task": {"min_pixels": 20, "by": "face"},
     "candidates": [
         {"generator": "per_segment", "alpha_deg": 25, "beta_deg": 40},
@@ -66,6 +70,10 @@ def pages(placement):
     return texts
 
 
+def words_of(path):
+    return " ".join(read_alone(path.read_text()).words)
+
+
 def page_of(placement, **changes):
     """Words of the page of a placement whose figures are changed."""
     told = summary(placement)
@@ -85,8 +93,9 @@ def test_every_figure_that_counts_is_told(placement, pages):
         f"{network['covered']['faces']:,} of {network['task_faces']:,} faces",
         percent(told["selection"]["bound"]), percent(told["tolerance"]["together"]["worst"]),
         f"{told['left']['left']['faces']:,}", "dropped: kept out", str(kept_out),
-        BALL, "a <note> for the top", f"{network['largest_visibility_bound']:.2g}",
-        *(f"{each['heading_deg']:.0f}°" for each in told["cameras"]),
+        BALL, SOLD, *SHEET.values(), "a <note> for the top",
+        f"{network['largest_visibility_bound']:.2g}",
+        *(f"{each['heading_deg']:.1f}°" for each in told["cameras"]),
     ):  # fmt: skip
         assert figure in words, figure
     assert not re.search("<note>|ball <b>", "".join(pages.values()))
@@ -143,7 +152,10 @@ def held_by(folder):
 @pytest.mark.parametrize("by", ["area", "face"])
 def test_the_page_of_a_report_has_its_rig_and_its_figures(tmp_path, by):
     task = rc.Task(max_incidence_deg=70)
-    told = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by=by))
+    told = run(
+        MESH, replace(CAMERA, product=SOLD), POSES, task, tmp_path, Options(pictures=1, by=by)
+    )
+    assert f"{SOLD}, 320 x 240 px, view 56.1 x 43.6°" in words_of(tmp_path / "report.html")
     data = held_by(tmp_path)
     state, frame = data["state"], data["frames"]["views"]
     assert np.array_equal([each["pose"] for each in state["stations"]], POSES.reshape(-1, 16))
@@ -165,7 +177,9 @@ def test_the_page_of_a_report_has_its_rig_and_its_figures(tmp_path, by):
 
 @pytest.mark.parametrize("by", ["area", "face"])
 def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
-    found = rc.audit(MESH, CAMERA, POSES, rc.Task(max_incidence_deg=70), by=by, out=tmp_path)
+    task, camera = rc.Task(max_incidence_deg=70), replace(CAMERA, product=SOLD)
+    found = rc.audit(MESH, camera, POSES, task, by=by, out=tmp_path)
+    assert SOLD in words_of(tmp_path / "audit.html")
     data = held_by(tmp_path)
     assert data["scene"]["n_faces"] == len(found.views)
     assert list(data["frames"])[:2] == ["weak", "views"]
@@ -177,7 +191,7 @@ def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
 
 def test_a_page_by_hand_of_a_placement_has_both_cameras(placement, pages):
     data = data_of(pages["view.html"])
-    assert [each["name"] for each in data["state"]["stations"]] == ["camera 0", "camera 1"]
+    assert [each["name"] for each in data["state"]["stations"]] == ["camera 1", "camera 2"]
     said = data["frames"]["reason"]["summary"]
     mesh = placement.prepared.mesh
     weights = mesh.areas * mesh.task_mask / mesh.areas[mesh.task_mask].sum()
@@ -229,3 +243,21 @@ def test_a_percentage_is_within_the_bound_beside_it():
         assert abs(shown - value) + bound <= beside + 1e-9
         assert 0 < shown < 100
     assert with_bound(100.0, 1e-12) == "100 %"
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [(rc.All(), "Measured is what all of a, b, c see."),
+     (rc.All(min_baseline_deg=5, max_uncertainty=5e-5, noise_px=0.1),
+      "what all of a, b, c see, along rays 5° apart or more, uncertain by 0.05 mm at most."),
+     (rc.All(max_baseline_deg=60), "all of a, b, c see, along rays 0 to 60° apart."),
+     (rc.AtLeast(2, needs=["c"]), "Measured is what 2 of a, b, c see, c among them.")],
+)  # fmt: skip
+def test_the_rule_of_a_rig_is_among_the_first_sentences(rule, words, tmp_path):
+    places = np.repeat(np.eye(4)[None], 3, axis=0)
+    places[:, 0, 3] = (0, 0.3, 0.6)
+    rig = rc.Rig([CAMERA] * 3, list("abc"), places, rule=rule)
+    run(MESH, rig, rig.poses(POSES[:1]), rc.Task(), tmp_path, Options(pictures=1))
+    told = words_of(tmp_path / "report.html")
+    assert words in told
+    assert told.index(words) < 600

@@ -8,6 +8,7 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
+from bungalow import bungalow
 from commands import call, enter, write_part
 from ezdxf import bbox
 from hypothesis import given, settings
@@ -18,8 +19,15 @@ from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import LEVELS
 from rastercov.mesh import shapes
 from rastercov.mesh.sections import section, solid
-from rastercov.report.plan_geometry import scene_of_plan, seen_on_plan
-from rastercov.report.plan_sheet import Frame, _hatching, lens_text
+from rastercov.report.plan_geometry import (
+    distances_to_walls,
+    is_foliage,
+    planned,
+    scene_of_plan,
+    seen_on_plan,
+)
+from rastercov.report.plan_sheet import Frame, _hatching, frame_of, rooms_of
+from rastercov.report.tables import lens_text, mounting_angles
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
 LENS = rc.Camera(width=1280, height=720, fx=640, fy=640, model="opencv", distortion=(0, 0, 0, 0))
@@ -87,7 +95,7 @@ def test_a_hatching_lies_in_its_zone_however_small(corner, size, step):
 
 
 def test_a_zone_too_small_for_a_hatching_adds_nothing_to_the_path():
-    zone, frame = shapely.box(1, 1, 2, 2), Frame("A3", 1e3, np.zeros(2), 0.0, 1.2)
+    zone, frame = shapely.box(1, 1, 2, 2), Frame("A3", 1e3, np.array((-20, 20)), 0.0, 1.2)
     parts = [zone, shapely.LineString(), shapely.Polygon()]
     assert frame.path(parts) == frame.path(zone)
     assert frame.path([shapely.LineString()]) == ""
@@ -117,7 +125,7 @@ def test_the_files_of_the_command_are_to_scale(capsys, tmp_path, monkeypatch):
     numbers = re.findall(r"([-\d.]+),([-\d.]+)", paths["WALLS"][1].get("d"))
     walls = np.array(numbers, np.float64)
     np.testing.assert_allclose(np.ptp(walls, axis=0), (6e3 / 25, 5e3 / 25), atol=0.01)
-    assert {"Store", "2020-02-20", "camera 0"} <= {text.text for text in svg.iter() if text.text}
+    assert {"Store", "2020-02-20", "camera 1"} <= {text.text for text in svg.iter() if text.text}
     assert re.search(rb"/MediaBox \[0 0 1190\.55 841\.89\]", Path("plan.pdf").read_bytes())
     drawing = ezdxf.readfile("plan.dxf")
     assert not drawing.audit().has_errors
@@ -210,3 +218,168 @@ def test_lenses_without_metres_are_named_by_their_field_of_view():
     assert lens_text(rc.Camera.preset("hikvision-2143g2-28mm")) == "103 x 55°"
     assert lens_text(rc.Camera.preset("tls-360")) == "360 x 150°"
     assert lens_text(rc.Camera.preset("khepra")) == "1.93 mm"
+
+
+@given(st.floats(-180, 180), st.floats(-90, 90), st.floats(-179, 180), st.floats(-360, 360))
+def test_a_camera_is_mounted_by_its_angles(heading, tilt, roll, north):
+    """Turned from a level camera along x: by heading, then down by tilt, then rolled."""
+    h, t, r = np.radians((heading, tilt, roll))
+    ahead = np.array((np.cos(h) * np.cos(t), np.sin(h) * np.cos(t), -np.sin(t)))
+    right = np.array((np.sin(h), -np.cos(h), 0.0))
+    down = np.cross(ahead, right)
+    turned = np.stack((np.cos(r) * right + np.sin(r) * down, np.cos(r) * down - np.sin(r) * right))
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack((*turned, ahead), axis=1)
+    found = np.array(mounting_angles(pose))
+    if abs(tilt) > 89.9:  # straight: both turn about one axis
+        found[0] -= np.sign(tilt) * found[2]
+        heading, roll, found[2] = heading - np.sign(tilt) * roll, 0.0, 0.0
+        np.testing.assert_allclose(found[1], tilt, atol=1e-2)
+        found[1] = tilt
+    apart = (found - (heading, tilt, roll) + 180) % 360 - 180
+    assert abs(apart).max() < 1e-5 + 1e-6 / max(np.cos(t), 1e-5)
+    compass = mounting_angles(pose, north)[0]
+    assert 0 <= compass < 360
+    assert abs((north - mounting_angles(pose)[0] - compass + 180) % 360 - 180) <= 0.0501
+
+
+@given(st.lists(st.tuples(POINT, POINT), min_size=1, max_size=8), POINT)
+def test_distances_are_those_of_rays_along_the_nearest_wall_and_across(walls, at):
+    walls = np.array([each for each in walls if np.ptp(each, axis=0).max() > 0.06] or [EYES[:2]])
+    walls, at = walls[:, :, :2], np.add(at, (0.0137, 0.0071))
+    lines = shapely.linestrings(walls)
+    away = shapely.distance(lines, shapely.Point(at))
+    if away.min() < 5e-3:
+        return
+    found = distances_to_walls(walls, at)
+    for start, end in found:
+        np.testing.assert_array_equal(start, at)
+        assert shapely.distance(lines, shapely.Point(end)).min() < 1e-9
+        way = shapely.LineString((start, end - 1e-6 * (end - start)))
+        assert not shapely.intersects(lines, way).any()
+    if (away < away.min() + 1e-9).sum() == 1 and len(found) == 2:
+        nearest = np.diff(walls[away.argmin()], axis=0)[0]
+        along, across = found[0][1] - at, found[1][1] - at
+        assert abs(nearest[0] * along[1] - nearest[1] * along[0]) < 1e-6
+        assert abs(nearest @ across) < 1e-6
+
+
+def tree(at, leaves=300, seed=0):
+    """A trunk, and leaves of two triangles each."""
+    random = np.random.default_rng(seed)
+    corners = np.array(((0, 0, 0), (0.1, 0, 0), (0.1, 0, 0.1), (0, 0, 0.1)))
+    middles = random.uniform((-2, -2, 0.5), (2, 2, 4), (leaves, 1, 3)) + at
+    points = (corners + middles).reshape(-1, 3)
+    faces = (np.array(((0, 1, 2), (0, 2, 3))) + 4 * np.arange(leaves)[:, None, None]).reshape(-1, 3)
+    trunk = shapes.box((0.3, 0.3, 4.0)).moved(translation=(*at[:2], 2.0))
+    joined = rc.Mesh.joined(
+        [trunk, rc.Mesh(points, faces, [rc.Group("crown")])], ["trunk", "crown"]
+    )
+    return joined.moved(translation=(0, 0, 0))
+
+
+@pytest.mark.parametrize("role", ["task", "occluder"])
+@pytest.mark.parametrize("seed", range(4))
+def test_trees_and_terrain_do_not_shrink_the_house(role, seed):
+    random = np.random.default_rng(seed)
+    house = rc.Mesh.joined([shapes.by_name("room")])
+    ground = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0.0))) * (80, 60, 0) - (
+        0,
+        0,
+        0.1,
+    )
+    terrain = rc.Mesh(ground, [(0, 1, 2), (0, 2, 3)], [rc.Group("terrain", role == "occluder")])
+    at = (*random.uniform(15, 40, 2), 0.0)
+    site = rc.Mesh.joined([house, terrain, tree(at, seed=seed).with_groups(
+        occluders=["*"] if role == "occluder" else [])])  # fmt: skip
+    poses = rc.Poses.of(np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
+    alone, found = frame_of(house, poses, floor=0.0), frame_of(site, poses, floor=0.0)
+    assert (found.scale, found.paper) == (alone.scale, alone.paper)
+    np.testing.assert_allclose(planned(site, poses, 1.2), ((-3, -2.5), (3, 2.5)), atol=1e-6)
+    names = [site.groups[row].name for row in np.unique(site.face_group[is_foliage(site)])]
+    assert names == ["crown"]
+    assert is_foliage(site).sum() == 600
+
+
+def test_what_a_plan_says_is_on_the_sheet(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plan = (Path(__file__).parents[2] / "examples/plans/watch_room.toml").read_text()
+    Path("hall.toml").write_text(plan.replace("fx = 640\n", f"fx = 640\n{LENS_NAMES}") + SHEET)
+    rc.write_poses("rig.json", np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
+    line = "sheet hall.toml -p rig.json --revision D --out plan."
+    for suffix in ("svg", "pdf", "dxf"):
+        code, _, err = call(capsys, line + suffix)
+        assert code == 0, err
+    texts = [text.text for text in ElementTree.parse("plan.svg").getroot().iter() if text.text]
+    wanted = ["Crates", "Store Ltd", "Ann", "D", "2026-02-03", "hall.toml", "door", "pipe", "N"]
+    wanted += ["ACME 7 + wide", LENS_LINE]
+    assert set(wanted) <= set(texts)
+    for eye in EYES:
+        pose = rc.look_at(eye, (0, 0, 0.8))[0]
+        assert {f"{angle:.1f}°" for angle in mounting_angles(pose, 75.0)[:2]} <= set(texts)
+    drawing = ezdxf.readfile("plan.dxf")
+    assert not drawing.audit().has_errors
+    layers = {entity.dxf.layer for entity in drawing.modelspace()}
+    assert {"KEEP_OUT", "SPACES", "IR", "DIMENSIONS", "ROOMS"} <= layers
+    pipe = drawing.modelspace().query("LWPOLYLINE[layer=='KEEP_OUT']")
+    corners = np.concatenate([line.get_points("xy") for line in pipe])
+    np.testing.assert_allclose(corners.min(axis=0), (-2.1, -0.6), atol=1e-3)
+    assert "None" not in {text.dxf.text for text in drawing.modelspace().query("TEXT")}
+
+
+def test_rooms_of_a_building_are_named_and_numbered(tmp_path):
+    path = tmp_path / "house.ifc"
+    path.write_bytes(bungalow())
+    found = rooms_of(rc.Mesh.load(path), 1.2)
+    assert sorted((name, number) for name, number, _ in found) == [("Hall", "1"), ("Kitchen", "0")]
+    areas = {name: outline.area for name, _, outline in found}
+    assert areas == {"Kitchen": pytest.approx(5.7 * 5.6), "Hall": pytest.approx(3.7 * 5.6)}
+
+
+def test_lamps_are_drawn_and_listed(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("lamps.toml").write_text(LAMPS)
+    rc.write_poses("rig.json", np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
+    line = "sheet room -c khepra -p rig.json --lamps lamps.toml --min-illuminance 8 --out plan.dxf"
+    code, _, err = call(capsys, line)
+    assert code == 0, err
+    space = ezdxf.readfile("plan.dxf").modelspace()
+    texts = {text.dxf.text for text in space.query("TEXT")}
+    assert {"key", "32 cd, reaches 2 m", "lamp on 3 cameras, 8 cd, reaches 1 m"} <= texts
+    lamps = space.query("LWPOLYLINE[layer=='LAMPS']")
+    circles = [bbox.extents([each]).center for each in lamps if each.closed]
+    at = sorted((round(each.x, 4), round(each.y, 4)) for each in circles)
+    assert at == sorted([(0.5, -0.5), *((x, y) for x, y, _ in EYES)])
+
+
+LENS_LINE = "1280 x 720 px, view 90.0 x 58.7°, I / R / O / D 2.6 / 5.1 / 10 / 26 m, IR 4 m"
+LENS_NAMES = """product = "ACME 7 + wide"
+ir_range = 4.0
+"""
+SHEET = """
+[sheet]
+project = "Crates"
+customer = "Store Ltd"
+author = "Ann"
+revision = "C"
+date = "2026-02-03"
+north = 75
+
+[[constraints.keep_out]]
+name = "pipe"
+centre = [-1.5, 1.0, 2.5]
+radius = 0.6
+"""
+LAMPS = """
+[lamps.key]
+kind = "spot"
+intensity_cd = 32
+half_angle_deg = 45
+position = [0.5, -0.5, 2.6]
+
+[lamps.own]
+kind = "spot"
+intensity_cd = 8
+half_angle_deg = 50
+rig = true
+"""

@@ -19,8 +19,11 @@ SIDES = [
 """Corners, normal and an axis of each side of a box; bits 0, 1, 2 of a corner are x, y, z."""
 
 
-def crate(size=(1.0, 2.0, 3.0), prefix="$") -> bytes:
-    """A box as a STEP file, in metres or another SI unit of length by its prefix."""
+def crate(size=(1.0, 2.0, 3.0), prefix="$", name="crate", occurrences=()) -> bytes:
+    """A box as a STEP file, in metres or another SI unit of length by its prefix.
+
+    With names of occurrences, as in the file, an assembly of as many, 10 units apart along x.
+    """
     lines: list[str] = []
 
     def add(text: str) -> str:
@@ -53,13 +56,35 @@ def crate(size=(1.0, 2.0, 3.0), prefix="$") -> bytes:
         f"GLOBAL_UNIT_ASSIGNED_CONTEXT({joined([length, angle, solid_angle])})"
         "REPRESENTATION_CONTEXT('',''))"
     )
-    shape = add(f"FACETED_BREP_SHAPE_REPRESENTATION('',({solid}),{context})")
+    frames = []
+    for x in range(1 + len(occurrences)):
+        origin = triple("CARTESIAN_POINT", (10 * x, 0, 0))
+        frames.append(add(f"AXIS2_PLACEMENT_3D('',{origin},$,$)"))
+    shape = add(f"FACETED_BREP_SHAPE_REPRESENTATION('',({frames[0]},{solid}),{context})")
     application = add("APPLICATION_CONTEXT('')")
     product_context = add(f"PRODUCT_CONTEXT('',{application},'')")
-    part = add(f"PRODUCT('crate','crate','',({product_context}))")
-    formation = add(f"PRODUCT_DEFINITION_FORMATION('','',{part})")
-    definition_context = add(f"PRODUCT_DEFINITION_CONTEXT('',{application},'')")
-    definition = add(f"PRODUCT_DEFINITION('','',{formation},{definition_context})")
-    defined = add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
-    add(f"SHAPE_DEFINITION_REPRESENTATION({defined},{shape})")
+
+    def defined(name: str, shape: str) -> str:
+        """Definition of a product of a name and a shape."""
+        part = add(f"PRODUCT('{name}','{name}','',({product_context}))")
+        formation = add(f"PRODUCT_DEFINITION_FORMATION('','',{part})")
+        definition_context = add(f"PRODUCT_DEFINITION_CONTEXT('',{application},'')")
+        definition = add(f"PRODUCT_DEFINITION('','',{formation},{definition_context})")
+        own = add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
+        add(f"SHAPE_DEFINITION_REPRESENTATION({own},{shape})")
+        return definition
+
+    part = defined(name, shape)
+    if occurrences:
+        cell = add(f"SHAPE_REPRESENTATION('',{joined(frames)},{context})")
+        whole = defined("cell", cell)
+    for frame, given in zip(frames[1:], occurrences, strict=True):
+        used = add(f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('1',{given},'',{whole},{part},$)")
+        placed = add(f"PRODUCT_DEFINITION_SHAPE('','',{used})")
+        motion = add(f"ITEM_DEFINED_TRANSFORMATION('','',{frames[0]},{frame})")
+        relation = add(
+            f"(REPRESENTATION_RELATIONSHIP('','',{shape},{cell})REPRESENTATION_RELATIONSHIP_WITH_"
+            f"TRANSFORMATION({motion})SHAPE_REPRESENTATION_RELATIONSHIP())"
+        )
+        add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION({relation},{placed})")
     return (HEADER + "\n".join(lines) + "\nENDSEC;\nEND-ISO-10303-21;\n").encode()

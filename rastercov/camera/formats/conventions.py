@@ -200,7 +200,7 @@ class Border:
         camera_names : sequence of str
             Names of the cameras of these indices, where the file has no cameras.
         images : sequence of str, optional
-            Names of the images; "camera 0", ... unless given.
+            Names of the images; "camera 1", ... unless given.
         frames : sequence of str
             Name of the frame of each pose, where the file has frames.
         rig_from_camera : (N, 4, 4), optional
@@ -239,7 +239,7 @@ class Border:
                 camera_at = shown(known[error.pose_ids[0]]) if error.pose_ids else "a camera"
                 raise PoseError(f"place of {camera_at} on the rig: {error}") from None
         if images is None:
-            images = [f"camera {row}" for row in range(len(matrices))]
+            images = [f"camera {row + 1}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
         return Views(
             rig=rig,
@@ -329,7 +329,7 @@ def unique_names(names: Sequence[str], what: str = "camera") -> list[str]:
     found: dict[str, None] = {}
     repeats: dict[str, int] = {}
     for row, given in enumerate(names):
-        name = base = printable(given) or f"{what} {row}"
+        name = base = printable(given) or f"{what} {row + 1}"
         while name in found:
             repeats[base] = repeats.get(base, 1) + 1
             name = f"{base} #{repeats[base]}"

@@ -83,7 +83,7 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
     cameras: list[Camera] = []
     names: list[str] = []
     for (number, each), table in zip(entries.tables("cameras"), given, strict=True):
-        names.append(each.text("name", f"camera {number}"))
+        names.append(each.text("name", f"camera {int(number) + 1}"))
         with errors_as(CameraError, f"camera {shown(names[-1])}"):
             cameras.append(Camera.from_dict({k: v for k, v in table.items() if k != "name"}))
     if not cameras:

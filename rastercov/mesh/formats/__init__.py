@@ -35,6 +35,7 @@ from rastercov.mesh.formats.polygons import (
     check_indices,
     cut_concave,
 )
+from rastercov.mesh.groups import names_beside, stem_of
 
 Reader = Callable[..., Polygons]
 
@@ -85,7 +86,7 @@ def read_files(
     """
     parts: list[Polygons] = []
     files: list[tuple[str, str, int]] = []
-    names: list[str] = []
+    names: list[list[str]] = []
     notes: list[str] = []
     for one, metres in zip(paths, scales, strict=True):
         shown = printable(str(one))
@@ -96,10 +97,8 @@ def read_files(
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
         files.append((printable(Path(one).name), digest, len(polygons.faces)))
-        stem = printable(Path(one).stem) or "mesh"
-        for name in polygons.group_names:
-            full = stem if name is None else f"{stem}/{name}" if len(paths) > 1 else name
-            names.append(full[:LONGEST_NAME])
+        stem = stem_of(one)
+        names.append([(stem if name is None else name) for name in polygons.group_names])
         notes += [f"{shown}: {note}" for note in polygons.notes]
     n_vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
     n_groups = np.cumsum([0] + [len(part.group_names) for part in parts])
@@ -110,7 +109,7 @@ def read_files(
         face_group=np.concatenate(
             [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
         ),
-        group_names=_unique(names),
+        group_names=_unique([name[:LONGEST_NAME] for name in names_beside(paths, names)]),
         notes=notes,
         spaces=[((n, a), b, c) for n, part in enumerate(parts) for a, b, c in part.spaces],
     )

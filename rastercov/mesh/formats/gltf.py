@@ -100,6 +100,27 @@ with open(sys.argv[1], "wb") as file:
     file.write(glb)
 """
 """Program of the other process. One thread: the numbering of several depends on their timing."""
+_GAP, _TEXT = rb"(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*", rb"(?:'(?:[^']|'')*'|\$)"
+_NEXT = _GAP + rb"," + _GAP
+PRODUCT = re.compile(
+    rb"#(\d+)\s*=\s*PRODUCT\s*\(" + _GAP + rb"(" + _TEXT + rb")" + _NEXT + rb"(" + _TEXT + rb")"
+)
+"""Number, id and name of a product of a STEP file."""
+OF_PRODUCT = re.compile(
+    rb"#(\d+)\s*=\s*PRODUCT_DEFINITION(?:_FORMATION)?(?:_WITH\w+)?\s*\("
+    + (_GAP + _TEXT + _NEXT) * 2
+    + rb"#(\d+)"
+)
+"""Number of a definition or formation, and of what it belongs to."""
+OCCURRENCE = re.compile(
+    rb"(=\s*NEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\(" + _GAP + _TEXT + _NEXT + rb")(" + _TEXT + rb")"
+    rb"(" + _NEXT + _TEXT + _NEXT + rb"#\d+" + _NEXT + rb"#(\d+))"
+)
+"""Of an occurrence in an assembly: up to its name, the name, the rest, number of its definition."""
+AUTOMATIC = re.compile(
+    rb"(?i)(?:=>\[[\d:]*\]|nauo|occ\w*|next_assembly\w*|instance|component)?[\s_:#.-]*\d*"
+)
+"""Names of occurrences that programs give, not people."""
 BYTES_PER_DELTA = 100  # a point, while a morph target is added
 BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
@@ -159,6 +180,8 @@ def content_of_gltf(
 
 def read_step(data: bytes, budget: int) -> Polygons:
     """Triangles of a STEP file in metres, one group a CAD face, named "part/face 1" and so on.
+
+    Parts have the names of their products; those of their occurrences stay where they say more.
 
     `budget` are the bytes that reading the triangles may need; that of Open CASCADE is not limited.
     """
@@ -550,8 +573,38 @@ class _Shapes:
         return values.astype(np.int64)
 
 
+def _with_product_names(data: bytes) -> bytes:
+    """A STEP file in UTF-8, with names of its products in those of their occurrences, ISO 10303-41.
+
+    Triangulation names parts by occurrences, which many programs leave empty or number.
+    """
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        data = data.decode("latin-1").encode()
+
+    def text(given: bytes) -> bytes:
+        return re.sub(rb"[\r\n]", b"", given)[1:-1].strip()
+
+    above = dict(OF_PRODUCT.findall(data))
+    products = {row: text(name) or text(own) for row, own, name in PRODUCT.findall(data)}
+
+    def named(found: "re.Match[bytes]") -> bytes:
+        name, product = text(found[2]), products.get(above.get(above.get(found[4])))
+        if not product:
+            return found[0]
+        if AUTOMATIC.fullmatch(name):
+            name = product
+        elif product.lower() not in name.lower():
+            name = product + b" (" + name + b")"
+        return found[1] + b"'" + name + b"'" + found[3]
+
+    return OCCURRENCE.sub(named, data)
+
+
 def _converted(data: bytes) -> bytes:
     """GLB file of a STEP file."""
+    data = _with_product_names(data)
     if find_spec("cascadio") is None:
         raise MeshError("reading STEP files needs cascadio: pip install 'rastercov[formats]'")
     numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]

@@ -105,7 +105,7 @@ class PlanArm:
             own = known[np.linalg.norm(error, axis=1) <= SAME_POSE]
             own = np.concatenate([own, reached.joints[reached.pose == row]])
             if not len(own):  # inverse kinematics found it for the candidate of the same pose
-                raise PlanError(self.plan.name, f"camera {row}: the arm does not reach it")
+                raise PlanError(self.plan.name, f"camera {row + 1}: the arm does not reach it")
             placed, _ = self.plan.mounts.cameras(one)
             alone = _area(gated(finder.find(placed), finder.camera, placed))
             best: tuple[float, int, Regions] | None = None

@@ -19,7 +19,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
-from rastercov.mesh.groups import FileGroups, Names, refuse_twice
+from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.arm import Arm, on_arm
@@ -90,7 +90,6 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         FileGroups(
             file,
             [group.name for group in islice(groups, len(part.groups))],
-            [group.name for group in part.groups],
         )
         for file, part in zip(files, parts, strict=True)
     ]
@@ -131,11 +130,14 @@ def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
 
 def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
     """One mesh of several, in their order."""
-    names: list[str] = []
-    for entry, part in zip(plan.meshes, parts, strict=True):
-        stem = entry.built_in or (plan.folder / str(entry.path)).stem
-        lone = len(part.groups) == 1
-        names += [stem if lone else f"{stem}/{group.name}" for group in part.groups]
+    files = [entry.built_in or plan.folder / str(entry.path) for entry in plan.meshes]
+    own = [
+        [entry.built_in]
+        if entry.built_in and len(part.groups) == 1
+        else [g.name for g in part.groups]
+        for entry, part in zip(plan.meshes, parts, strict=True)
+    ]
+    names = names_beside(files, own)
     return Mesh.joined(parts, unique_names(names, "group"))
 
 

@@ -820,6 +820,28 @@ class Outputs(Entry):
     """True to write the page with pictures."""
 
 
+class SheetSection(Entry):
+    """Title block of pages and plan sheets."""
+
+    project: Name | None = None
+    """Name of the project."""
+    customer: Name | None = None
+    """Person or company that it is for."""
+    author: Name | None = None
+    """Person or company that it is by."""
+    revision: Name | None = None
+    """Revision of the drawing."""
+    date: Name | None = None
+    """Date of the drawing."""
+    north: Annotated[float, Field(ge=-360, le=360)] | None = None
+    """Direction of the north, degrees counter-clockwise from +x."""
+
+    def rows(self, plan: str) -> list[tuple[str, str]]:
+        """Headings and words of a title block, those that are given, and the name of the plan."""
+        words = self.model_dump(exclude={"north"}, exclude_none=True) | {"plan": plan}
+        return [(name.capitalize(), text) for name, text in words.items()]
+
+
 class PlanModel(Entry):
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
@@ -862,6 +884,8 @@ class PlanModel(Entry):
     """Goals with thresholds, groups and views of their own, by name."""
     outputs: Outputs = Outputs()
     """Files that are written, and their folder."""
+    sheet: SheetSection = SheetSection()
+    """Title block of pages and plan sheets."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
