@@ -9,7 +9,6 @@ import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.lamp_file import load_lamps
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
@@ -67,7 +66,7 @@ def sheet(
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
     if lamps is not None:
-        scene = scene.lit_by(load_lamps(lamps))
+        scene = scene.lit_by(lamps)
     start, mesh = scene.start, scene.mesh
     if not start.on:
         raise ConfigError("there is no camera to draw; give --poses")
