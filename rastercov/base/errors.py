@@ -17,15 +17,47 @@ Kinds = type[Exception] | tuple[type[Exception], ...]
 
 
 class RastercovError(Exception):
-    """Root of every error rastercov raises on purpose."""
+    """Root of every error rastercov raises on purpose.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> for wrong in ({"views": 0}, {"min_pixels": -1}):
+    ...     try:
+    ...         rc.Task(**wrong)
+    ...     except rc.RastercovError as error:
+    ...         print(type(error).__name__)
+    ConfigError
+    ConfigError
+    """
 
 
 class MeshError(RastercovError, ValueError):
-    """A mesh or mesh file that cannot be used as it is."""
+    """A mesh or mesh file that cannot be used as it is.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> try:
+    ...     rc.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 3)])
+    ... except rc.MeshError as error:
+    ...     print(type(error).__name__)
+    MeshError
+    """
 
 
 class CameraError(RastercovError, ValueError):
-    """Camera parameters that describe no camera, or one that is not supported."""
+    """Camera parameters that describe no camera, or one that is not supported.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> try:
+    ...     rc.Camera(width=0, height=480, fx=600, fy=600)
+    ... except rc.CameraError as error:
+    ...     print(type(error).__name__, "width" in str(error))
+    CameraError True
+    """
 
 
 class PoseError(RastercovError, ValueError):
@@ -35,6 +67,16 @@ class PoseError(RastercovError, ValueError):
     ----------
     pose_ids : tuple of int
         The rows that are at fault; empty when the whole input is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> try:
+    ...     rc.Poses.of([np.eye(4), np.diag((2, 2, 2, 1))])
+    ... except rc.PoseError as error:
+    ...     print(error.pose_ids)
+    (1,)
     """
 
     def __init__(self, message: str, pose_ids: tuple[int, ...] = ()) -> None:
@@ -43,15 +85,51 @@ class PoseError(RastercovError, ValueError):
 
 
 class ConfigError(RastercovError, ValueError):
-    """A threshold or option outside its range."""
+    """A threshold or option outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> try:
+    ...     rc.Task(max_incidence_deg=120)
+    ... except rc.ConfigError as error:
+    ...     print(type(error).__name__, "max_incidence_deg" in str(error))
+    ConfigError True
+    """
 
 
 class DeviceError(RastercovError, RuntimeError):
-    """No usable graphics device, or a device that answers wrongly."""
+    """No usable graphics device, or a device that answers wrongly.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> rasterizer = rc.open_rasterizer(mesh, camera, "cpu")
+    >>> rasterizer.close()
+    >>> try:
+    ...     rasterizer.count(np.eye(4))
+    ... except rc.DeviceError as error:
+    ...     print("closed" in str(error))
+    True
+    """
 
 
 class ResourceError(RastercovError, MemoryError):
-    """More memory or more counters than the device or the budget allows."""
+    """More memory or more counters than the device or the budget allows.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> try:
+    ...     rc.cells(mesh, size=1e-6)
+    ... except rc.ResourceError as error:
+    ...     print(type(error).__name__)  # the message has a size that fits
+    ResourceError
+    """
 
 
 def is_out_of_memory(error: BaseException | None) -> bool:

@@ -296,6 +296,18 @@ class Camera:
     ------
     CameraError
         For a value that describes no camera.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+    >>> camera.cx, camera.cy
+    (320.0, 240.0)
+    >>> camera.K.tolist()
+    [[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]
+    >>> lens = rc.Camera(width=640, height=480, fx=600, fy=600, model="fov", distortion=(0.9,))
+    >>> lens.is_pinhole
+    False
     """
 
     width: Annotated[int, Doc("Pixels.")]
@@ -385,6 +397,18 @@ class Camera:
         **others
             All others of `Camera`; `principal_point`, R_u and R_v in metres from the top-left
             corner of the sensor, instead of `cx` and `cy`; `f_number`, N, for an aperture of f/N.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.from_lens(
+        ...     width=1280, height=1024, focal_length=8e-3, pixel_size=5.3e-6, f_number=4,
+        ...     focus_distance=0.6,
+        ... )
+        >>> round(camera.fx, 1)
+        1509.4
+        >>> [round(depth, 3) for depth in camera.depth_of_field()]  # metres
+        [0.502, 0.746]
         """
         lens = {"focal_length": focal_length, "pixel_size": pixel_size}
         return cls.from_dict({"width": width, "height": height} | lens | others)
@@ -409,6 +433,13 @@ class Camera:
             Angles between left and right, and between top and bottom, degrees, (0, 180).
         **others
             All others of `Camera`, such as `near`; `f_number` of a `focal_length`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=90)
+        >>> round(camera.fx, 6), round(camera.fy, 6)
+        (320.0, 320.0)
         """
         given = {"width": width, "height": height, "hfov_deg": hfov_deg, "vfov_deg": vfov_deg}
         return cls.from_dict(given | others)
@@ -438,6 +469,17 @@ class Camera:
             The calibration is of `cv2.fisheye`; `distortion` is its D, of 4 numbers.
         **others
             Further arguments of `Camera`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import rastercov as rc
+        >>> K = np.array([[900.0, 0.0, 639.5], [0.0, 900.0, 511.5], [0.0, 0.0, 1.0]])
+        >>> camera = rc.Camera.from_opencv(K, 1280, 1024, distortion=(-0.05, 0.02, 0.0, 0.0, 0.0))
+        >>> camera.cx, camera.cy  # half a pixel more: here the corner of the image is (0, 0)
+        (640.0, 512.0)
+        >>> camera.opencv_K.tolist() == K.tolist()
+        True
         """
         k = checked_array("K", K, "iuf", "real numbers and must have shape (3, 3)", CameraError)
         if k.shape != (3, 3):
@@ -460,15 +502,32 @@ class Camera:
 
     @classmethod
     def preset(cls, name: str) -> "Camera":
-        """Camera of the catalogue by name, NAME or NAME+LENS; see `rastercov cameras`."""
+        """Camera of the catalogue by name, NAME or NAME+LENS; see `rastercov cameras`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.preset("icube-ns4133bu-8mm")
+        >>> camera.width, camera.height, round(camera.fx)
+        (1280, 1024, 1509)
+        """
         return cls.from_dict({"preset": name})
 
     @classmethod
     def load(cls, path: StrPath) -> "Camera":
-        """Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
+        r"""Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
 
         `preset = "khepra"` starts from a camera of the catalogue; other entries change it. A name
         of the catalogue in place of a file, NAME or NAME+LENS, is that camera.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> import rastercov as rc
+        >>> _ = Path("camera.toml").write_text("width = 1280\nheight = 800\nhfov_deg = 60\n")
+        >>> camera = rc.Camera.load("camera.toml")
+        >>> round(camera.fx, 2)
+        1108.51
         """
         if is_name(path):
             return cls.preset(str(path))
@@ -483,11 +542,28 @@ class Camera:
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
-        """Camera from a mapping, as `load` reads it."""
+        """Camera from a mapping, as `load` reads it.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.from_dict({"preset": "khepra", "near": 0.1})
+        >>> camera.near
+        0.1
+        """
         return cls(**_arguments_of(entries, [field.name for field in fields(cls)]))
 
     def save(self, path: StrPath) -> None:
-        """Write the camera as a `.json` file that `load` reads back to an equal camera."""
+        """Write the camera as a `.json` file that `load` reads back to an equal camera.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+        >>> camera.save("camera.json")
+        >>> rc.Camera.load("camera.json") == camera
+        True
+        """
         with errors_as(CameraError, printable(str(path)), ValueError):
             if suffix_of(path) != ".json":
                 raise CameraError("a camera is saved as .json")
@@ -495,7 +571,16 @@ class Camera:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
-        """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
+        """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.from_lens(width=640, height=480, focal_length=8e-3, pixel_size=5e-6)
+        >>> focused = camera.with_optics({"f_number": 4, "focus_distance": 0.6})
+        >>> [round(depth, 3) for depth in focused.depth_of_field()]  # metres
+        [0.506, 0.736]
+        """
         check_optics(entries)
         return Camera.from_dict(self.to_json() | dict(entries)) if entries else self
 
@@ -536,7 +621,16 @@ class Camera:
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
     def resized(self, scale: float) -> "Camera":
-        """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""
+        """Camera with the same view and `scale` times the pixels a side (rounded, at least 1).
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+        >>> half = camera.resized(0.5)
+        >>> half.width, half.height, half.fx
+        (320, 240, 300.0)
+        """
         factor = positive("scale", scale)
         # A side beyond the limit is refused below; cut to twice that, it is still a number.
         width, height = (
@@ -566,6 +660,16 @@ class Camera:
         -------
         (float, float)
             z_n and z_f in metres; (0, inf) for a camera without aperture or focus range.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.preset("icube-ns4133bu-8mm")
+        >>> camera = camera.with_optics({"f_number": 4, "focus_distance": 0.6})
+        >>> [round(depth, 3) for depth in camera.depth_of_field()]  # metres
+        [0.502, 0.746]
+        >>> [round(depth, 3) for depth in camera.depth_of_field(max_blur=2)]
+        [0.431, 0.987]
         """
         if self.focus_range is not None:
             return self.focus_range

@@ -81,6 +81,17 @@ class Exposure:
     ------
     ConfigError
         For a value outside its limits, and for a band that is empty.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> sensor = rc.Exposure(
+    ...     exposure_time=0.01, f_number=4, pixel_size=3e-6, quantum_efficiency=0.6,
+    ...     full_well=10_000, dark_noise=5, min_snr=10, max_saturation=0.9,
+    ... )
+    >>> low, high = sensor.band()  # lx: neither dark nor saturated
+    >>> round(low), round(high)
+    (70, 5215)
     """
 
     exposure_time: Annotated[float, Ge(1e-12), Le(1e9), Doc("Time, seconds.")]
@@ -122,6 +133,16 @@ class Exposure:
         """Least and greatest illuminance, in "lx" or "W/m2".
 
         ConfigError for lx of light that the eye does not see, and for another unit.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> sensor = rc.Exposure(
+        ...     exposure_time=0.01, f_number=4, pixel_size=3e-6, quantum_efficiency=0.6,
+        ...     full_well=10_000,
+        ... )
+        >>> [float(f"{limit:.3g}") for limit in sensor.band("lx")]
+        [0.0, 5790.0]
         """
         check_choice("unit", unit, ("lx", "W/m2"))
         photon = PLANCK * LIGHT_SPEED / self.wavelength

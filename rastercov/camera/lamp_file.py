@@ -36,7 +36,7 @@ ENTRIES = (
 
 
 def load_lamps(path: StrPath) -> Lamps:
-    """Lamps with their places, of a file.
+    r"""Lamps with their places, of a file.
 
     Parameters
     ----------
@@ -49,6 +49,17 @@ def load_lamps(path: StrPath) -> Lamps:
     ------
     CameraError
         For a file that cannot be read, or entries that are none, in one line with its name.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import rastercov as rc
+    >>> _ = Path("lamps.toml").write_text(
+    ...     '[lamps.ceiling]\nintensity_cd = 100\nposition = [0, 0, 2.5]\n'
+    ... )
+    >>> lamps = rc.load_lamps("lamps.toml")
+    >>> lamps.names, lamps.places[0, :3, 3].tolist()
+    (('ceiling',), [0.0, 0.0, 2.5])
     """
     try:
         if suffix_of(path) in (".glb", ".gltf"):

@@ -88,6 +88,16 @@ class Lamp:
     ------
     CameraError
         For a value outside its limits.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> bulb = rc.Lamp.point(intensity=100)  # cd
+    >>> bulb.unit
+    'cd'
+    >>> ring = rc.Lamp.ring(diameter=0.1, power_w_sr=0.5, points=12)
+    >>> ring.kind, ring.points
+    ('ring', 12)
     """
 
     kind: str = "point"
@@ -172,7 +182,15 @@ class Lamp:
         *,
         exponent: float = 0.0,
     ) -> "Lamp":
-        """Lamp of one point that lights a cone."""
+        """Lamp of one point that lights a cone.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> spot = rc.Lamp.spot(half_angle_deg=30, intensity=200)
+        >>> spot.half_angle_deg
+        30.0
+        """
         own: dict[str, Any] = {"half_angle_deg": half_angle_deg, "exponent": exponent}
         return cls(kind="spot", intensity=intensity, power_w_sr=power_w_sr, **own)
 
@@ -190,6 +208,13 @@ class Lamp:
 
         Points of lamps of size shine like a surface, cos t forwards, unless `half_angle_deg` and
         `exponent` say otherwise.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> bar = rc.Lamp.bar(length=0.3, intensity=200, points=8)
+        >>> bar.intensity_of_point  # cd of each of its points
+        25.0
         """
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
         return cls(**SHINES | {"kind": "bar", "size": (length, 0.0)} | given | more)
@@ -204,7 +229,14 @@ class Lamp:
         points: int = 12,
         **more: object,
     ) -> "Lamp":
-        """Lamp of points on a circle around z, metres, which look along z; see `bar`."""
+        """Lamp of points on a circle around z, metres, which look along z; see `bar`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> rc.Lamp.ring(diameter=0.1, intensity=120).intensity_of_point
+        10.0
+        """
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
         return cls(**SHINES | {"kind": "ring", "size": (diameter, 0.0)} | given | more)
 
@@ -236,6 +268,13 @@ class Lamp:
         """Lamp of points in the cells of a rectangle, metres, a square for one side; see `bar`.
 
         Columns are the divisor of `points` that makes cells squarest.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> panel = rc.Lamp.area(0.6, 0.3, intensity=800, points=16)
+        >>> panel.points, panel.intensity_of_point  # cd of each point
+        (16, 50.0)
         """
         size = width, width if height is None else height
         given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
@@ -333,6 +372,18 @@ class Lamps(InOneLine):
         For no lamp, too many, or lamps in different units.
     PoseError
         For a place that is no rigid motion.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> above = rc.look_at((0, 0, 1), (0, 0, 0))
+    >>> lamps = rc.Lamps([rc.Lamp.point(intensity=100)], above, ["ceiling"])
+    >>> poses = rc.look_at([(0, 0, 0.6), (0.6, 0, 0)], (0, 0, 0))
+    >>> found = rc.evaluate(mesh, camera, poses, lamps=lamps)
+    >>> round(found.covered.share(), 3)  # both see a side of six, and the lamp lights the top
+    0.167
     """
 
     lamps: tuple[Lamp, ...]

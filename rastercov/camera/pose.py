@@ -85,6 +85,14 @@ class Poses(InOneLine):
         Rows that were left out, and the fault of each.
     camera : (P,) int32
         Index of the camera of each pose, where there are several; 0 unless given.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> eyes = [(0.6, 0, 0), (0, 0.6, 0)]
+    >>> poses = rc.Poses.of(rc.look_at(eyes, (0, 0, 0)), camera=[0, 1])
+    >>> len(poses), poses.world_from_camera[:, :3, 3].tolist(), poses.camera.tolist()
+    (2, [[0.6, 0.0, 0.0], [0.0, 0.6, 0.0]], [0, 1])
     """
 
     world_from_camera: FloatArray
@@ -122,6 +130,15 @@ class Poses(InOneLine):
         ------
         PoseError
             For a pose that is no rigid motion, naming its rows; for camera indices that are none.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import rastercov as rc
+        >>> rows = [np.eye(4), np.diag((2, 2, 2, 1))]
+        >>> poses = rc.Poses.of(rows, skip_bad=True)
+        >>> poses.ids.tolist(), list(poses.rejected)
+        ([0], [1])
         """
         skip_bad = flag("skip_bad_poses", skip_bad)
         if isinstance(poses, Poses):

@@ -39,6 +39,13 @@ def read_poses(path: StrPath) -> FloatArray:
     ------
     PoseError
         For a file that cannot be read or holds something else.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> rc.write_poses("poses.npy", rc.sphere_of_poses((0, 0, 0), distance=1, count=3))
+    >>> rc.read_poses("poses.npy").shape
+    (3, 4, 4)
     """
     try:
         array = _read_npy(path) if _is_npy(path) else _read_json(path)
@@ -95,6 +102,15 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
     PoseError
         For poses at fault, names of another number or for `.npy`, and for a file that cannot be
         written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=1, count=3)
+    >>> rc.write_poses("poses.json", poses)
+    >>> bool(np.allclose(rc.read_poses("poses.json"), poses))
+    True
     """
     array = valid_poses(poses)
     content: dict[str, Any] = {"world_from_camera": array.tolist()}

@@ -82,6 +82,18 @@ class Rig(InOneLine):
         which nothing moves.
     PoseError
         For a place that is no rigid motion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> right = np.eye(4)
+    >>> right[0, 3] = 0.1  # metres
+    >>> stereo = rc.Rig([camera, camera], ["left", "right"], [np.eye(4), right])
+    >>> poses = stereo.poses(rc.look_at((0, 0, 0.6), (0, 0, 0)))
+    >>> poses.camera.tolist(), poses.world_from_camera[:, 0, 3].round(6).tolist()
+    ([0, 1], [0.0, 0.1])
     """
 
     cameras: tuple[Camera, ...]
@@ -155,6 +167,15 @@ class Rig(InOneLine):
         ----------
         world_from_rig : (R, 4, 4) array_like
             Rigid motions.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> pair = rc.Rig([camera, camera], ["a", "b"], [np.eye(4), np.eye(4)])
+        >>> len(pair.poses(rc.sphere_of_poses((0, 0, 0), distance=1, count=5)))
+        10
         """
         rigs, n = valid_poses(world_from_rig), len(self)
         camera = np.tile(np.arange(n), len(rigs))
@@ -529,6 +550,15 @@ class Views(InOneLine):
         For something else than a rig and texts.
     PoseError
         For a pose with a camera that the rig does not have, or another number of images or frames.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), distance=0.6, count=2))
+    >>> views = rc.Views(rc.Rig([camera]), poses, images=("a.jpg", "b.jpg"))
+    >>> views.camera() == camera, len(views.poses), views.images
+    (True, 2, ('a.jpg', 'b.jpg'))
     """
 
     rig: Rig | None
@@ -563,6 +593,15 @@ class Views(InOneLine):
         ------
         CameraError
             Where there is none, or several to choose from.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), distance=1, count=2), camera=[0, 1])
+        >>> views = rc.Views(rc.Rig([camera, camera.resized(0.5)], ["a", "b"]), poses, ("1", "2"))
+        >>> views.camera("b").width, views.of_camera("b").images
+        (320, ('2',))
         """
         return self.cameras()[self._index(name)]
 

@@ -30,7 +30,19 @@ NOISE_PX = 1e-6, 1e6
 
 @dataclass(frozen=True)
 class Any:
-    """Each camera counts by itself: a rig covers what any of its cameras covers."""
+    """Each camera counts by itself: a rig covers what any of its cameras covers.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> pair = rc.Rig([camera, camera], ["front", "back"], rule=rc.Any())
+    >>> poses = rc.look_at([(0, 0, 0.6), (0, 0, -0.6)], (0, 0, 0))
+    >>> placed = rc.Poses.of(poses, camera=[0, 1])
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> round(rc.evaluate(mesh, pair, placed).covered.share(), 3)  # two sides of six
+    0.333
+    """
 
 
 @dataclass(frozen=True)
@@ -53,6 +65,19 @@ class All:
     stripes : sequence of str
         Names of devices that know one coordinate of the image, x: projectors of stripes along y,
         lasers of a sheet along y; the others know both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> rule = rc.All(min_baseline_deg=5)
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> right = rc.look_at((0.1, 0, 0), (0.1, 0, 1), up=(0, -1, 0))[0]
+    >>> stereo = rc.Rig([camera, camera], ["left", "right"], [np.eye(4), right], rule=rule)
+    >>> poses = stereo.poses(rc.look_at((-0.05, 0, 0.6), (-0.05, 0, 0), up=(0, 1, 0)))
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> round(rc.evaluate(mesh, stereo, poses).covered.share(), 3)  # the top, of six sides
+    0.167
     """
 
     min_baseline_deg: float = 0.0
@@ -72,6 +97,19 @@ class AtLeast:
         Devices that see it, those of `needs` among them.
     needs : sequence of str
         Names of devices without which nothing is measured, such as the projector.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> rule = rc.AtLeast(2, needs=["projector"])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> names = ["left", "projector", "right"]
+    >>> places = [rc.look_at((x, 0, 0), (x, 0, 1), up=(0, -1, 0))[0] for x in (-0.1, 0, 0.1)]
+    >>> head = rc.Rig([camera] * 3, names, places, rule=rule)
+    >>> poses = head.poses(rc.look_at((0.3, 0, 0.6), (0.3, 0, 0), up=(0, 1, 0)))
+    >>> found = rc.evaluate(rc.shapes.box((0.2, 0.2, 0.2)), head, poses)
+    >>> round(found.covered.share(), 3)  # of six sides
+    0.241
     """
 
     k: int

@@ -65,6 +65,17 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     PoseError
         Where an eye is its own target, or a value is not finite or beyond 1e30 m; `pose_ids` names
         the rows.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> pose = rc.look_at((0, -2, 1), (0, 0, 1))[0]
+    >>> pose[:3, 3].tolist()  # the eye
+    [0.0, -2.0, 1.0]
+    >>> pose[:3, 2].round(6).tolist()  # z of the camera is the direction of view
+    [0.0, 1.0, 0.0]
+    >>> pose[:3, 1].round(6).tolist()  # y of the camera is downwards in the image
+    [0.0, 0.0, -1.0]
     """
     eye, target, upward = (
         _triples(name, a) for name, a in (("eyes", eyes), ("targets", targets), ("up", up))
@@ -120,6 +131,16 @@ def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArra
     ------
     PoseError
         For a value outside its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> poses = rc.sphere_of_poses((0, 0, 1), distance=2, count=100)
+    >>> poses.shape
+    (100, 4, 4)
+    >>> np.linalg.norm(poses[:, :3, 3] - (0, 0, 1), axis=1).round(6).max().item()  # metres
+    2.0
     """
     away = finite_number(distance)
     if not 0 < away <= LARGEST_COORDINATE:

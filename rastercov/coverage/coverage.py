@@ -78,6 +78,19 @@ class Coverage(InNotebook):
         Row of each pose in the input; they skip poses that were at fault.
     eyes : (P, 3) float64
         Centre of each camera, metres.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> found.coverage.shape  # poses, faces
+    (1, 12)
+    >>> int((found.coverage > 0).sum())
+    2
+    >>> sorted({rc.Reason(each).name for each in found.reason.ravel().tolist()})
+    ['BACK_FACING', 'COVERED']
     """
 
     mesh: Mesh

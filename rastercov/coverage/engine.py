@@ -39,6 +39,17 @@ class Engine:
     ------
     ConfigError
         For a method that does not exist, or samples of a method that has none.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=6)
+    >>> sampled = rc.Engine("sampled", device="cpu", supersample=2)
+    >>> found = rc.evaluate(mesh, camera, poses, method=sampled)
+    >>> found.by, found.engine.supersample
+    ('face', 2)
     """
 
     method: str = "certified"

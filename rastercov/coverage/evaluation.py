@@ -100,6 +100,20 @@ class Evaluation(Coverage):
         Time that measuring took, without that of compiling loops in this process.
     interrupted : bool
         True where poses are missing because the run was interrupted.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=6)
+    >>> found = rc.evaluate(mesh, camera, poses, rc.Task(views=2))
+    >>> found.by, len(found.poses), found.interrupted
+    ('area', 6, False)
+    >>> round(found.covered.share(views=2), 3)
+    1.0
+    >>> found.network.views.tolist()  # cameras that cover each face as a whole
+    [2, 2, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2]
     """
 
     poses: Poses
@@ -123,14 +137,35 @@ class Evaluation(Coverage):
 
     @property
     def covered(self) -> Covered:
-        """Exact area of each face that 1 to k cameras cover; ConfigError by face."""
+        """Exact area of each face that 1 to k cameras cover; ConfigError by face.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> found = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
+        >>> found.covered.area[0].round(4).tolist()  # m^2 of each of the 12 faces
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
+        """
         if self.areas is None:
             raise ConfigError('this evaluation is by face; give by="area" for covered areas')
         return self.areas.covered
 
     @property
     def over_time(self) -> OverTime:
-        """Coverage over time, where bodies move; ConfigError where none does."""
+        """Coverage over time, where bodies move; ConfigError where none does.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> eye = rc.look_at((0.6, 0, 0), (0, 0, 0))
+        >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
+        >>> round(rc.evaluate(mesh, camera, eye, motion=motion).over_time.share(), 3)  # the sides
+        0.667
+        """
         if not isinstance(self.areas, TimeAreas):
             raise ConfigError("nothing moves in this evaluation; give motion= for areas over time")
         return self.areas.over_time
@@ -139,11 +174,32 @@ class Evaluation(Coverage):
         """Visible and truncated share of the silhouette of each group in each image.
 
         Computed at each call; ConfigError for method "sampled".
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+        >>> found.group_views().visible.round(6).tolist()
+        [[49152.0]]
         """
         return group_views(self.mesh, self.camera, self.poses, self.engine)
 
     def summary(self) -> dict[str, Any]:
-        """Content of `summary.json`: figures of the network and of each pose, doubts, inputs."""
+        """Content of `summary.json`: figures of the network and of each pose, doubts, inputs.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> summary = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))).summary()
+        >>> round(summary["covered_area"]["percent"], 2), summary["by"]
+        (16.67, 'area')
+        >>> [zone["groups"] for zone in summary["dead_zones"]]
+        [['mesh']]
+        """
         network, placed = self.network, self.poses
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
         if self.areas is not None:

@@ -110,6 +110,22 @@ def evaluate(
         For a pose that is no rigid motion.
     ResourceError
         When the arrays would exceed `EVALUATE_BUDGET`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))  # metres
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.look_at([(0.6, 0, 0), (0, 0.6, 0), (0, 0, 0.6)], (0, 0, 0))  # eyes, targets
+    >>> found = rc.evaluate(mesh, camera, poses, rc.Task(max_incidence_deg=60))
+    >>> round(found.covered.share(), 3)  # of the area: three sides of six
+    0.5
+    >>> found.network.views.tolist()  # cameras that cover each of the 12 faces as a whole
+    [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
+    >>> rc.Reason(found.reason[0, 0]).name  # of the first face in the first pose
+    'BACK_FACING'
+    >>> [round(zone["area_m2"], 4) for zone in found.summary()["dead_zones"]]
+    [0.12]
     """
     check_scene(mesh, camera)
     accepted, engine = Poses.of(poses, skip_bad=skip_bad_poses), Engine.of(method, threads)
@@ -166,6 +182,15 @@ def regions(
         For a threshold that is of a face, method "sampled", and a motion of another mesh.
     PoseError
         For a pose that is no rigid motion.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> seen = rc.regions(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> seen.areas().round(4).tolist()  # m^2 of each face in each pose
+    [[0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
     """
     check_scene(mesh, camera)
     placed, engine = Poses.of(poses), Engine.of(method, threads)

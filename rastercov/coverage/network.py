@@ -131,6 +131,18 @@ class Network(InNotebook):
         Greatest `visibility_bound` of any pair that counts as covered.
     clipped_poses : list of int
         Poses in which the near plane cut away a surface in view.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.look_at([(0.6, 0, 0), (0.6, 0.05, 0), (0, 0, 0.6)], (0, 0, 0))
+    >>> network = rc.evaluate(mesh, camera, poses).network
+    >>> network.views.tolist()  # cameras that cover each face as a whole
+    [0, 0, 2, 2, 0, 0, 0, 0, 0, 0, 1, 1]
+    >>> round(network.summary()["covered"]["area_percent"], 1)
+    33.3
     """
 
     def __init__(self, mesh: Mesh, task: Task) -> None:

@@ -40,6 +40,17 @@ class Observer(Closing, ABC):
 
     Any number of threads may use one observer at once, except method "sampled" on OpenGL: that
     one belongs to the thread that opened it, and says so in any other.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     near = observer.observe(rc.look_at((0.7, 0, 0), (0, 0, 0)))
+    ...     far = observer.observe(rc.look_at((1.3, 0, 0), (0, 0, 0)))
+    >>> round(near.visible_pixels.sum()), round(far.visible_pixels.sum())
+    (40000, 10000)
     """
 
     mesh: Mesh
@@ -61,6 +72,16 @@ class Observer(Closing, ABC):
             Where the arrays take more memory than is free, before any is taken.
         DeviceError
             After `close`.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+        >>> with rc.open_observer(mesh, camera) as observer:
+        ...     seen = observer.observe(rc.look_at((0.7, 0, 0), (0, 0, 0)))
+        >>> seen.visible_pixels[0, 2:4].round(3).tolist()  # of the two faces of a side
+        [20000.0, 20000.0]
         """
 
     def measure(self, poses: ArrayLike | Poses) -> Measured:
@@ -158,6 +179,16 @@ def open_observer(
     ------
     ConfigError
         For a method that does not exist.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+    >>> with rc.open_observer(mesh, camera, "exact", threads=1) as observer:
+    ...     seen = observer.observe(rc.sphere_of_poses((0, 0, 0), distance=0.7, count=3))
+    >>> seen.visible_pixels.shape
+    (3, 12)
     """
     check_scene(mesh, camera)
     engine = Engine.of(method, threads)

@@ -8,7 +8,19 @@ from numpy.typing import NDArray
 
 
 class Reason(IntEnum):
-    """First criterion that a face fails, in this order."""
+    """First criterion that a face fails, in this order.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> int((found.reason == rc.Reason.BACK_FACING).sum())  # of 12 faces
+    10
+    >>> rc.Reason(found.reason[0, 2]).name
+    'COVERED'
+    """
 
     DEGENERATE = 0
     """The face has no area."""

@@ -108,6 +108,17 @@ class Task:
     ------
     ConfigError
         For a value outside its limits.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> task = rc.Task(min_pixel_density=500, max_incidence_deg=60, views=2)  # px/m, degrees
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=12)
+    >>> found = rc.evaluate(mesh, camera, poses, task)
+    >>> [round(found.covered.share(n), 3) for n in (1, 2)]  # by one camera, by two
+    [1.0, 0.997]
     """
 
     min_pixels: Annotated[Positive, Doc("R_min: pixels that give resolution 1.")] = 1.0
@@ -176,7 +187,15 @@ class Task:
 
     @classmethod
     def thesis(cls, **changes: float | str | bool | None) -> Self:
-        """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
+        """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> task = rc.Task.thesis(max_incidence_deg=75)
+        >>> task.max_incidence_deg, task.focus_rule
+        (75.0, 'centroid')
+        """
         return cls(**(THESIS | changes))
 
     def rules(self, camera: Camera) -> Rules:

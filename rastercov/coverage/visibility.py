@@ -35,6 +35,18 @@ class Visibility(InOneLine):
         `BoundKind` of each figure.
     info : RasterizerInfo
         What computed or counted.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    >>> low = rc.Mesh(vertices, [(0, 1, 2), (0, 2, 3)])
+    >>> high = low.moved(scale=0.5, translation=(0.25, 0.25, 0.5))
+    >>> mesh = rc.Mesh.joined([low, high], ["low", "high"])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
+    >>> found.value.round(3).tolist(), bool(found.bound.max() < 1e-6)
+    ([[0.691, 0.691, 1.0, 1.0]], True)
     """
 
     value: FloatArray
@@ -55,6 +67,18 @@ def visibility(
 
     `poses` are (P, 4, 4) world_from_camera; the other arguments are those of `open_observer`, and
     errors as for `Observer.observe`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    >>> low = rc.Mesh(vertices, [(0, 1, 2), (0, 2, 3)])
+    >>> high = low.moved(scale=0.5, translation=(0.25, 0.25, 0.5))
+    >>> mesh = rc.Mesh.joined([low, high], ["low", "high"])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = rc.visibility(mesh, camera, rc.look_at((0.5, 0.5, 5), (0.5, 0.5, 0)))
+    >>> found.value.round(3).tolist()  # two faces partly hidden, two visible as a whole
+    [[0.691, 0.691, 1.0, 1.0]]
     """
     with open_observer(mesh, camera, method, threads=threads) as observer:
         batches = list(evaluate_batches(observer, poses, fields=FRACTION))

@@ -55,6 +55,21 @@ class Collisions(InOneLine):
     ------
     ConfigError
         For an unknown link.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import rastercov as rc
+    >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    >>> _ = Path("gate.urdf").write_text(
+    ...     f'<robot name="gate"><link name="rail"/><link name="head">{box}</link>'
+    ...     '<joint name="x" type="prismatic"><parent link="rail"/><child link="head"/>'
+    ...     '<axis xyz="1 0 0"/><limit lower="0" upper="0.3"/></joint></robot>'
+    ... )
+    >>> post = rc.shapes.box((0.2, 0.2, 0.2), centre=(0.5, 0, 0))
+    >>> pairs = rc.Collisions(rc.Robot.load("gate.urdf"), [post])
+    >>> pairs.clearance([[0.0], [0.25], [0.3]]).round(6).tolist()  # metres
+    [0.35, 0.1, 0.05]
     """
 
     robot: Robot

@@ -312,6 +312,18 @@ class Group:
         Either side of its faces counts as covered.
     is_target : bool
         Its faces are scored but hide nothing: neither other faces nor each other.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> groups = [rc.Group("part"), rc.Group("table", is_occluder=True)]
+    >>> part = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> table = rc.shapes.box((1, 1, 0.1), centre=(0, 0, -0.2))
+    >>> mesh = rc.Mesh.joined([part, table], ["part", "table"]).with_groups(occluders=["table"])
+    >>> [group.role for group in mesh.groups] == [group.role for group in groups]
+    True
+    >>> int(mesh.task_mask.sum()), mesh.n_faces
+    (12, 24)
     """
 
     name: str

@@ -105,6 +105,16 @@ class Mesh(InNotebook):
         The arrays are no mesh; the message names the first invalid faces.
     ResourceError
         2^31 faces or more.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    >>> mesh = rc.Mesh(vertices, [(0, 1, 2), (0, 2, 3)])
+    >>> mesh.n_faces, mesh.areas.tolist()
+    (2, [0.5, 0.5])
+    >>> mesh.normals[0].tolist()
+    [0.0, 0.0, 1.0]
     """
 
     vertices: FloatArray
@@ -173,7 +183,7 @@ class Mesh(InNotebook):
         max_bytes: int = LARGEST_FILE,
         memory_budget: int | None = None,
     ) -> "Mesh":
-        """Mesh of one file, or of several as one scene.
+        r"""Mesh of one file, or of several as one scene.
 
         Parameters
         ----------
@@ -213,6 +223,17 @@ class Mesh(InNotebook):
             files are the same mesh in the same place.
         ResourceError
             Too many faces for the budget.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> import rastercov as rc
+        >>> _ = Path("part.obj").write_text("v 0 0 0\nv 100 0 0\nv 0 100 0\nf 1 2 3\n")
+        >>> mesh = rc.Mesh.load("part.obj", unit="mm")
+        >>> mesh.vertices.max(axis=0).tolist()  # metres
+        [0.1, 0.1, 0.0]
+        >>> mesh.groups[0].name
+        'part'
         """
         check_type("max_bytes", max_bytes, int)
         check_type("memory_budget", memory_budget, int | None)
@@ -268,6 +289,15 @@ class Mesh(InNotebook):
         ------
         MeshError
             For no part, for another number of names, and for groups of one name and other roles.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> part = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> table = rc.shapes.box((1, 1, 0.1), centre=(0, 0, -0.15))
+        >>> scene = rc.Mesh.joined([part, table], ["part", "table"])
+        >>> [group.name for group in scene.groups], scene.n_faces
+        (['part', 'table'], 24)
         """
         parts = members("parts", parts, Mesh, "Mesh values", MeshError)
         groups = [group for part in parts for group in part.groups]
@@ -315,6 +345,15 @@ class Mesh(InNotebook):
         ------
         MeshError
             Not a Trimesh, or its arrays are no mesh.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> import rastercov as rc
+        >>> box = trimesh.creation.box((100, 100, 100))
+        >>> mesh = rc.Mesh.from_trimesh(box, name="part", unit="mm")
+        >>> mesh.bounds.round(6).tolist()  # metres
+        [[-0.05, -0.05, -0.05], [0.05, 0.05, 0.05]]
         """
         import trimesh
 
@@ -376,6 +415,14 @@ class Mesh(InNotebook):
         ------
         MeshError
             For an unknown name, or a group that would be both occluder and target.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> scene = rc.Mesh.joined([rc.shapes.box(), rc.shapes.sphere(1)], ["part", "ball"])
+        >>> scene = scene.with_groups(occluders=["ball"])
+        >>> [(group.name, group.role) for group in scene.groups]
+        [('part', 'task'), ('ball', 'occluder')]
         """
         return self._with_flags(flagged(names_of(self), self.groups, occluders, two_sided, targets))
 
@@ -427,6 +474,14 @@ class Mesh(InNotebook):
         ------
         MeshError
             A value is not finite or outside its range, or the result is no mesh.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> placed = mesh.moved(axis=(0, 0, 1), angle_deg=45, translation=(0, 0, 1))
+        >>> placed.bounds.round(3).tolist()
+        [[-0.141, -0.141, 0.9], [0.141, 0.141, 1.1]]
         """
         faces = self.faces
         vertices = moved_points(self.vertices, scale, axis, angle_deg, translation)

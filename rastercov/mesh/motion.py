@@ -73,6 +73,15 @@ class Motion(InOneLine):
         For a name that is none, and for groups that are of two bodies.
     ConfigError
         For poses that are no rigid motions, or of other numbers of frames.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
+    >>> moved, _ = motion.frame(1)  # a quarter of the rotation
+    >>> moved.n_faces, len(motion.poses_of("mesh"))
+    (12, 4)
     """
 
     mesh: Mesh
@@ -179,7 +188,17 @@ class Motion(InOneLine):
         return self.world_from_body[:, self.names.index(body)]
 
     def frame(self, row: int) -> tuple[Mesh, IntArray]:
-        """The mesh as it is in a frame, and the face of the rest pose of each of its faces."""
+        """The mesh as it is in a frame, and the face of the rest pose of each of its faces.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2), centre=(1, 0, 0))
+        >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
+        >>> moved, _ = motion.frame(1)
+        >>> moved.bounds.mean(axis=0).round(6).tolist()  # a quarter of the rotation
+        [0.0, 1.0, 0.0]
+        """
         number = finite_number(row)
         if not number.is_integer() or not 0 <= number < len(self):
             raise ConfigError(f"row must be a whole number below {len(self)}, got {shown(row)}")
@@ -275,6 +294,13 @@ def turntable(
         Direction, counter-clockwise seen against it; a point of the axis, metres.
     degrees : float
         Angle of all steps together.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> poses = rc.turntable(4, axis=(0, 0, 1))
+    >>> ((poses @ (1, 0, 0, 1))[:, :2].round(6) + 0).tolist()  # where the point (1, 0, 0) goes
+    [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]
     """
     direction = finite_points("axis", axis, (3,), "a direction", ConfigError)
     point = finite_points("centre", centre, (3,), "three finite numbers", ConfigError)
@@ -291,6 +317,13 @@ def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray
     """(steps, 4, 4) poses of a body that is moved by a distance, metres, in equal steps.
 
     The first is the rest pose, the last at the distance.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> poses = rc.conveyor(5, direction=(1, 0, 0), distance=0.4)
+    >>> poses[:, 0, 3].round(6).tolist()  # metres along x
+    [0.0, 0.1, 0.2, 0.3, 0.4]
     """
     along = finite_points("direction", direction, (3,), "a direction", ConfigError)
     if not along.any():

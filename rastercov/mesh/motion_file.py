@@ -55,7 +55,7 @@ def load_motion(
     steps: int = 50,
     unit: str | float = "m",
 ) -> Motion:
-    """Motion of a mesh from a file: a table of poses, JSON or CSV, or an animation of glTF.
+    r"""Motion of a mesh from a file: a table of poses, JSON or CSV, or an animation of glTF.
 
     Parameters
     ----------
@@ -74,6 +74,15 @@ def load_motion(
         For a file that cannot be read or holds something else, in one line with its name.
     MeshError
         For a name that is no group and no file of the mesh, and for a file that is no glTF.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import rastercov as rc
+    >>> _ = Path("motion.csv").write_text("time,mesh.x\n0,0\n1,0.1\n2,0.2\n")
+    >>> motion = rc.load_motion(rc.shapes.box((0.2, 0.2, 0.2)), "motion.csv")
+    >>> motion.poses_of("mesh")[:, 0, 3].tolist()  # metres
+    [0.0, 0.1, 0.2]
     """
     with errors_as(ConfigError, caught=UnreadableError):
         suffix = suffix_of(path)

@@ -86,6 +86,22 @@ class Robot(InOneLine):
         Links with shapes, each in its own frame.
     kinematics : Kinematics
         Joints, without meshes.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import rastercov as rc
+    >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    >>> _ = Path("gate.urdf").write_text(
+    ...     f'<robot name="gate"><link name="rail"/><link name="head">{box}</link>'
+    ...     '<joint name="x" type="prismatic"><parent link="rail"/><child link="head"/>'
+    ...     '<axis xyz="1 0 0"/><limit lower="0" upper="0.3"/></joint></robot>'
+    ... )
+    >>> robot = rc.Robot.load("gate.urdf")
+    >>> robot.joint_names, robot.limits.tolist()
+    (('x',), [[0.0, 0.3]])
+    >>> robot.frames([0.2])["head"][0, :3, 3].tolist()  # metres
+    [0.2, 0.0, 0.0]
     """
 
     name: str

@@ -52,6 +52,13 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
         64 n^2 - 8 n faces by default, consistently wound; patches share vertices exactly. Open:
         16 n boundary edges at the rim, around the lid and at both ends of handle and spout, which
         pass through the body.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.teapot(5)
+    >>> mesh.n_faces, round(mesh.diagonal, 2)  # metres
+    (1560, 0.41)
     """
     n = index(n)  # an int8 would overflow below
     if not 2 <= n <= 128:
@@ -87,6 +94,13 @@ def aeroplane(n_faces: int = 1970) -> Mesh:
     -------
     Mesh
         Closed, consistently wound, outward.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.aeroplane()
+    >>> mesh.n_faces, mesh.is_closed
+    (1970, True)
     """
     if n_faces not in AEROPLANE_FACES:
         raise MeshError(f"n_faces must be one of {AEROPLANE_FACES}, got {n_faces}; choose one")
@@ -112,6 +126,13 @@ def torus(
     -------
     Mesh
         Closed, genus 1. Vertices lie on the torus, so the mesh is slightly smaller.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.torus(major_radius=0.3, minor_radius=0.1)
+    >>> mesh.n_faces, mesh.is_closed, mesh.bounds[1].round(3).tolist()
+    (10000, True, [0.4, 0.4, 0.1])
     """
     n_major, n_minor = _at_least(3, n_major=n_major, n_minor=n_minor)
     if not 0 < minor_radius < major_radius <= LARGEST_COORDINATE:
@@ -141,6 +162,13 @@ def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
     -------
     Mesh
         Closed, convex.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.sphere(2, radius=0.5)
+    >>> mesh.n_faces, mesh.bounds.round(3).tolist()
+    (320, [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
     """
     _positive(radius=radius)
     points, faces = _subdivided_icosahedron(subdivisions)
@@ -171,6 +199,13 @@ def icosahedron(
     -------
     Mesh
         20 * 4^subdivisions faces, closed; face f lies on side f // 4^subdivisions.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.icosahedron(edge_length=2)
+    >>> mesh.n_faces, mesh.areas[0].round(3).item()  # m^2
+    (20, 1.732)
     """
     if noise < 0:
         raise MeshError(f"noise must be at least 0, got {noise}; it is a standard deviation")
@@ -200,6 +235,13 @@ def box(
     -------
     Mesh
         Closed, outward; sides in the order -x, +x, -y, +y, -z, +z.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.4), centre=(0, 0, 1))
+    >>> mesh.n_faces, mesh.bounds.round(6).tolist()
+    (12, [[-0.1, -0.1, 0.8], [0.1, 0.1, 1.2]])
     """
     (n,) = _at_least(1, n=n)
     if len(size) != 3 or len(centre) != 3:
@@ -233,6 +275,13 @@ def room(n: int = 8) -> Mesh:
     Mesh
         Groups "room" (12 n^2 faces, facing inward) and "crates" (outward). Closed; the room is a
         cavity, so back faces are never culled and `warnings` reports a component as inside out.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.room()
+    >>> [group.name for group in mesh.groups], mesh.bounds.round(3).tolist()
+    (['room', 'crates'], [[-3.0, -2.5, 0.0], [3.0, 2.5, 2.8]])
     """
     (n,) = _at_least(1, n=n)
     shell = box((6.0, 5.0, 2.8), n, (0.0, 0.0, 1.4))
@@ -270,7 +319,16 @@ NAMES = tuple(BUILT_IN)
 
 @typed
 def by_name(name: str) -> Mesh:
-    """Built-in mesh of that name, one of `NAMES`; MeshError otherwise."""
+    """Built-in mesh of that name, one of `NAMES`; MeshError otherwise.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> rc.shapes.NAMES[:3]
+    ('aeroplane', 'aeroplane-9856', 'box')
+    >>> rc.shapes.by_name("box").n_faces
+    12
+    """
     if name not in BUILT_IN:
         raise MeshError(f"built-in meshes are {', '.join(NAMES)}; got {name!r}")
     return BUILT_IN[name]()

@@ -68,6 +68,16 @@ def open_rasterizer(
         a roll that is no angle, or a plan of OpenGL that draws pinholes only for another camera.
     DeviceError
         When the device cannot be opened or fails its self-test.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+    >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+    ...     counts = rasterizer.count(rc.look_at((0.7, 0, 0), (0, 0, 0)))
+    >>> int(counts.visible.sum()), int(counts.drawn.sum())  # samples, without occlusion
+    (400, 800)
     """
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
     check_kind("camera", camera, Camera, "a Camera (Camera.load reads a file)", CameraError)

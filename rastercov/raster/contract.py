@@ -55,6 +55,16 @@ class RasterizerInfo:
         Depth buffer in use, such as `"float32 reversed"`.
     shaders : str
         SHA-256 of the shader sources.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+    >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+    ...     info = rasterizer.info
+    >>> info.backend, info.plan
+    ('cpu', 'threads')
     """
 
     backend: str
@@ -89,6 +99,18 @@ class FaceCounts(InOneLine):
         What counted.
     roll : float
         Angle of the rows of samples against those of the image, radians.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+    >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+    ...     counts = rasterizer.count(rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> counts.visible.shape, int((counts.visible > 0).sum())  # a side has two faces
+    ((1, 12), 2)
+    >>> int(counts.visible.sum() + counts.background.sum()) == 64 * 48
+    True
     """
 
     visible: CountArray
@@ -123,6 +145,18 @@ class VisibilityBuffer(InOneLine):
     depth : (H, W) float32
         Camera z of that surface in metres, inf where there is none. Of a lens that sees too wide
         for one ideal plane, `rastercov.camera.lenses.planes`, the distance along the ray.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+    >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+    ...     picture = rasterizer.render(rc.look_at((0.7, 0, 0), (0, 0, 0))[0])
+    >>> picture.face.shape, int((picture.face >= 0).sum())
+    ((48, 64), 400)
+    >>> round(float(picture.depth.min()), 4)  # metres
+    0.6
     """
 
     face: Int32Array
@@ -133,6 +167,16 @@ class Rasterizer(Closing):
     """Counts and images of one mesh through one camera; open it with `open_rasterizer`.
 
     Subclasses draw: `_counted` counts all faces, `_drawn` draws the opaque ones.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+    >>> with rc.open_rasterizer(mesh, camera, "cpu", supersample=2) as rasterizer:
+    ...     counts = rasterizer.count(rc.look_at((0.7, 0, 0), (0, 0, 0)))
+    >>> float(counts.visible_pixels.sum())
+    400.0
     """
 
     info: RasterizerInfo
@@ -162,6 +206,16 @@ class Rasterizer(Closing):
             check scene that comes out wrong; and after `close`.
         ResourceError
             When the counts take more memory than is free, before any is taken.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+        >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        ...     counts = rasterizer.count(rc.look_at((0.7, 0, 0), (0, 0, 0)), drawn=False)
+        >>> int(counts.visible[0].sum()), counts.drawn
+        (400, None)
         """
         self._check_open()
         return self._counted(valid_poses(poses), flag("drawn", drawn))
@@ -181,6 +235,16 @@ class Rasterizer(Closing):
         ResourceError
             For more than `MAX_RENDERED` pixels, or more than memory has room for, before any of it
             is taken.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera(width=64, height=48, fx=60, fy=60)
+        >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        ...     picture = rasterizer.render(rc.look_at((0.7, 0, 0), (0, 0, 0))[0])
+        >>> int(picture.face[0, 0]), round(float(picture.depth[24, 32]), 4)  # no face; metres
+        (-1, 0.6)
         """
         self._check_open()
         poses = valid_poses(pose)

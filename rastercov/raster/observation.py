@@ -25,7 +25,17 @@ from rastercov.raster.contract import FaceCounts
 
 
 class BoundKind(IntEnum):
-    """Meaning of the bound of a figure."""
+    """Meaning of the bound of a figure.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> found = rc.visibility(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> [rc.BoundKind(kind).name for kind in sorted(set(found.kind.ravel().tolist()))]
+    ['CERTIFIED', 'EXACT']
+    """
 
     STATISTICAL = 0
     """Counted; the bound holds for 99.9 % of the partly visible faces."""
@@ -52,6 +62,16 @@ class Observation(InOneLine):
         Samples a px^2 where they were counted.
     area_error : (P, F) float64
         Bound of the errors of both areas together where they were computed, px^2.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera(width=640, height=480, fx=600, fy=600)
+    >>> with rc.open_observer(mesh, camera) as observer:
+    ...     seen = observer.observe(rc.look_at((0.7, 0, 0), (0, 0, 0)))
+    >>> round(seen.visible_pixels.sum())  # 200 x 200 pixels: 600 px x 0.2 m / 0.6 m
+    40000
     """
 
     visible_pixels: FloatArray

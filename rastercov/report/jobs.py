@@ -65,6 +65,19 @@ def place(
         With a line for everything that is wrong with the plan.
     ConfigError
         When no candidate is left.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> plan = {
+    ...     "meshes": [{"built_in": "teapot-5"}],
+    ...     "camera": {"preset": "khepra"},
+    ...     "selection": {"goal": "best_coverage", "cameras": 2},
+    ...     "candidates": [{"generator": "on_sphere", "count": 4}],
+    ... }
+    >>> placed = rc.place(plan)
+    >>> len(placed.cameras.placed), placed.is_met
+    (2, True)
     """
     from rastercov.placement.plan.run import place as run
 
@@ -124,6 +137,19 @@ def check(
         For a file that cannot be read, a row that is not a pose, or a pose of another camera.
     ConfigError
         Where nothing is required, of an unknown group, and for a file that is no baseline.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> plan = {
+    ...     "meshes": [{"built_in": "teapot-5"}],
+    ...     "camera": {"preset": "khepra"},
+    ...     "selection": {"goal": "fewest_cameras", "coverage": 0.5},
+    ...     "candidates": [{"generator": "on_sphere", "count": 4}],
+    ... }
+    >>> found = rc.check(plan, rc.sphere_of_poses((0, 0, 0.05), distance=0.6, count=6))
+    >>> found.is_met, [requirement.status for requirement in found.requirements]
+    (True, ['holds'])
     """
     from rastercov.camera.formats import read_views
     from rastercov.placement.plan import check as plan_check
@@ -215,6 +241,17 @@ def audit(
         For a pose that is no rigid motion, and for no poses.
     CameraError
         For views without cameras.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=12)
+    >>> found = rc.audit(mesh, camera, poses, resolution_of_result=0.1)
+    >>> summary = found.summary()
+    >>> round(summary["covered_percent"], 1), summary["cameras"], summary["subset"]["cameras"]
+    (100.0, 12, 2)
     """
     from rastercov.placement.reconstruction import reconstruction
 

@@ -168,6 +168,17 @@ def show(
     ------
     ConfigError
         For other values, a name that does not end in .html, and no height.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(64, 48, hfov_deg=60)
+    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> page = rc.show(found, "page.html")
+    wrote page.html
+    >>> page.path.exists()
+    True
     """
     check_kind("value", value, KINDS, WORDS, ConfigError)
     if path is not None and not str(path).lower().endswith(".html"):
@@ -216,6 +227,16 @@ def table(value: Result, name: str) -> Any:
     ------
     ConfigError
         For other values and names, and without pyarrow.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(64, 48, hfov_deg=60)
+    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> rows = rc.table(found, "faces").to_pydict()
+    >>> rows["covered"].count(True), rows["reason"][0]
+    (2, 'back_facing')
     """
     check_kind("value", value, KINDS, WORDS, ConfigError)
     check_choice("name", name, ("faces", "cameras", "zones", "groups"))

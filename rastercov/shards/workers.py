@@ -40,6 +40,17 @@ class Workers:
     ConfigError
         Where not exactly one is given, for a number below 1, for an address that is open to others,
         and for one where Dask is not installed.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.look_at([(0.6, 0, 0), (0, 0, 0.6)], (0, 0, 0))
+    >>> own = rc.Workers(1)  # a process, which measures shards into the folder
+    >>> found = rc.evaluate(mesh, camera, poses, folder="shards", workers=own)
+    >>> round(found.covered.share(), 3)
+    0.333
     """
 
     number: int | None = None

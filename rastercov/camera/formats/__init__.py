@@ -144,6 +144,17 @@ def read_views(
         For a file that is not read, and for one that leaves open what `conventions` do not answer.
     ConfigError
         For a format that does not exist.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), distance=1, count=2))
+    >>> views = rc.Views(rc.Rig([camera], ["cam"]), poses, images=("a.jpg", "b.jpg"))
+    >>> _ = rc.write_views("rig.json", views)
+    >>> views = rc.read_views("rig.json")
+    >>> views.rig.names, len(views.poses)
+    (('cam',), 2)
     """
     border = Border(Conventions() if conventions is None else conventions)
     views = read_through(path, border, format)
@@ -289,6 +300,15 @@ def write_views(
     ConfigError
         For a file that is there already, poses without a unit for a format that is in metres, and
         a format that does not exist.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), distance=1, count=3))
+    >>> views = rc.Views(rc.Rig([camera], ["cam"]), poses, images=("a.jpg", "b.jpg", "c.jpg"))
+    >>> rc.write_views("model", views, format="colmap")  # what COLMAP cannot hold, in words
+    ['lengths are metres, which the format does not say']
     """
     place = _path(path)
     overwrite = flag("overwrite", overwrite)

@@ -74,6 +74,18 @@ class Conventions:
     ------
     ConfigError
         For a value that is no answer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=600, count=3)  # of a file in mm
+    >>> views = rc.Views(rc.Rig([camera], ["cam"]), rc.Poses.of(poses), ("a", "b", "c"))
+    >>> _ = rc.write_views("model", views, format="colmap")
+    >>> views = rc.read_views("model", conventions=rc.Conventions(pose_unit="mm"))
+    >>> np.linalg.norm(views.poses.world_from_camera[0, :3, 3]).round(6).item()  # metres
+    0.6
     """
 
     pixel_centre: float | None = None

@@ -66,6 +66,16 @@ class CellShares(InOneLine):
         Cells of each pose, in ascending order.
     share : (M,) float64
         Covered area over the area of the cell, (0, 1].
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> seen = rc.regions(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> shares = rc.cells(mesh, size=0.1).share(seen)
+    >>> len(shares.cell), shares.share.min().round(6).item()  # one side, each cell as a whole
+    (24, 1.0)
     """
 
     pose_ids: NDArray[np.int64]
@@ -94,6 +104,16 @@ class Cells(InOneLine):
         m^2.
     trees : Trees
         How the faces are halved.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> grid = rc.cells(mesh, size=0.1)
+    >>> len(grid), grid.area.sum().round(6).item()  # m^2
+    (144, 0.24)
+    >>> grid.elements.n_faces
+    144
     """
 
     mesh: Mesh
@@ -114,7 +134,18 @@ class Cells(InOneLine):
         return Mesh(self.vertices, self.faces, mesh.groups, mesh.face_group[self.source_face])
 
     def share(self, regions: Regions) -> CellShares:
-        """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
+        """Share of each cell that each pose covers; `ConfigError` for regions of another mesh.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> seen = rc.regions(mesh, camera, rc.look_at((0.15, 0, 0), (0, 0, 0)))
+        >>> shares = rc.cells(mesh, size=0.1).share(seen)
+        >>> len(shares.cell), shares.share.max().round(6).item()  # of each patch that it sees
+        (8, 0.3125)
+        """
         check_same_mesh(self.mesh, regions.mesh)
         ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1)).tolist()
         xy = read_only(regions.xy, np.float64)
@@ -153,6 +184,13 @@ def cells(mesh: Mesh, size: float) -> Cells:
         For a size that is no positive number.
     ResourceError
         For more than `MOST_CELLS` cells; the message has a size that fits.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> len(rc.cells(mesh, size=0.3)), len(rc.cells(mesh, size=0.1))
+    (12, 144)
     """
     longest = finite_number(size)
     if not longest > 0:

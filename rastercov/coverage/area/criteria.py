@@ -57,6 +57,17 @@ class RayAngle(InOneLine):
     ------
     ConfigError
         For values that are none of these.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eyes = [(-0.1, 0, 0.6), (0.1, 0, 0.6)]
+    >>> both = rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0))).at_least(2)
+    >>> wide = [both.where(rc.RayAngle(eyes, degrees)) for degrees in (10, 22, 40)]
+    >>> [each.areas().sum().round(4).item() for each in wide]  # m^2
+    [0.04, 0.0302, 0.0]
     """
 
     eyes: ArrayLike
@@ -106,6 +117,16 @@ class Illuminance(InOneLine):
     ------
     ConfigError
         For values that are none of these.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> seen = rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
+    >>> bright = seen.where(rc.Illuminance([(0, 0, 0.6)], limit=380, intensities=100))  # lx, cd
+    >>> seen.areas().sum().round(4).item(), bright.areas().sum().round(4).item()  # m^2
+    (0.04, 0.0273)
     """
 
     positions: ArrayLike
@@ -169,6 +190,17 @@ class Highlight(InOneLine):
     ------
     ConfigError
         For values that are none of these.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eye, lamp = (0.1, 0, 0.6), (-0.1, 0, 0.6)
+    >>> seen = rc.regions(mesh, camera, rc.look_at(eye, (0, 0, 0.1)))
+    >>> free = seen.where(rc.Highlight(eye, [lamp], degrees=5))
+    >>> seen.areas().sum().round(4).item(), free.areas().sum().round(4).item()  # m^2
+    (0.04, 0.0337)
     """
 
     eyes: ArrayLike
@@ -210,6 +242,15 @@ class BeamDensity(InOneLine):
     ------
     ConfigError
         For values that are none of these.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> scanner = rc.Camera(width=3600, height=1800, fx=573, fy=573, model="equirectangular")
+    >>> seen = rc.regions(rc.shapes.box((2, 2, 2)), scanner, rc.look_at((3, 0, 0), (0, 0, 0)))
+    >>> dense = seen.where(rc.BeamDensity((3, 0, 0), (0, 0, 1), step_deg=0.1, limit=70_000))
+    >>> seen.areas().sum().round(2).item(), dense.areas().sum().round(2).item()  # m^2
+    (4.0, 1.74)
     """
 
     centres: ArrayLike
@@ -260,6 +301,20 @@ class Uncertainty(InOneLine):
     ------
     ConfigError
         For values that are none of these.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eyes = [(-0.1, 0, 0.6), (0.1, 0, 0.6)]
+    >>> both = rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0))).at_least(2)
+    >>> for limit in (1e-3, 4e-4, 3e-4):  # metres
+    ...     sharp = both.where(rc.Uncertainty(eyes, limit, noise=2e-4))
+    ...     print(sharp.areas().sum().round(4).item())  # m^2
+    0.04
+    0.0399
+    0.0
     """
 
     eyes: ArrayLike

@@ -55,6 +55,22 @@ class LaserLine(InOneLine):
     percent, doubled_percent : float
         Part of the area of the task by N stations, and by 2 N: the difference says whether N is
         enough. No bound is claimed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> laser = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> tilted = rc.look_at((0, 0.2, 0), (0, 0, 0.5), up=(0, 1, 0))[0]
+    >>> limit = {"laser": rc.Task(max_incidence_deg=70)}
+    >>> head = rc.Rig(
+    ...     [laser, laser], ["laser", "camera"], [np.eye(4), tilted], rule=rc.All(), tasks=limit
+    ... )
+    >>> above = rc.look_at((0, -0.2, 0.6), (0, -0.2, 0), up=(0, 1, 0))
+    >>> path = rc.conveyor(21, direction=(0, 1, 0), distance=0.4) @ above
+    >>> found = rc.LaserLine.of(rc.shapes.box((0.2, 0.2, 0.2)), head, path)
+    >>> found.stations, round(found.percent, 1)  # the top, 1/6 of the box
+    (20, 16.7)
     """
 
     regions: Regions

@@ -73,6 +73,18 @@ class MotionQuery(InOneLine):
     ------
     ConfigError
         For what is none of these.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eye = rc.look_at((0.6, 0, 0), (0, 0, 0))
+    >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
+    >>> queries = [rc.MotionQuery(motion, over) for over in ("some", "all")]
+    >>> found = [rc.evaluate(mesh, camera, eye, motion=query) for query in queries]
+    >>> [round(each.over_time.share(), 3) for each in found]  # four sides of six, and none
+    [0.667, 0.0]
     """
 
     motion: Motion

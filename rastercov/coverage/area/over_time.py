@@ -71,6 +71,19 @@ class OverTime(InOneLine):
         The motion, and the time in which a point is covered, by `views` cameras of the task.
     regions : Regions
         Of `rastercov.regions` by the motion: R rows a frame.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
+    >>> eye = rc.look_at((0.6, 0, 0), (0, 0, 0))
+    >>> found = rc.evaluate(mesh, camera, eye, motion=motion).over_time
+    >>> round(found.share(), 3)  # in some frame: four sides of six
+    0.667
+    >>> found.share_of_time().round(6).max().item()  # each of them in one frame of four
+    0.25
     """
 
     asked: MotionQuery

@@ -116,6 +116,17 @@ class Regions(FacePolygons):
     cut_short : float
         Area of all poses that criteria leave undecided because the divisions of a face ended
         before its bound was reached, m^2; it is in `bound`.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> seen = rc.regions(mesh, camera, rc.look_at([(0.6, 0, 0), (0.15, 0, 0)], (0, 0, 0)))
+    >>> seen.areas().shape, seen.areas().sum(axis=1).round(4).tolist()  # m^2 by each pose
+    ((2, 12), [0.04, 0.0025])
+    >>> seen.points().shape[1]  # x, y, z of the corners of its polygons
+    3
     """
 
     camera: Cameras
@@ -181,6 +192,16 @@ class Regions(FacePolygons):
         ConfigError
             For k below 1, groups that are none, and for rows of several cameras on two-sided faces,
             which have no side.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> eyes = [(0.6, 0, 0), (0.6, 0.05, 0), (0, 0.6, 0)]
+        >>> seen = rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0)))
+        >>> [seen.at_least(k).areas().sum().round(4).item() for k in (1, 2, 3)]  # m^2
+        [0.08, 0.04, 0.0]
         """
         number = finite_number(k)
         if not number.is_integer() or number < 1:
@@ -290,6 +311,16 @@ class Regions(FacePolygons):
         ------
         ConfigError
             For a criterion of other rows than these.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> seen = rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
+        >>> lit = seen.where(rc.Illuminance([(0, 0, 0.6)], limit=380, intensities=100))
+        >>> bool(lit.areas().sum() < seen.areas().sum())
+        True
         """
         check_kind("criterion", criterion, Criterion, "a criterion, such as RayAngle", ConfigError)
         found = self

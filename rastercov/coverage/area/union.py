@@ -38,6 +38,18 @@ class Covered(FacePolygons):
         The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
     face, views : (N,) int32
         Face of each piece, in ascending order, and cameras that cover it, k for k or more.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.look_at([(0.6, 0, 0), (0.6, 0.05, 0), (0, 0, 0.6)], (0, 0, 0))
+    >>> covered = rc.unite(rc.regions(mesh, camera, poses), views=2)
+    >>> round(covered.share(1), 3), round(covered.share(2), 3)  # by one camera, by two
+    (0.333, 0.167)
+    >>> covered.area.sum(axis=1).round(6).tolist()  # m^2
+    [0.08, 0.04]
     """
 
     area: FloatArray
@@ -46,7 +58,18 @@ class Covered(FacePolygons):
     views: NDArray[np.int32]
 
     def share(self, views: int = 1) -> float:
-        """Part of the area of the task faces that at least `views` cameras cover, [0, 1]."""
+        """Part of the area of the task faces that at least `views` cameras cover, [0, 1].
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> eyes = [(0.6, 0, 0), (0.6, 0.05, 0)]
+        >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0))), views=2)
+        >>> round(covered.share(), 3), round(covered.share(2), 3)  # one side of six, by both
+        (0.167, 0.167)
+        """
         number = finite_number(views)
         if number not in range(1, len(self.area) + 1):
             raise ConfigError(f"views must be 1 ... {len(self.area)}, got {shown(views)}")
@@ -66,6 +89,18 @@ class RegionUnion:
         Mesh of the regions.
     views : int
         k: cameras up to which they are counted.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> union = rc.RegionUnion(mesh)
+    >>> for x in (0.6, -0.6):
+    ...     union.add(rc.regions(mesh, camera, rc.look_at((x, 0, 0), (0, 0, 0))))
+    ...     print(round(union.covered().share(), 3))
+    0.167
+    0.333
     """
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
@@ -140,6 +175,16 @@ def unite(
     ------
     ConfigError
         For regions of different meshes, or none.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eyes = [(0.6, 0, 0), (0.6, 0.05, 0), (0, 0, 0.6)]
+    >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0))), views=2)
+    >>> [round(covered.share(n), 3) for n in (1, 2)]  # by that many cameras or more
+    [0.333, 0.167]
     """
     parts: list[Any] = [regions] if isinstance(regions, Regions) else list(regions)
     if not parts:

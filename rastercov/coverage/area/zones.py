@@ -74,6 +74,16 @@ class DeadZones(FacePolygons):
         m^2, descending.
     piece_area : (N,) float64
         m^2.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))))
+    >>> zones = rc.dead_zones(covered)
+    >>> len(zones), round(zones.places(1)[0]["area_m2"], 6)  # five sides, in one piece
+    (1, 0.2)
     """
 
     views: NDArray[np.int32]
@@ -90,6 +100,16 @@ class DeadZones(FacePolygons):
 
         Groups are named by falling area; `m2_by_views` is the area that exactly 0, 1, ... cameras
         cover.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))))
+        >>> place = rc.dead_zones(covered).places(1)[0]
+        >>> place["groups"], round(place["area_m2"], 6), round(place["percent"], 3)
+        (['mesh'], 0.2, 83.333)
         """
         mesh, n = self.mesh, min(max(int(n), 0), len(self.area))
         names = [group.name for group in mesh.groups]
@@ -151,6 +171,16 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     ------
     ConfigError
         For `views` beyond those that `covered` counts.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> eyes = [(0, 0, 0.6), (0.6, 0, 0), (-0.6, 0, 0)]
+    >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0))))
+    >>> rc.dead_zones(covered).area.round(4).tolist()  # m^2 of what no camera covers
+    [0.12]
     """
     from rastercov.mesh.unseeable import unseeable_where_seen
     from rastercov.native import area_zone as kernels

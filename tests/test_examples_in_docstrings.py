@@ -1,0 +1,63 @@
+"""Every public function and class has an example in its docstring, which prints what it says."""
+
+import doctest
+import functools
+import inspect
+
+import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+
+import rastercov as rc
+from rastercov.mesh import shapes
+
+FIRST = """
+    Camera.depth_of_field Camera.from_dict Camera.from_fov Camera.from_lens Camera.from_opencv
+    Camera.load Camera.preset Camera.resized Camera.save Evaluation.covered Evaluation.group_views
+    Evaluation.over_time Evaluation.summary Exposure.band Lamp.bar Lamp.ring Lamp.spot
+    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups Poses.of Regions.at_least
+    Regions.where Rig.poses"""
+"""Methods that a program calls first."""
+SHAPES = [name for name, each in vars(shapes).items() if hasattr(each, "__wrapped__")]
+NAMES = [*rc.__all__, *FIRST.split(), *(f"shapes.{name}" for name in SHAPES if name != "typed")]
+
+
+def example(name):
+    """Example of a public name; it imports what it needs."""
+    value = functools.reduce(getattr, name.split("."), rc)
+    text = inspect.getdoc(value) or ""
+    _, _, own = text.partition("\nExamples\n--------\n")
+    return doctest.DocTestParser().get_doctest(own, {}, name, name, 0)
+
+
+def outcome(test):
+    """Number of lines that were tried, and a report on those that print something else."""
+    report = []
+    tried = doctest.DocTestRunner(verbose=False).run(test, out=report.append).attempted
+    return tried, "".join(report)
+
+
+def test_built_in_meshes_are_among_the_names():
+    assert {"shapes.box", "shapes.room", "shapes.teapot"} <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_public_name_has_an_example_that_prints_something(name):
+    lines = example(name).examples
+    assert any(line.want for line in lines)
+    assert len(lines) >= 2
+    assert "import rastercov as rc\n" in [line.source for line in lines]
+    assert not any(line.options for line in lines)  # none is skipped
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_an_example_prints_what_it_says(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tried, report = outcome(example(name))
+    assert tried
+    assert report == ""
+
+
+def test_an_example_that_prints_something_else_is_found():
+    test = doctest.DocTestParser().get_doctest(">>> 1 + 1\n3\n", {}, "wrong", "wrong", 0)
+    assert "Expected:\n    3\nGot:\n    2\n" in outcome(test)[1]
