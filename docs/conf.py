@@ -59,6 +59,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "rastercov"
 html_sidebars = {page: [] for page in ("index", "start", "concepts", "faq")}
 html_static_path = ["_static"]
+html_extra_path = ["llms.txt", "answers.schema.json"]
 html_css_files = ["site.css"]
 html_search_scorer = str(Path(__file__).parent / "_static" / "scorer.js")
 html_copy_source = False

@@ -5,7 +5,8 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from importlib.resources import files
+from typing import Annotated, Any
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -99,11 +100,19 @@ def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
         console.print(Text(title, "bold"), Padding(grid, (0, 0, 1, 2)), sep="\n")
 
 
-def doctor(as_json: AsJson = False) -> None:
+def doctor(
+    as_json: AsJson = False,
+    guide: Annotated[
+        bool, typer.Option("--guide", help="Print how to drive rastercov, for assistants.")
+    ] = False,
+) -> None:
     """List graphics devices, test each, and say what to install.
 
     Example: rastercov doctor --json
     """
+    if guide:
+        print((files("rastercov") / "data" / "SKILL.md").read_text("utf-8"), end="")
+        return
     from rastercov.raster.gl.diagnose import examine
 
     report = examine()

@@ -1,0 +1,126 @@
+"""What every command prints with --json has the form of docs/answers.schema.json."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from commands import call
+from jsonschema import Draft202012Validator
+from nightly import nightly
+from reader import write_files
+from short_search import short_search  # noqa: F401 # a fixture for every test
+
+from rastercov.cli.console import COMMANDS, LazyCommand
+
+SCHEMA = json.loads(
+    (Path(__file__).parents[2] / "docs" / "answers.schema.json").read_text(encoding="utf-8")
+)
+SCENE = "evaluate part.ply -c camera.toml -p poses.json --device cpu"
+LINES = {
+    "demo": "demo --shape box --poses 2 --device cpu",
+    "evaluate": SCENE,
+    "evaluate, nothing seen": "evaluate room -c khepra -p sphere:2",
+    "evaluate, no poses": "evaluate part.ply -c camera.toml -p none.npy",
+    "evaluate, by face": f"{SCENE} --by face --method sampled",
+    "evaluate, parts and views": "evaluate as1.obj -c l=l.yaml -c r=r.yaml -p named.json --views 2",
+    "evaluate, lamps": f"{SCENE} --lamps lamps.toml --min-illuminance 100",
+    "evaluate, motion": f"{SCENE} --motion motion.csv",
+    "evaluate, rule": "evaluate part.ply -c rule.toml -p sphere:2 --max-incidence-deg 75",
+    "evaluate, silhouettes": f"{SCENE} --table groups",
+    "render": "render part.ply -c camera.toml -p poses.json --device cpu",
+    "compare": "compare part.ply -c camera.toml -p sphere:1 --method sampled --faces 1",
+    "compare, models": "compare part.ply -c camera.toml -p sphere:1 --models",
+    "place": "place plan.toml",
+    "place, by face": "place face.toml",
+    "place, not met": "place plan_high.toml",
+    "check": "check plan.toml -p rig.json --out checked",
+    "check, fails": "check plan.toml -p rig.json --min-coverage 1 --views 4 --group part=0.2",
+    "check, baseline": "check plan.toml -p poses.json --baseline checked/check.json",
+    "audit": "audit sparse/0 part.ply",
+    "audit, by face": "audit sparse/0 part.ply --by face --pose-unit 1 --suggest 1",
+    "cameras": "cameras",
+    "cameras, pairs": "cameras --hfov 60",
+    "convert": "convert rig.json converted.npy --overwrite",
+    "doctor": "doctor",
+    "validate": "validate markers",
+}
+FAILING = {"place, not met", "check, fails"}
+SLOW = {"validate"}
+WITHOUT = {"view", "sheet"}
+"""Commands that print no JSON."""
+
+
+def schema_of(name):
+    return SCHEMA | {"$ref": f"#/$defs/{name}"}
+
+
+def faults(name, data):
+    found = Draft202012Validator(schema_of(name)).iter_errors(data)
+    return [f"{'/'.join(map(str, each.absolute_path))}: {each.message[:200]}" for each in found]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files of a reader, lamps, a motion, and plans with other goals."""
+    folder = tmp_path_factory.mktemp("schema")
+    write_files(folder)
+    plan = (folder / "plan.toml").read_text()
+    (folder / "plan_high.toml").write_text(
+        plan.replace("coverage = 0.3", "coverage = 1.0") + "[task]\nviews = 4\n"
+    )
+    (folder / "face.toml").write_text(plan + '[task]\nby = "face"\nmin_visibility = 0.5\n')
+    lamp = "[lamps.{}]\nintensity_cd = 100\nposition = [{}, 0, 0.5]\n"
+    (folder / "lamps.toml").write_text(lamp.format("a", 0) + lamp.format("b", 0.5))
+    (folder / "motion.csv").write_text("time,part.x\n0,0\n1,0.01\n2,0.02\n")
+    cameras = "".join(
+        f'[[cameras]]\nname = "{name}"\nwidth = 320\nheight = 240\nhfov_deg = 40\n'
+        for name in ("camera", "projector")
+    )
+    places = [np.eye(4).tolist(), np.eye(4).tolist()]
+    places[1][0][3] = 0.02
+    rule = f'rule = "all"\nmin_baseline_deg = 1\nrig_from_camera = {places}\n'
+    (folder / "rule.toml").write_text(rule + cameras)
+    np.save(folder / "none.npy", np.zeros((0, 4, 4)))
+    names = json.loads((folder / "stereo.json").read_text())
+    (folder / "named.json").write_text(json.dumps(names).replace("left", "l").replace("right", "r"))
+    return folder
+
+
+def test_the_schema_is_one():
+    Draft202012Validator.check_schema(SCHEMA)
+    kinds = {name.partition(",")[0] for name in LINES}
+    assert kinds | WITHOUT == set(COMMANDS)
+    for name in WITHOUT:
+        options = [option for each in LazyCommand(name).loaded.params for option in each.opts]
+        assert "--json" not in options
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", [pytest.param(each, marks=nightly if each in SLOW else ()) for each in LINES]
+)
+def test_what_a_command_prints_has_the_form_of_its_schema(name, folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    if name == "check, baseline" and not Path("checked/check.json").exists():
+        call(capsys, LINES["check"])
+    code, out, err = call(capsys, f"{LINES[name]} --json")
+    assert code == (name in FAILING), err
+    kind = {"demo": "evaluate", "compare, models": "compare_models"}.get(name)
+    assert faults(kind or name.partition(",")[0], json.loads(out)) == []
+
+
+def test_what_is_missing_new_or_of_another_type_is_found():
+    found = {
+        "cameras": ["a"],
+        "poses": 2,
+        "has_unit": True,
+        "format": "npy",
+        "notes": [],
+        "file": "x",
+    }
+    assert faults("convert", found) == []
+    without = {key: value for key, value in found.items() if key != "poses"}
+    for wrong in (found | {"poses": -1}, found | {"pose": 2}, found | {"notes": "none"}, without):
+        assert len(faults("convert", wrong)) == 1
