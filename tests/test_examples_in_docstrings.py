@@ -12,10 +12,12 @@ from rastercov.mesh import shapes
 
 FIRST = """
     Camera.depth_of_field Camera.from_dict Camera.from_fov Camera.from_lens Camera.from_opencv
-    Camera.load Camera.preset Camera.resized Camera.save Evaluation.covered Evaluation.group_views
-    Evaluation.over_time Evaluation.summary Exposure.band Lamp.bar Lamp.ring Lamp.spot
-    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups Poses.of Regions.at_least
-    Regions.where Rig.poses"""
+    Camera.load Camera.preset Camera.resized Camera.save Camera.with_optics Cells.share
+    Covered.share DeadZones.places Evaluation.covered Evaluation.group_views
+    Evaluation.over_time Evaluation.summary Exposure.band Lamp.area Lamp.bar Lamp.ring Lamp.spot
+    Mesh.from_trimesh Mesh.joined Mesh.load Mesh.moved Mesh.with_groups Motion.frame
+    Observer.observe Poses.of Rasterizer.count Rasterizer.render Regions.at_least Regions.where
+    Rig.poses Task.thesis Views.camera"""
 """Methods that a program calls first."""
 SHAPES = [name for name, each in vars(shapes).items() if hasattr(each, "__wrapped__")]
 NAMES = [*rc.__all__, *FIRST.split(), *(f"shapes.{name}" for name in SHAPES if name != "typed")]
