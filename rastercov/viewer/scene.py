@@ -40,11 +40,11 @@ from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
+from rastercov.report.motion import described_motion
 from rastercov.report.pages import (
     described_camera,
     described_mesh,
     described_mode,
-    described_motion,
 )
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_sheet import rooms_of
