@@ -25,7 +25,7 @@ from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.exposure import Exposure
-from rastercov.camera.gltf_lights import Light
+from rastercov.camera.gltf_lights import Light, scene_of
 from rastercov.camera.photometry import (
     ASCEND,
     LARGEST_NUMBER,
@@ -512,6 +512,21 @@ class Lamps(InOneLine):
             **({} if self.exposure is None else {"exposure": asdict(self.exposure)}),
         }
 
+    def _to_gltf(self, _: object, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+        """Add the points of lamps that are fixed in the cell to a glTF scene, as lights."""
+        lights = []
+        for place, row in zip(self.point_places, self.lamp_of_point.tolist(), strict=True):
+            if not self.rides[row]:
+                lamp = self.lamps[row]
+                own = lamp.intensity_of_point, lamp.half_angle_deg
+                lights.append(Light(self.names[row], place, *own))
+        if not lights:
+            return {}
+        made, extension = scene_of(lights, len(nodes))
+        roots.append(len(nodes))
+        nodes += made
+        return {"extensions": extension, "extensionsUsed": list(extension)}
+
 
 def points_of(lamps: Lamps, chosen: BoolArray, world: FloatArray | None = None) -> Poses:
     """Poses of the points of some lamps, (N,) bool, of `Lamps.eyes`; in each of (R, 4, 4)."""
@@ -521,17 +536,6 @@ def points_of(lamps: Lamps, chosen: BoolArray, world: FloatArray | None = None) 
         places = (world[:, None] @ places[None]).reshape(-1, 4, 4)
         lamp = np.tile(lamp, len(world))
     return Poses.of(places, camera=lamp)
-
-
-def lights_of(lamps: Lamps) -> list[Light]:
-    """The points of lamps that are fixed in the cell, as lights of a scene."""
-    lights = []
-    for place, row in zip(lamps.point_places, lamps.lamp_of_point.tolist(), strict=True):
-        if not lamps.rides[row]:
-            lamp = lamps.lamps[row]
-            own = lamp.intensity_of_point, lamp.half_angle_deg
-            lights.append(Light(lamps.names[row], place, *own))
-    return lights
 
 
 def intensities_of(lamp: Lamp, cosine: FloatArray) -> FloatArray:

@@ -214,13 +214,13 @@ def run_and_print(
 def _print_tables(summary: dict[str, Any], level: int | None) -> None:
     """Print the summary of an evaluation as tables and lines."""
     from rastercov.coverage.area.by_camera import lines_of
-    from rastercov.coverage.area.over_time import time_lines
     from rastercov.coverage.area.zones import zone_lines
     from rastercov.report.tables import run_table
 
     print_network(summary, level)
     Console().print(run_table(summary))
-    for line in (*time_lines(summary), *lines_of(summary), *zone_lines(summary)):
+    of_time = summary.get("over_time", {}).get("lines", ())
+    for line in (*of_time, *lines_of(summary), *zone_lines(summary)):
         print(line)
 
 

@@ -202,11 +202,11 @@ class Evaluation(Coverage):
         """
         network, placed = self.network, self.poses
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
+        of_time = {} if self.areas is None else self.areas.of_time()
         if self.areas is not None:
             self.areas.add_to(found)
             found |= self.areas.dead_zones(self.camera, placed)
-            if not isinstance(self.areas, TimeAreas):
-                found |= self.apart.further()
+            found |= {} if of_time else self.apart.further()
         per_pose = [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
             for pose, covered, mean in zip(
@@ -233,8 +233,8 @@ class Evaluation(Coverage):
             ],
             "per_pose": per_pose,
         }
-        if isinstance(self.areas, TimeAreas):
-            return found | {"over_time": self.areas.over_time.summary()}
+        if of_time:
+            return found | of_time
         if len(cameras_of(self.camera)) > 1:
             found["by_camera"] = self.apart.summary()
             leads = led_by(self.camera, placed)

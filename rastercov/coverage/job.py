@@ -23,12 +23,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint
 from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.light import lit
-from rastercov.coverage.area.motion import (
-    MotionQuery,
-    check_pictures,
-    query_of,
-    regions_of_frames,
-)
+from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of, regions_of_frames
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import evaluate_over_time
 from rastercov.coverage.area.regions import RegionObserver, RegionPass

@@ -78,6 +78,7 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
+from rastercov.report.motion import animated
 from rastercov.report.network_page import OF_SENSORS, NetworkPage
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
@@ -302,9 +303,10 @@ def _write(
                 from rastercov.report.parquet import write_frames
 
                 write_frames(folder.file("frames.parquet"), timed.table())
-            moves = None if timed is None else timed.motion
-            lamps = lamps_of(camera)
-            write_covered_mesh(folder.file("network.glb"), areas.covered, moves, lamps)
+            additions = [] if timed is None else [animated(timed.motion)]
+            if (lamps := lamps_of(camera)) is not None:
+                additions.append(lamps._to_gltf)
+            write_covered_mesh(folder.file("network.glb"), areas.covered, additions)
         write_rig(folder.file("rig.json"), camera, poses, names)
         write_json(folder.file("summary.json"), summary)
         folder.publish()

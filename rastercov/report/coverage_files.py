@@ -4,7 +4,7 @@ An error of the disk is an `OSError` that names the file.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,11 @@ from PIL import Image
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import write_bytes, write_json
 from rastercov.camera.formats.own import content_of
-from rastercov.camera.gltf_lights import Light, scene_of
-from rastercov.camera.lamps import Lamps, lights_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of_poses
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
-from rastercov.mesh.motion import Motion
-from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report import theme
 from rastercov.report.images import png
 
@@ -63,6 +59,10 @@ def views_of(camera: Cameras, poses: Poses, names: Sequence[str] = (), unit: str
     return Views(rig=rig, poses=placed, images=images, has_unit=unit == "m")
 
 
+Addition = Callable[[GlbBuffer, list[dict[str, Any]], list[int]], dict[str, Any]]
+"""Adds to the buffer of a file, its nodes and the roots of its scene; gives further entries."""
+
+
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
     """Write the mesh as GLB, each face in the colour of its coverage, for any 3D viewer.
 
@@ -88,9 +88,9 @@ def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None
 
 
 def write_covered_mesh(
-    path: str | Path, covered: Covered, motion: Motion | None = None, lamps: Lamps | None = None
+    path: str | Path, covered: Covered, additions: Sequence[Addition] = ()
 ) -> None:
-    """Write the exact parts of the faces that cameras cover, the rest of the mesh, and lamps.
+    """Write the exact parts of the faces that cameras cover, and the rest of the mesh.
 
     What no camera covers is red; what they cover runs from violet to yellow with the number of
     cameras, yellow for all that are required; occluders are grey-blue.
@@ -101,8 +101,8 @@ def write_covered_mesh(
         Of the file, as for `write_coloured_mesh`.
     covered : Covered
         Of the mesh.
-    motion : Motion, optional
-        Of its bodies: an animation of their nodes, in steps.
+    additions : sequence of Addition
+        Such as the animation of bodies, and lamps.
     """
     mesh, parts = covered.mesh, with_rest(covered)
     counts = np.diff(parts.starts)
@@ -118,8 +118,7 @@ def write_covered_mesh(
         np.concatenate([triangles, mesh.vertices[mesh.faces[is_other]]]),
         np.concatenate([mesh.face_group[parts.face[of_piece]], mesh.face_group[is_other]]),
         np.concatenate([entry, np.full(is_other.sum(), theme.OCCLUDER_ROW)]),
-        motion,
-        () if lamps is None else lights_of(lamps),
+        additions,
     )
     write_bytes(path, content)
 
@@ -129,10 +128,9 @@ def _glb(
     triangles: FloatArray,
     group_of: NDArray[Any],
     entry: IntArray,
-    motion: Motion | None = None,
-    lights: Sequence[Light] = (),
+    additions: Sequence[Addition] = (),
 ) -> bytes:
-    """One node a group, turned from z up to y up, with the palette as texture, and lights."""
+    """One node a group, turned from z up to y up, with the palette as texture."""
     buffer = GlbBuffer()
     texture = png(Image.fromarray(theme.coverage_colours()[None]))
     shine = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
@@ -157,18 +155,11 @@ def _glb(
             "material": int(group.is_target),
         }
         node = {"name": group.name, "mesh": len(meshes)}
-        nodes.append(node if motion else node | {"matrix": turn.T.ravel().tolist()})
+        nodes.append(node | {"matrix": turn.T.ravel().tolist()})
         meshes.append({"name": group.name, "primitives": [primitive]})
     roots, more = list(range(len(nodes))), dict[str, Any]()
-    if motion:
-        more = {"animations": [_animation(buffer, mesh, motion, nodes, centre)]}
-        own = {"name": "z up", "children": roots, "matrix": turn.T.ravel().tolist()}
-        nodes, roots = [*nodes, own], [len(nodes)]
-    if lights:
-        lamps, extension = scene_of(lights, len(nodes))
-        roots.append(len(nodes))
-        nodes += lamps
-        more |= {"extensions": extension, "extensionsUsed": list(extension)}
+    for add in additions:
+        more |= add(buffer, nodes, roots)
     return buffer.file(
         more
         | {
@@ -182,39 +173,3 @@ def _glb(
             "images": [{"bufferView": buffer.add_bytes(texture), "mimeType": "image/png"}],
         }
     )
-
-
-def _animation(
-    buffer: GlbBuffer,
-    mesh: Mesh,
-    motion: Motion,
-    nodes: list[dict[str, Any]],
-    centre: FloatArray,
-) -> dict[str, Any]:
-    """Animation of the nodes of groups that move, about the centre; what is absent has no size.
-
-    The end of the last frame has the values of it again: players stop there.
-    """
-    names = [group.name for group in mesh.groups]
-    times = np.concatenate(([0.0], np.cumsum(motion.durations)))
-    at = buffer.add(times.astype(np.float32), with_range=True)
-    samplers: list[dict[str, Any]] = []
-    channels: list[dict[str, Any]] = []
-
-    def add(node: int, path: str, values: FloatArray) -> None:
-        values = np.concatenate((values, values[-1:])).astype(np.float32)
-        samplers.append({"input": at, "output": buffer.add(values), "interpolation": "STEP"})
-        channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": path}})
-
-    for index, node in enumerate(nodes):
-        members = np.flatnonzero(mesh.face_group == names.index(node["name"]))
-        body = int(motion.body[members[0]])
-        pose, there = motion.world_from_body[:, body], motion.present[:, body]
-        if (pose != np.eye(4)).any():
-            add(index, "rotation", quaternions_of(pose[:, :3, :3])[:, [1, 2, 3, 0]])
-            add(index, "translation", pose[:, :3, :3] @ centre + pose[:, :3, 3] - centre)
-        if not there.all():
-            add(index, "scale", np.repeat(there.astype(np.float64)[:, None], 3, axis=1))
-    if not channels:
-        add(0, "translation", np.zeros((len(motion), 3)))
-    return {"name": "motion", "samplers": samplers, "channels": channels}

@@ -27,7 +27,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.features import values_of as values_of_features
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork, in_words
-from rastercov.coverage.area.over_time import OverTime, TimeAreas, time_lines, time_words
+from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
@@ -47,6 +47,7 @@ from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
 from rastercov.report.modes import MODES, OfCameras, OfLight, OfUnit, mode_picture, of_devices
+from rastercov.report.motion import shown
 from rastercov.report.over_time import curve_points, frames_picture, time_picture
 from rastercov.report.overview import (
     Overview,
@@ -339,7 +340,7 @@ class NetworkPage:
             ),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
-            timed=self.timed,
+            moving=None if self.timed is None else shown(self.timed),
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -371,7 +372,7 @@ class NetworkPage:
             figures=self.figures,
             level=self.level,
             time_curve=curve_points(self.figures, 400, 120),
-            time_lines=time_lines(self.figures),
+            time_lines=self.figures.get("over_time", {}).get("lines", ()),
             reasons=REASONS,
             view=self.view,
             **values,
@@ -407,7 +408,7 @@ class NetworkPage:
     @property
     def _long(self) -> str:
         """Words on the time in which parts are covered, after a space; none where nothing moves."""
-        return "" if self.timed is None else f" {time_words(self.timed.asked.over)}"
+        return "" if self.timed is None else f" {self.figures['over_time']['in_words']}"
 
     @property
     def covered_words(self) -> str:

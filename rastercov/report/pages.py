@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,14 +34,12 @@ from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.advice import task_in_words
-from rastercov.coverage.area.over_time import OverTime
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
 from rastercov.coverage.parts import part_rows
 from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.report import theme
 from rastercov.report.images import png, png_in_the_dark
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
@@ -102,7 +100,7 @@ def _environment(package: str) -> "Environment":
         "srcdoc": _srcdoc,
         "task_in_words": task_in_words,
         "verb": verb,
-        "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
+        "uri": lambda data: f"data:image/png;base64,{base64_of(data)}",
     }
     environment.globals |= {
         "light": LIGHT,
@@ -135,7 +133,8 @@ def _srcdoc(page: str) -> str:
     return Markup(page.replace("&", "&amp;").replace("'", "&#39;"))
 
 
-def _base64(data: Any) -> str:
+def base64_of(data: Any) -> str:
+    """Bytes as text of a page."""
     return base64.b64encode(data).decode("ascii")
 
 
@@ -170,6 +169,13 @@ TYPES = {
 }
 
 
+class Moving(NamedTuple):
+    """Bodies that move on a page: their poses, and the covered share of each face in each frame."""
+
+    motion: dict[str, Any]
+    shares: Sequence[FloatArray] | FloatArray
+
+
 def view_page(
     title: str,
     mesh: Mesh,
@@ -181,7 +187,7 @@ def view_page(
     zones: Sequence[Mapping[str, Any]] = (),
     *,
     unit: str = "m",
-    timed: OverTime | None = None,
+    moving: Moving | None = None,
 ) -> str | None:
     """Page of a result that needs no server; None for one too large for a report.
 
@@ -198,8 +204,8 @@ def view_page(
         As of `zone_entries`.
     unit : {"m", "unit"}
         Of lengths, as of `rastercov.base.format.area`.
-    timed : OverTime, optional
-        Coverage over time, whose frames are shown.
+    moving : Moving, optional
+        Frames to show.
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
@@ -216,13 +222,12 @@ def view_page(
         "unit": unit,
     }
     frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
-    if timed is not None:
-        scene["motion"] = described_motion(timed.motion)
-        if len(timed.motion) * mesh.n_faces <= MOST_LEVELS:
+    if moving is not None:
+        scene["motion"] = moving.motion
+        if len(moving.shares):
             scene["modes"].append(described_mode("now", MODES["now"]))
-            covered = timed.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny)
-            for row, share in enumerate(covered):
-                frames[f"now@{row}"] = _frame(mesh, "now", share, summary)
+        for row, share in enumerate(moving.shares):
+            frames[f"now@{row}"] = _frame(mesh, "now", share, summary)
     state = _still_state(camera, poses, names)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
 
@@ -363,28 +368,15 @@ def described_mode(name: str, mode: Mode) -> dict[str, Any]:
     return {"id": name, "label": mode.label, "words": mode.words, "panel": mode.panel}
 
 
-def described_motion(motion: Motion) -> dict[str, Any]:
-    """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
-    groups, first = np.unique(motion.mesh.face_group, return_index=True)
-    bodies = np.zeros(len(motion.mesh.groups), np.int64)
-    bodies[groups] = motion.body[first]
-    return {
-        "durations": motion.durations.tolist(),
-        "bodies": bodies.tolist(),
-        "poses": _base64(np.ascontiguousarray(motion.world_from_body[:, :, :3]).tobytes()),
-        "present": _base64(motion.present.astype(np.uint8).tobytes()),
-    }
-
-
 def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
     """Colours of faces without their levels, ready for JSON."""
-    palette = _base64(painted.palette.tobytes())
+    palette = base64_of(painted.palette.tobytes())
     return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
 
 
 def levels_of(levels: object) -> dict[str, str]:
     """Level of each face, as a frame of an exported page has it."""
-    return {"levels": _base64(levels)}
+    return {"levels": base64_of(levels)}
 
 
 def described_camera(camera: Camera) -> dict[str, Any]:
@@ -468,8 +460,8 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
     origin, soup = soup_of(mesh)
     surface = {
         "origin": origin.tolist(),
-        "soup": _base64(soup),
-        "groups": _base64(groups_of(mesh)),
+        "soup": base64_of(soup),
+        "groups": base64_of(groups_of(mesh)),
     }
     shaders = {
         each.name.removesuffix(".glsl"): each.read_text("utf-8")
@@ -531,4 +523,4 @@ def static_file(name: str) -> bytes | None:
 
 def digest_of(text: str) -> str:
     """Source of a content security policy: a text inside the page itself."""
-    return f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'"
+    return f"'sha256-{base64_of(hashlib.sha256(text.encode()).digest())}'"

@@ -7,13 +7,13 @@ headings and words.
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rastercov.base.format import percent
 from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
-from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.table import taken
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.job import regions
@@ -145,10 +145,9 @@ def network_of(
         title = f"Check of {found.poses_file.name} against {plan.name}"
     figures = {name: content[name] for name in ("covered_area", *ZONES) if name in content}
     parts = None
-    if isinstance(areas, TimeAreas):
-        parts = areas.over_time.alone() if has_parts else None
-    elif areas is not None and has_parts:
-        parts = regions(of.mesh, plan.rig, placed, of.task, method=plan.task.method)
+    if areas is not None and has_parts:
+        scene = of.mesh, plan.rig, placed, of.task
+        parts = areas.parts(partial(regions, *scene, method=plan.task.method))
     together = None
     if gates_of(plan.rig) and parts is not None:
         together = rows_of_result(plan.rig, placed)

@@ -12,7 +12,6 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import angles_of_view
 from rastercov.coverage.area.network import in_words
-from rastercov.coverage.area.over_time import time_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.reasons import REASONS
 
@@ -40,7 +39,7 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
         share = percent(whole["percent" if by_area else "area_percent"] / 100)
         title += f": {share} of the area, {percent(of_seeable / 100)} of what can be seen"
     if "over_time" in summary:
-        title += f" {time_words(summary['over_time']['over'])}"
+        title += f" {summary['over_time']['in_words']}"
     table = Table(title=title, title_justify="left", caption_justify="left")
     table.add_column("part" if summary["parts"] else "group", no_wrap=True, max_width=LONGEST_NAME)
     for name in ("area", "covered %" if by_area else "faces %", "seeable %"):

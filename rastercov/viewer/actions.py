@@ -77,9 +77,11 @@ def _move(state: RigState, settle: Settle, station: int, pose: Matrix) -> Edited
 @_edit("lamp")
 def _light(state: RigState, settle: Settle, lamp: int, pose: Matrix) -> Edited:
     """With the place of a lamp."""
-    made = state.with_lamp(lamp, np.reshape(pose, (4, 4)))
-    assert made.lamps is not None
-    return made, f"move {made.lamps.names[lamp]}"
+    own = state.whole.lamps
+    if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
+        raise ConfigError(f"there is no lamp {lamp} to move")
+    moved = own.at(lamp, checked_pose(np.reshape(pose, (4, 4))))
+    return replace(state, whole=state.whole._lit(moved)), f"move {own.names[lamp]}"
 
 
 @_edit("aim")

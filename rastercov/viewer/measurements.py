@@ -137,7 +137,7 @@ class Measurements:
         kept = max(MOST_BYTES // (BYTES_A_FACE * self.mesh.n_faces), len(set(keys)))
         while len(self._rows) > kept:  # those that were used longest ago go
             self._rows.popitem(last=False)
-        if state.lamps is None:
+        if state.whole.lamps is None:
             return found
         return [
             replace(row, light=light, coverage=np.where(light == Reason.COVERED, row.coverage, 0))
@@ -148,7 +148,7 @@ class Measurements:
     def light(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:
         """(F,) reason of light of what a camera sees at a pose, `COVERED` where it is lit."""
         names, mesh = tuple(state.cameras), self.mesh
-        key = state.lamps, state.task, names
+        key = state.whole.lamps, state.task, names
         faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
         if self._light is None or self._light[0] != key:
             points = mesh.centroids[faces]

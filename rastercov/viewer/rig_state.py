@@ -18,7 +18,6 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import Rig, Views, names_of_poses, rows_of_result
 from rastercov.coverage.area.rows import tasks_of
@@ -139,11 +138,6 @@ class RigState:
         return MappingProxyType(dict(zip(self.whole.names, self.whole.cameras, strict=True)))
 
     @property
-    def lamps(self) -> Lamps | None:
-        """Lamps that must light what the cameras see."""
-        return self.whole.lamps
-
-    @property
     def on(self) -> tuple[Station, ...]:
         """Stations of the network."""
         return tuple(each for each in self.stations if each.is_on)
@@ -248,17 +242,6 @@ class RigState:
         sold = Camera.from_dict({"preset": name, "catalogue": self.catalogue})
         return self.with_camera(name, sold)
 
-    def lit(self, lamps: Lamps | None) -> "RigState":
-        """With other lamps."""
-        return replace(self, whole=self.whole._lit(lamps))
-
-    def with_lamp(self, lamp: int, pose: FloatArray) -> "RigState":
-        """With another place of a lamp; ConfigError where there is none of that row."""
-        own = self.lamps
-        if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
-            raise ConfigError(f"there is no lamp {lamp} to move")
-        return self.lit(own.at(lamp, checked_pose(pose)))
-
     def with_task(self, task: Task) -> "RigState":
         """With other thresholds; other views are those of all groups."""
         needed = self.needed if task.views == self.task.views else None
@@ -279,7 +262,7 @@ class RigState:
         Each counts by itself, unless their rules hold of poses, which are then those of whole rigs.
         """
         used = {each.camera for each in self.stations} or set(self.cameras)
-        names, is_lit = self.whole.names, self.lamps is not None
+        names, is_lit = self.whole.names, self.whole.lamps is not None
         found = self.whole._only([at for at, name in enumerate(names) if is_lit or name in used])
         try:
             if rule_of is not None:

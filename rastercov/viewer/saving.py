@@ -82,8 +82,8 @@ class Saving:
             if state.stations or drawing is None:
                 for what, text in _texts(state).items():
                     write_bytes(self.out / NAMES[what], text.encode())
-                if state.lamps is not None:
-                    write_json(self.out / LAMPS, state.lamps.to_json())
+                if state.whole.lamps is not None:
+                    write_json(self.out / LAMPS, state.whole.lamps.to_json())
             if drawing is not None or not self.session.is_drawing_saved:
                 path = path if state.stations else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()

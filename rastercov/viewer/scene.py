@@ -40,11 +40,11 @@ from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.report.modes import MODES
+from rastercov.report.motion import described_motion
 from rastercov.report.pages import (
     described_camera,
     described_mesh,
     described_mode,
-    described_motion,
 )
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_sheet import rooms_of
@@ -139,7 +139,8 @@ class Scene:
         if self.plan is not None:
             raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
         lamps, start = load_lamps(path), self.start
-        start = replace(start.lit(lamps), task=lit_by(start.task, lamps))
+        rig, task = start.whole._lit(lamps), lit_by(start.task, lamps)
+        start = replace(start, whole=rig, task=task)
         lamps.carried_by(tuple(start.cameras))
         notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
         return replace(self, start=start, notes=notes)
@@ -222,7 +223,7 @@ class Scene:
         gates = self.start.whole.gates.values()
         is_certain = any(gate.has_deviation for gate in gates)
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
-        lamps = self.start.lamps
+        lamps = self.start.whole.lamps
         known["lux"] = lamps is not None and not all(lamps.rides)
         known["time"] = self.moving is not None
         return tuple(name for name in OF_A_RIG if known.get(name, True))
@@ -273,7 +274,7 @@ class Scene:
             "unit": self.start.unit,
             "version": rastercov.__version__,
             "is_room": self.is_room,
-            "task_fields": task_fields(self.start.lamps),
+            "task_fields": task_fields(self.start.whole.lamps),
             "levels": DORI if "level" in self.modes else {},
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
@@ -391,7 +392,7 @@ def described_state(
 
     `place` of a station is the constraint it violates.
     """
-    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.lamps)]
+    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.whole.lamps)]
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         judged = scene.space(state).judge(eyes)
@@ -554,7 +555,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    start = state_of(read_views(rig_file), task, _cameras(run)).lit(lamps)
+    start = state_of(read_views(rig_file), task, _cameras(run))
+    start = replace(start, whole=start.whole._lit(lamps))
     needed = (_read(folder / name).get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))

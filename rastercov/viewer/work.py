@@ -75,7 +75,9 @@ def refined(
     rest = _figures(measurements, state, others)
     need = np.ones(mesh.n_faces, np.int64)
     is_open = ~rest.covered & mesh.task_mask & (rest.views >= rest.need - 1)
-    if state.lamps is not None:  # by the light where it begins: the gain is measured with all of it
+    if (
+        state.whole.lamps is not None
+    ):  # by the light where it begins: the gain is measured with all of it
         is_open &= measurements.light(state, own.camera, own.pose) == Reason.COVERED
     done = 0
 
@@ -135,7 +137,7 @@ def with_next(
     progress(0, len(candidates))
     for batch in evaluate_batches(observer, candidates, task, fields=("reason",)):
         covers = batch.reason == Reason.COVERED
-        for row, pose in enumerate(batch.pose_ids if state.lamps is not None else ()):
+        for row, pose in enumerate(batch.pose_ids if state.whole.lamps is not None else ()):
             covers[row] &= measurements.light(state, camera, candidates[pose]) == Reason.COVERED
         gains = covers @ worth
         top = int(gains.argmax())

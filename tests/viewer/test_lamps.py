@@ -313,7 +313,7 @@ def test_saved_lamps_are_read_again(session, tmp_path):
     acted(session, do="lamp", lamp=1, pose=moved(PLACES[1], (0.1, 0.2, 0.3)))
     Saving(session, tmp_path).save({"what": "rig"})
     found = rc.load_lamps(tmp_path / "lamps.json")
-    assert found.to_json() == session.state.lamps.to_json()
+    assert found.to_json() == session.state.whole.lamps.to_json()
     for text in ("{}", "[]", '{"lamps": [{"kind": 3}]}', '{"lamps": 1}', "{"):
         (tmp_path / "lamps.json").write_text(text)
         with pytest.raises(rc.RastercovError, match=r"lamps\.json") as caught:

@@ -9,6 +9,7 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.camera.rig import names_of_poses
+from rastercov.report.motion import shown
 from rastercov.report.pages import view_page
 from rastercov.viewer.saving import export_page
 from rastercov.viewer.session import Session
@@ -30,7 +31,7 @@ def tab(context, tmp_path):
     names = names_of_poses(found.poses)
     values = {"time": found.share_of_time()}
     page = view_page(
-        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, timed=found
+        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, moving=shown(found)
     )
     path = tmp_path / "view.html"
     path.write_text(page, encoding="utf-8")

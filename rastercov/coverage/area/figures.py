@@ -15,6 +15,11 @@ Alone = Callable[[int], dict[str, Any]]
 """Covered area of a camera by itself, by its index."""
 
 
+def most_off(figures: Mapping[str, Any], unit: str) -> float:
+    """Largest error of a covered area, either way, "m2" or "percent"."""
+    return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
+
+
 class Figures:
     """Figures of a run by area; `used` are the cameras with figures of their own."""
 

@@ -9,9 +9,9 @@ from typing import Any
 from rastercov.base.format import percent, with_bound
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of
-from rastercov.coverage.area.figures import Alone, Figures
+from rastercov.coverage.area.figures import Alone, Figures, most_off
 from rastercov.coverage.area.light import Light
-from rastercov.coverage.area.network import AreaNetwork, most_off
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.task import Task

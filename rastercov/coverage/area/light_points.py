@@ -37,7 +37,7 @@ class LightOfPoints:
         lamps: Lamps,
         task: Task,
         points: FloatArray,
-        face: NDArray[np.integer[Any]],
+        face: Faces,
     ) -> None:
         self.lamps, self.task, self._points, self._mesh = lamps, task, points, mesh
         self._gates = rig.gates
@@ -49,21 +49,6 @@ class LightOfPoints:
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
         self._fixed = self._reached(points_of(lamps, ~self._rides))
-
-    @classmethod
-    def of(
-        cls,
-        mesh: Mesh,
-        camera: Cameras,
-        task: Task,
-        points: FloatArray,
-        face: NDArray[np.integer[Any]],
-    ) -> "LightOfPoints | None":
-        """Light of cameras; None where they have no lamps."""
-        lamps = lamps_of(camera)
-        if lamps is None or not isinstance(camera, Rig):
-            return None
-        return cls(mesh, camera, lamps, task, points, face)
 
     def of_cell(self) -> FloatArray:
         """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
@@ -192,7 +177,10 @@ class OfLamps(Feature):
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: Faces
     ) -> LightOfPoints | None:
         """See `Feature`."""
-        return LightOfPoints.of(mesh, camera, task, points, face)
+        lamps = lamps_of(camera)
+        if lamps is None or not isinstance(camera, Rig):
+            return None
+        return LightOfPoints(mesh, camera, lamps, task, points, face)
 
     def device(
         self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
@@ -205,7 +193,7 @@ class OfLamps(Feature):
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, Any]:
         """See `Feature`: `lux`, illuminance by the lamps of the cell, its unit and its limits."""
         lamps, faces = lamps_of(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
-        light = LightOfPoints.of(mesh, camera, Task(), mesh.centroids[faces], faces)
+        light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
         if lamps is None or light is None:
             return {}
         found = np.zeros(mesh.n_faces)

@@ -181,6 +181,14 @@ class AreaNetwork:
                 m2 = entry["covered_area"]["m2"]
                 entry["covered_of_seeable_percent"] = percent_of_seeable(m2, entry)
 
+    def of_time(self) -> dict[str, Any]:
+        """Entries of a summary on time, whose figures are then the only ones; often none."""
+        return {}
+
+    def parts(self, make: Callable[[], Regions]) -> Regions:
+        """Parts that each camera covers; `make` finds them."""
+        return make()
+
     def dead_zones(
         self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
     ) -> dict[str, Any]:
@@ -233,11 +241,6 @@ class AreaNetwork:
 
 
 DOUBTFUL = ("doubtful_percent", "doubtful_m2")
-
-
-def most_off(figures: Mapping[str, Any], unit: str) -> float:
-    """Largest error of a covered area, either way, "m2" or "percent"."""
-    return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
 
 
 def _doubtful(m2: float, percent: float) -> dict[str, float]:

@@ -5,7 +5,7 @@ the mesh at rest, and so are the parts that are not, whose reasons are those of 
 they are missed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -279,7 +279,7 @@ class OverTime(InOneLine):
         always, half = self.always(), self.half()
         found = self.areas.summary()
         factor = 100 / total if total > 0 else 0.0
-        return {
+        said = {
             "over": self.asked.over,
             "views": self.task.views,
             "views_at": self.asked.views_at,
@@ -297,6 +297,7 @@ class OverTime(InOneLine):
             "curve": curve,
             "by_frame": self.table(),
         }
+        return said | {"in_words": time_words(self.asked.over), "lines": _lines(said)}
 
     def half(self) -> float | None:
         """Percentage by every second frame alone: how much the result depends on their number."""
@@ -313,7 +314,7 @@ class OverTime(InOneLine):
 
     def lines(self) -> list[str]:
         """The result for people."""
-        return time_lines({"over_time": self.summary()})
+        return list(self.summary()["lines"])
 
 
 def time_words(over: str | float) -> str:
@@ -322,11 +323,8 @@ def time_words(over: str | float) -> str:
     return {"some": "in some frame", "all": "in all frames"}.get(str(over), share)
 
 
-def time_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines about `over_time` of a summary; none where it has none."""
-    if "over_time" not in summary:
-        return []
-    said = summary["over_time"]
+def _lines(said: Mapping[str, Any]) -> list[str]:
+    """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
     text += f", of {plural(said['frames'], 'frame')}; ever {ever}, always {always}"
@@ -378,6 +376,14 @@ class TimeAreas(AreaNetwork):
                     NAMES[row]: {"m2": float(m2[row]), "area_percent": factor * float(m2[row])}
                     for row in np.flatnonzero(m2[:-1])
                 }
+
+    def of_time(self) -> dict[str, Any]:
+        """As of `AreaNetwork`."""
+        return {"over_time": self.over_time.summary()}
+
+    def parts(self, make: Callable[[], Regions]) -> Regions:
+        """As of `OverTime.alone`."""
+        return self.over_time.alone()
 
     def dead_zones(
         self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None

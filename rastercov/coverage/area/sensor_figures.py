@@ -11,8 +11,8 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, gates_of, names_of
 from rastercov.camera.rule import Gate
-from rastercov.coverage.area.figures import Alone, Figures
-from rastercov.coverage.area.network import DOUBTFUL, AreaNetwork, most_off
+from rastercov.coverage.area.figures import Alone, Figures, most_off
+from rastercov.coverage.area.network import DOUBTFUL, AreaNetwork
 from rastercov.coverage.area.sensors import through, worst_deviations
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import CONDITIONS

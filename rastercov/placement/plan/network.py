@@ -26,7 +26,6 @@ from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, is_joint, rows_of_result
 from rastercov.coverage.area.by_camera import ByCamera, cameras_apart, lines_of
 from rastercov.coverage.area.network import AreaNetwork, in_words
-from rastercov.coverage.area.over_time import TimeAreas, time_lines
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.zones import zone_lines
@@ -474,8 +473,8 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
         by_group = views_by_group(plan, views)
         cameras.areas.add_to(found, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
-    if isinstance(cameras.areas, TimeAreas):
-        return found | {"over_time": cameras.areas.over_time.summary()}
+        if of_time := cameras.areas.of_time():
+            return found | of_time
     if apart := _by_camera(plan.rig, cameras):
         found["by_camera"] = apart
     if cameras.apart is not None:
@@ -503,7 +502,8 @@ def area_lines(summary: Mapping[str, Any]) -> list[str]:
     `summary` is one of `summary_of`.
     """
     if "covered_area" in summary:
-        missed = [*time_lines(summary), *lines_of(summary)]
+        of_time = summary.get("over_time", {}).get("lines", ())
+        missed = [*of_time, *lines_of(summary)]
         return [f"covered: {in_words(summary['covered_area'])}", *missed, *zone_lines(summary)]
     return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
 

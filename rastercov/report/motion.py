@@ -1,0 +1,73 @@
+"""Motion in what leaves a report: the animation of a glTF file, and the frames of a page."""
+
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.memory import FloatArray
+from rastercov.coverage.area.over_time import OverTime
+from rastercov.mesh.formats.gltf_file import GlbBuffer
+from rastercov.mesh.motion import Motion
+from rastercov.mesh.motion_file import quaternions_of
+from rastercov.report.coverage_files import Addition
+from rastercov.report.pages import MOST_LEVELS, Moving, base64_of
+
+
+def animated(motion: Motion) -> Addition:
+    """Animation of the nodes of groups that move, about the centre; what is absent has no size.
+
+    The end of the last frame has the values of it again: players stop there.
+    """
+    mesh, centre = motion.mesh, motion.mesh.bounds.mean(axis=0)
+
+    def add_to(buffer: GlbBuffer, nodes: list[dict[str, Any]], roots: list[int]) -> dict[str, Any]:
+        names = [group.name for group in mesh.groups]
+        times = np.concatenate(([0.0], np.cumsum(motion.durations)))
+        at = buffer.add(times.astype(np.float32), with_range=True)
+        samplers: list[dict[str, Any]] = []
+        channels: list[dict[str, Any]] = []
+
+        def add(node: int, path: str, values: FloatArray) -> None:
+            values = np.concatenate((values, values[-1:])).astype(np.float32)
+            samplers.append({"input": at, "output": buffer.add(values), "interpolation": "STEP"})
+            channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": path}})
+
+        turn, *_ = [node.pop("matrix") for node in nodes]
+        for index, node in enumerate(nodes):
+            members = np.flatnonzero(mesh.face_group == names.index(node["name"]))
+            body = int(motion.body[members[0]])
+            pose, there = motion.world_from_body[:, body], motion.present[:, body]
+            if (pose != np.eye(4)).any():
+                add(index, "rotation", quaternions_of(pose[:, :3, :3])[:, [1, 2, 3, 0]])
+                add(index, "translation", pose[:, :3, :3] @ centre + pose[:, :3, 3] - centre)
+            if not there.all():
+                add(index, "scale", np.repeat(there.astype(np.float64)[:, None], 3, axis=1))
+        if not channels:
+            add(0, "translation", np.zeros((len(motion), 3)))
+        nodes.append({"name": "z up", "children": roots.copy(), "matrix": turn})
+        roots[:] = [len(nodes) - 1]
+        return {"animations": [{"name": "motion", "samplers": samplers, "channels": channels}]}
+
+    return add_to
+
+
+def described_motion(motion: Motion) -> dict[str, Any]:
+    """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
+    groups, first = np.unique(motion.mesh.face_group, return_index=True)
+    bodies = np.zeros(len(motion.mesh.groups), np.int64)
+    bodies[groups] = motion.body[first]
+    matrices = np.ascontiguousarray(motion.world_from_body[:, :, :3])
+    return {
+        "durations": motion.durations.tolist(),
+        "bodies": bodies.tolist(),
+        "poses": base64_of(matrices.tobytes()),
+        "present": base64_of(motion.present.astype(np.uint8).tobytes()),
+    }
+
+
+def shown(found: OverTime) -> Moving:
+    """Frames of coverage over time as a page shows them, unless they are too many."""
+    mesh, described = found.motion.mesh, described_motion(found.motion)
+    if len(found.motion) * mesh.n_faces > MOST_LEVELS:
+        return Moving(described, ())
+    return Moving(described, found.frames.areas() / np.maximum(mesh.areas, np.finfo(float).tiny))
