@@ -45,6 +45,8 @@ FACES = {"box": 12, "cylinder": 4 * SIDES, "sphere": 20 * 4**SUBDIVISIONS}
 MOST_INSTANCES = 50
 """Uses of each mesh file on average, beyond `FREE_FACES` in all."""
 BYTES_PER_SHAPE = 5000
+STARTS = 16
+"""Of the inverse kinematics for all poses."""
 ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
 
@@ -260,7 +262,7 @@ class Robot(InOneLine):
         link: str,
         link_from_tip: ArrayLike | None = None,
         *,
-        starts: int = 16,
+        starts: int = 64,
         most: int = 8,
         seed: int = 0,
     ) -> Solutions:
@@ -275,7 +277,8 @@ class Robot(InOneLine):
         link_from_tip : (4, 4) array_like, optional
             Pose of the frame, such as a camera, on the link; the link's own unless given.
         starts, seed : int
-            Random configurations to start from, and their seed.
+            Random configurations to start from, at most, and their seed; the first 16 for all
+            poses, the others for those that these do not reach.
         most : int
             Solutions of a pose, which differ by more than 0.01 in some joint.
 
@@ -300,7 +303,9 @@ class Robot(InOneLine):
         check_type("seed", seed, int)
         check_seed(seed)
         given = checked_poses("poses", poses)
-        return self.kinematics.solve(given, link, tip, int(starts), seed, int(most))
+        first = min(int(starts), STARTS)
+        rounds = [first, *([int(starts) - first] if starts > first else [])]
+        return self.kinematics.solve(given, link, tip, rounds, seed, int(most))
 
     def _check_link(self, link: str) -> None:
         if not is_one_of(link, self.links):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plans import told
+from robots import seven_axes
 from timed import over_time, regions_over_time
 
 import rastercov as rc
@@ -158,6 +159,93 @@ def test_an_arm_keeps_what_it_reaches_without_a_collision():
     for volume in (wall, ball):
         less = placement.on_arm(candidates, placement.Arm(robot, "head", mesh, keep_out=[volume]))
         assert len(less) < len(kept)
+
+
+def free_solutions(arm, pose, seed):
+    """Joint angles without a collision from other starts than those of the arm."""
+    found = arm.robot.kinematics.solve(pose[None], arm.link, TIP, (64,), seed, 64).joints
+    return found[arm.is_free(arm.clear(found))] if len(found) else found
+
+
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_reason_why_an_arm_does_not_take_a_view_is_true(tmp_path, seed):
+    """In random cells: a table, a press to keep out of, an arm of six or seven axes."""
+    rng = np.random.default_rng(seed)
+    (tmp_path / "seven.urdf").write_text(seven_axes())
+    file, link = [(ARM, "head"), (tmp_path / "seven.urdf", "link_7")][seed % 2]
+    table = rc.Mesh.joined([rc.shapes.box((0.5, 0.5, 0.5), 1, (0.6, 0, -0.3))], ["table"])
+    lamp = rc.Mesh.joined([rc.shapes.sphere(1, 0.12).moved(translation=(0.2, 0.2, 0.6))], ["lamp"])
+    low = rng.uniform((0.3, 0.1, 0.1), (0.5, 0.3, 0.3))
+    press = placement.KeepOutBox(tuple(low.tolist()), tuple((low + 0.3).tolist()), "press")
+    scene, robot = rc.Mesh.joined([table, lamp]), rc.Robot.load(file)
+    arm = placement.Arm(robot, link, scene, TIP, 0.02, [press])
+    eyes = rng.uniform((-0.9, -0.9, -0.2), (1.2, 0.9, 1.1), (60, 3))
+    poses = rc.look_at(eyes, rng.uniform((0.4, -0.2, 0), (0.7, 0.2, 0.3), (60, 3)))
+    reached = arm.reach(poses)
+    missed = reached.missed
+    assert set(missed) | set(reached.pose.tolist()) == set(range(60))
+    assert not set(missed) & set(reached.pose.tolist())
+    kinds = {each.reason for each in missed.values()}
+    assert kinds >= {"out_of_reach", "collision"}
+    for row, (reason, words, lack, unit) in missed.items():
+        assert not len(free_solutions(arm, poses[row], 9)), (row, reason)
+        solved = robot.kinematics.solve(poses[row : row + 1], link, TIP, (64,), 9, 64)
+        assert (len(solved.pose) > 0) == (reason not in ("out_of_reach", "joint_limits"))
+        if reason == "out_of_reach":
+            assert np.isinf(solved.beyond).all()
+        elif reason == "joint_limits":
+            name = words.removesuffix(" beyond its limit")
+            assert name in robot.joint_names
+            assert unit == "deg"
+            assert lack > 0
+        elif reason == "clearance":
+            assert 0 < lack <= 0.02
+        else:
+            is_kept_out = reason == "keep_out"
+            own, _, body = words.partition(" in " if is_kept_out else " meets ")
+            assert own in robot.links
+            assert (
+                body == "keep-out press" if is_kept_out else body in {"table", "lamp", *robot.links}
+            )
+
+
+def test_the_bodies_in_the_way_are_named_with_what_is_missing():
+    """A head of 50 mm whose front is a known way in a table, or before it."""
+    robot = rc.Robot.load(ARM)
+    joints = np.array([0, 0.2, 1.2, 0.3, 0, 0])
+    rest = robot.frames(joints)["head"][0]
+    front = rest @ (0, 0, 0.05, 1)
+    for way, side in ((0.013, 1), (-0.005, 1), (0.001, 4)):
+        table = rc.shapes.box((side,) * 3, 1, (0, 0, side / 2)).vertices - (0, 0, way)
+        box = rc.shapes.box((side,) * 3, 1)
+        pose = rest.copy()
+        pose[:3, 3] = front[:3]
+        placed = rc.Mesh(table @ pose[:3, :3].T + pose[:3, 3], box.faces)
+        scene = rc.Mesh.joined([placed, rc.shapes.sphere(1, 0.1).moved(translation=(3, 3, 3))],
+                               ["table", "ball"])  # fmt: skip
+        found = rc.Collisions(robot, [scene]).contacts(joints)[0]
+        assert (found.link, found.body) == ("head", "table")
+        assert found.depth == pytest.approx(max(way, 0), abs=1e-9)
+        assert found.distance == pytest.approx(max(-way, 0), abs=1e-9)
+
+
+def test_candidates_are_counted_by_the_reasons_of_the_arm():
+    press = {"name": "press", "low": [0.55, -0.5, 0.0], "high": [1.2, 0.5, 0.9]}
+    of = AROUND | {"generator": "on_sphere", "count": 18}
+    entry = CANDIDATES | {"of": of}
+    placed = rc.place(
+        PLAN | {"candidates": [entry], "constraints": {"keep_out": [press]}}, out="out"
+    )
+    pool, written = placed.prepared.pool, told()["candidates"]
+    n_refused = sum(each["views"] for each in written["why"])
+    assert n_refused == sum(written["dropped"].values()) == len(pool.refused) > 0
+    assert sum(written["made"].values()) == 36 == n_refused + sum(written["left"].values())
+    assert {"out_of_reach", "keep_out"} <= set(written["dropped"])
+    line = pool.lines()[0]
+    assert line.startswith("36 candidates: ")
+    assert line.endswith(f"; {36 - n_refused} left")
+    assert f"{written['dropped']['out_of_reach']} out of reach" in line
+    assert "in keep-out press" in line
 
 
 REFUSED = {
