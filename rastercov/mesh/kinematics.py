@@ -154,14 +154,14 @@ class Kinematics:
     @cached_property
     def _range(self) -> tuple[FloatArray, FloatArray]:
         """Least and greatest start of each joint: a turn, or 2 m, where nothing limits it."""
-        is_turning = self._is_turning
+        is_turning = self.is_turning
         far = np.where(is_turning, np.pi, 1.0)
         low, high = self.limits.T
         middle = np.clip(0.0, low, high)
         return np.maximum(low, middle - far), np.minimum(high, middle + far)
 
     @cached_property
-    def _is_turning(self) -> BoolArray:
+    def is_turning(self) -> BoolArray:
         """(J,) True for joints that a turn brings back to where they are."""
         found = np.ones(len(self.limits), np.bool_)
         for each in self.joints:
@@ -251,9 +251,9 @@ class Kinematics:
         """Angles within half a turn of 0, or as near to it as the limits allow by whole turns."""
         low, high = self.limits.T
         turn = 2 * np.pi
-        wrapped = np.where(self._is_turning, joints - turn * np.round(joints / turn), joints)
-        up = self._is_turning & (wrapped < low) & (wrapped + turn <= high)
-        down = self._is_turning & (wrapped > high) & (wrapped - turn >= low)
+        wrapped = np.where(self.is_turning, joints - turn * np.round(joints / turn), joints)
+        up = self.is_turning & (wrapped < low) & (wrapped + turn <= high)
+        down = self.is_turning & (wrapped > high) & (wrapped - turn >= low)
         return wrapped + turn * (up.astype(np.int64) - down)
 
     def _distinct(self, joints: FloatArray, chain: Sequence[Joint], most: int) -> FloatArray:
@@ -271,9 +271,7 @@ class Kinematics:
     def difference(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """(..., J) differences of configurations, less whole turns of joints that turn."""
         way = np.abs(one - other)
-        return np.where(
-            self._is_turning, np.abs(way - 2 * np.pi * np.round(way / (2 * np.pi))), way
-        )
+        return np.where(self.is_turning, np.abs(way - 2 * np.pi * np.round(way / (2 * np.pi))), way)
 
 
 def pose_error(poses: FloatArray, goals: FloatArray) -> FloatArray:

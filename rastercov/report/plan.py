@@ -189,6 +189,8 @@ def _of_arm(placement: Placement) -> dict[str, Any]:
         "clearance_m": arm.clearance,
         "hidden_by_arm_percent": arm.lost,
         "tour": arm.order,
+        "tour_length": arm.length,
+        "wrist_flips": arm.flips,
     }
 
 
@@ -392,7 +394,8 @@ def _on_arm(arm: ArmPoses) -> str:
     """Line about the joint angles of poses."""
     least = distance(float(arm.clearance.min(initial=np.inf)))
     most = float(arm.lost.max(initial=0.0))
-    text = f"joint angles in the order of a tour: joints.csv; links keep clear by {least} or more"
+    text = f"joint angles in the order of a tour with {plural(arm.flips, 'wrist flip')}: joints.csv"
+    text += f"; links keep clear by {least} or more"
     text += f"; the arm hides {most:.2f} points of the area at most of one picture"
     return text + (", and no other solution or candidate is better" if most > MOST_LOST else "")
 

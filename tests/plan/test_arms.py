@@ -81,6 +81,9 @@ def test_chosen_poses_have_joint_angles_that_lead_there():
     assert np.array_equal(robot.read_path("out/joints.csv").joints, joints[written["tour"]])
     assert sorted(written["tour"]) == [0, 1]
     assert told()["arm"]["tour"] == written["tour"]
+    ways = np.abs(np.diff(np.concatenate([robot.rest[None], joints[written["tour"]]]), axis=0))
+    assert written["tour_length"] == pytest.approx(ways.max(axis=1).sum())
+    assert 0 <= written["wrist_flips"] <= 2
     assert placed.refined.share >= placed.refined.start_share
     assert all("hemisphere on arm" in each for each in written["origin"])
 
@@ -246,6 +249,23 @@ def test_candidates_are_counted_by_the_reasons_of_the_arm():
     assert line.endswith(f"; {36 - n_refused} left")
     assert f"{written['dropped']['out_of_reach']} out of reach" in line
     assert "in keep-out press" in line
+
+
+def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():
+    """The last joint of the arm has no limits; the two before it are of the wrist, too."""
+    robot = rc.Robot.load(ARM)
+    arm = placement.Arm(robot, "head", part())
+    own = plan_arm.PlanArm(None, arm)
+    angles = np.radians([[0] * 5 + [170], [0] * 5 + [-160], [0, 0, 0, 100, 0, 0], [10] * 6])
+    before = robot.frames(angles)["head"]
+    order, length, flips = own._tour(angles)
+    assert np.abs(robot.frames(angles)["head"] - before).max() <= 1e-12
+    ways = np.abs(np.diff(np.concatenate([robot.rest[None], angles[order]]), axis=0))
+    assert length == pytest.approx(ways.max(axis=1).sum())
+    assert abs(angles[1, 5] - angles[0, 5]) == pytest.approx(np.radians(30))
+    assert flips == (ways[:, 3:] > np.pi / 2).any(axis=1).sum() > 0
+    order, length, flips = own._tour(np.zeros((0, 6)))
+    assert (len(order), length, flips) == (0, 0, 0)
 
 
 REFUSED = {

@@ -25,6 +25,7 @@ from rastercov.mesh.motion import Motion
 from rastercov.placement.candidates.arm import Arm
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
+from rastercov.placement.improve.tour import tour
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.scene import arms_of
 
@@ -46,13 +47,19 @@ class ArmPoses:
     clearance, lost : (K,) float64
         Metres; points of the task's area that the arm hides.
     order : (K,) int64
-        Poses in the order of a greedy tour from the rest configuration.
+        Poses in the order of a short tour from the rest configuration.
+    length : float
+        Of the tour: the largest move of a joint, radians or metres, of all its ways together.
+    flips : int
+        Ways in which a wrist joint, of the last three that turn, moves by more than 90 degrees.
     """
 
     joints: FloatArray
     clearance: FloatArray
     lost: FloatArray
     order: IntArray
+    length: float
+    flips: int
 
     @property
     def is_hidden(self) -> BoolArray:
@@ -122,7 +129,7 @@ class PlanArm:
             lost.append(max(0.0, 100 * best[0]))
         table = np.array(joints).reshape(-1, len(self.arm.robot.joint_names))
         clearance = self.arm.clear(table) if len(table) else np.zeros(0)
-        return found, ArmPoses(table, clearance, np.array(lost), self._tour(table))
+        return found, ArmPoses(table, clearance, np.array(lost), *self._tour(table))
 
     @cached_property
     def _whole(self) -> float:
@@ -138,14 +145,31 @@ class PlanArm:
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
         return replace(found._of_faces(own), mesh=self.arm.mesh)
 
-    def _tour(self, joints: FloatArray) -> IntArray:
-        """Rows in the order of a greedy tour: the next is that of the least move of any joint."""
-        here, left, order = self.arm.robot.rest, list(range(len(joints))), []
-        while left:
-            ways = [np.abs(joints[row] - here).max() for row in left]
-            order.append(left.pop(int(np.argmin(ways))))
-            here = joints[order[-1]]
-        return np.array(order, np.int64)
+    def _tour(self, joints: FloatArray) -> tuple[IntArray, float, int]:
+        """Rows in the order of a tour, its length, and its wrist flips.
+
+        Joints without limits take the shorter way round: their angles in `joints` are changed by
+        whole turns.
+        """
+        robot = self.arm.robot
+        is_endless = np.isinf(robot.limits).all(axis=1) & robot.kinematics.is_turning
+        stops = np.concatenate([robot.rest[None], joints])
+        ways = stops[:, None] - stops[None]
+        turns = np.round(ways / (2 * np.pi)) * is_endless
+        order = tour(np.abs(ways - 2 * np.pi * turns).max(axis=2, initial=0.0))
+        here, length, flips = robot.rest, 0.0, 0
+        chain = robot.kinematics.chain(self.arm.link)
+        wrist = [each.column for each in chain if each.column >= 0 and each.kind != "prismatic"][
+            -3:
+        ]
+        for row in order:
+            turns_back = np.round((joints[row] - here) / (2 * np.pi)) * is_endless
+            joints[row] -= 2 * np.pi * turns_back
+            way = np.abs(joints[row] - here)
+            length += float(way.max(initial=0.0))
+            flips += bool((way[wrist] > np.pi / 2).any())
+            here = joints[row]
+        return order, length, flips
 
     def refined(
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
