@@ -16,6 +16,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
+from itertools import zip_longest
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,7 +26,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.files import seen_from
-from rastercov.base.format import distance, percent, plural, verb
+from rastercov.base.format import area, distance, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.coverage.area.zones import ZONES
@@ -36,6 +37,7 @@ from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
+from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
@@ -227,6 +229,9 @@ def summary(placement: Placement) -> dict[str, Any]:
     opened = prepared.openings
     network = summary_of(plan, cameras)
     zones = {name: network.pop(name) for name in ZONES if name in network}
+    if placement.withheld:
+        own = zip_longest(zones["dead_zones"], placement.withheld, fillvalue=[])
+        zones["dead_zones"] = [zone | entries_of(views) for zone, views in own]
     return {
         "plan": plan.model_dump(),
         "met": placement.is_met,
@@ -335,6 +340,8 @@ def lines(placement: Placement) -> list[str]:
         said += placement.lamps.lines()
     network = summary_of(prepared.plan, placement.cameras)
     said += [line.replace("covered:", "exact area:") for line in area_lines(network)]
+    for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
+        said += line_of(views, f"dead zone {area(zone['area_m2'])}")
     of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")

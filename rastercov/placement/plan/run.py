@@ -30,6 +30,7 @@ from rastercov.coverage.coverage import in_batches
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
+from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
@@ -76,6 +77,7 @@ from rastercov.placement.plan.prepare import (
 )
 from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
@@ -117,6 +119,8 @@ class Placement(InOneLine, InNotebook):
     lamps : LampChoice or None
         Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
         `selection` are of.
+    withheld : list of list of Refusal
+        Views that are no candidates and would cover half of each of the first dead zones.
     """
 
     prepared: Prepared
@@ -134,6 +138,7 @@ class Placement(InOneLine, InNotebook):
     left_out: tuple[int, ...] = ()
     arm: ArmPoses | None = None
     lamps: LampChoice | None = None
+    withheld: list[list[Refusal]] = field(default_factory=list)
 
     @property
     def chosen(self) -> NDArray[np.int64]:
@@ -782,7 +787,12 @@ def _explain_uncovered(
         covering = np.zeros(prepared.mesh.n_faces, np.int64)
         covering[cells.source_face[is_covered]] = 1
         found = replace(found, n_covering=frozen(covering))
-    return replace(placement, leftover=found)
+    areas, refused = placement.cameras.areas, prepared.pool.refused
+    if areas is None or prepared.over_time is not None:
+        return replace(placement, leftover=found)
+    zones = areas.zones(views_by_group(prepared.plan, None))
+    withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
+    return replace(placement, leftover=found, withheld=withheld)
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
