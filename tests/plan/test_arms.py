@@ -268,6 +268,44 @@ def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():
     assert (len(order), length, flips) == (0, 0, 0)
 
 
+TABLE = """
+  <link name="platter"/>
+  <link name="floor"/>
+  <joint name="table" type="revolute">
+    <parent link="platter"/><child link="floor"/>
+    <origin xyz="0.5 0.1 0"/><axis xyz="0 0 -1"/><limit lower="-3.2" upper="3.2"/>
+  </joint>
+  <joint name="stand" type="fixed">
+    <parent link="floor"/><child link="base"/><origin xyz="-0.5 -0.1 0"/>
+  </joint>
+</robot>"""
+"""Of docs/robot.md: a turntable below the part, about which the robot goes round."""
+
+
+def test_a_turntable_is_an_axis_of_the_robot():
+    text = Path("arm.urdf").read_text()
+    Path("cell.urdf").write_text(text.replace("</robot>", TABLE))
+    still, cell = rc.Robot.load("arm.urdf"), rc.Robot.load("cell.urdf", name="arm")
+    assert cell.joint_names == (*still.joint_names, "table")
+    angles = np.array([0.1, 0.3, 1.1, 0.2, 0.1, 0.3])
+    turned = rc.Robot.load(
+        "arm.urdf",
+        base=[[0, 1, 0, 0.4], [-1, 0, 0, 0.6], [0, 0, 1, 0], [0, 0, 0, 1]],  # by -90 degrees
+    )
+    own = cell.frames(np.append(angles, np.pi / 2))["head"][0]
+    assert np.abs(own - turned.frames(angles)["head"][0]).max() <= 1e-12
+    of = AROUND | {"generator": "on_sphere", "count": 24, "distances": [0.35]}
+    plan = PLAN | {"candidates": [CANDIDATES | {"of": of}]}
+    without = rc.place(plan)
+    plan["bodies"] = [{"name": "arm", "urdf": "cell.urdf"}]
+    placed = rc.place(plan, out="out")
+    assert len(placed.prepared.pool.candidates) > len(without.prepared.pool.candidates)
+    written = told("poses.json")
+    ends = cell.frames(written["joints"])["head"] @ TIP
+    assert np.abs(pose_error(ends, rc.read_poses("out/poses.json"))).max() <= 1e-6
+    assert Path("out/joints.csv").read_text().startswith("pan,lift,elbow,bend,turn,roll,table\n")
+
+
 REFUSED = {
     "others": ({"candidates": [CANDIDATES, AROUND]}, "on_arm goes with no other entry"),
     "no robot": ({"bodies": []}, "needs one body with urdf, of name 'arm'"),
