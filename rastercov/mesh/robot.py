@@ -7,7 +7,7 @@ limits. A robot hides and is not scored; a camera may be fixed to one of its lin
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,7 @@ from rastercov.mesh.formats.urdf import Shape
 from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
-from rastercov.mesh.motion import checked_poses
+from rastercov.mesh.motion import JointPath, checked_poses
 from rastercov.mesh.motion_file import TIMES, columns_of, durations_of
 from rastercov.mesh.shapes import box, sphere
 
@@ -49,21 +49,6 @@ STARTS = 16
 """Of the inverse kinematics for all poses."""
 ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
-
-
-class JointPath(NamedTuple):
-    """Configurations of a robot, one a frame.
-
-    Attributes
-    ----------
-    joints : (T, J) float64
-        Radians, or metres of prismatic joints, in the order of `Robot.joint_names`.
-    duration : (T,) float64
-        Weight of each, such as seconds; 1 unless the file has it, or times.
-    """
-
-    joints: FloatArray
-    duration: FloatArray
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -216,6 +201,12 @@ class Robot(InOneLine):
             for link in self.shapes
             if self.is_moving(link)
         }
+
+    @property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """Kind of each of the joints: "revolute", "continuous" or "prismatic"."""
+        kinds = {each.name: each.kind for each in self.kinematics.joints}
+        return tuple(kinds[name] for name in self.joint_names)
 
     def is_moving(self, link: str) -> bool:
         """True for a link that some joint moves."""

@@ -13,6 +13,8 @@ import rastercov as rc
 from rastercov import placement
 from rastercov.mesh.kinematics import pose_error
 from rastercov.placement.plan import arm as plan_arm
+from rastercov.placement.plan import carrier
+from rastercov.placement.plan.file import plan_of
 from rastercov.viewer.scene import scene_of_place
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
@@ -124,7 +126,7 @@ def test_cameras_on_an_arm_cover_what_lamps_light():
 
 def test_an_arm_that_hides_too_much_leads_to_other_candidates(monkeypatch):
     before = rc.place(PLAN, out="out")
-    monkeypatch.setattr(plan_arm, "MOST_LOST", -1.0)  # whatever is chosen
+    monkeypatch.setattr(carrier, "MOST_LOST", -1.0)  # whatever is chosen
     after = rc.place(PLAN, out="out")
     assert "arm" in after.steps
     assert after.cameras.share >= before.cameras.share - 1e-12
@@ -255,7 +257,7 @@ def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():
     """The last joint of the arm has no limits; the two before it are of the wrist, too."""
     robot = rc.Robot.load(ARM)
     arm = placement.Arm(robot, "head", part())
-    own = plan_arm.PlanArm(None, arm)
+    own = plan_arm.PlanArm(plan_of(PLAN), arm)
     angles = np.radians([[0] * 5 + [170], [0] * 5 + [-160], [0, 0, 0, 100, 0, 0], [10] * 6])
     before = robot.frames(angles)["head"]
     order, length, flips = own._tour(angles)

@@ -15,6 +15,8 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
+from rastercov.coverage.area.sensor_limits import limit_advice as limit_advice
+from rastercov.coverage.area.sensor_limits import unmet_lines as unmet_lines
 from rastercov.coverage.area.sensors import deviations, failed_limits, through
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason

@@ -34,8 +34,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows, first_failures
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.rig_limits import limit_advice
-from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.area.rows import limit_advice, tasks_of
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, UNCERTAIN, Reason
 from rastercov.coverage.task import Task
@@ -433,7 +432,9 @@ def _reasons(
             rows = rows_of_result(camera, poses)
             own_poses = poses[np.isin(rows, rows[failing])]
             on = own_poses, points[of_reason], face[of_reason]
-            said["advice"] = limit_advice(mesh, camera, task, *on) or said["advice"]
+            said["advice"] = (
+                limit_advice(failures_of_rows, mesh, camera, task, *on) or said["advice"]
+            )
         if name == "occluded" and row < MOST_LINES and said["nearest"]:
             best = poses[np.flatnonzero(poses.ids == said["nearest"]["pose"])]
             sight = where_seen(mesh, camera, task, best, points[at], int(face[at]))

@@ -26,11 +26,10 @@ from rastercov.placement.candidates.arm import Arm
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
+from rastercov.placement.plan import carrier
+from rastercov.placement.plan.carrier import CarriedPoses
 from rastercov.placement.plan.file import Plan, PlanError
-from rastercov.placement.plan.scene import arms_of
 
-MOST_LOST = 0.5
-"""Points of the task's area that an arm may hide of the picture of its camera."""
 STEPS = (0.2, 0.1, 0.05, 0.025)
 """Moves of joints in a refinement, radians or metres, one after the other."""
 SAME_POSE = 1e-6
@@ -38,51 +37,16 @@ SAME_POSE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ArmPoses:
-    """Joint angles of K chosen poses.
-
-    Attributes
-    ----------
-    joints : (K, J) float64
-    clearance, lost : (K,) float64
-        Metres; points of the task's area that the arm hides.
-    order : (K,) int64
-        Poses in the order of a short tour from the rest configuration.
-    length : float
-        Of the tour: the largest move of a joint, radians or metres, of all its ways together.
-    flips : int
-        Ways in which a wrist joint, of the last three that turn, moves by more than 90 degrees.
-    """
-
-    joints: FloatArray
-    clearance: FloatArray
-    lost: FloatArray
-    order: IntArray
-    length: float
-    flips: int
-
-    @property
-    def is_hidden(self) -> BoolArray:
-        """(K,) True where the arm hides too much, whichever solution is taken."""
-        return self.lost > MOST_LOST
-
-
-@dataclass(frozen=True, eq=False)
 class PlanArm:
-    """The arm that carries all cameras of a plan."""
+    """The arm that carries all cameras of a plan, a `Carrier`."""
 
     plan: Plan
     arm: Arm
 
-    @classmethod
-    def of(cls, plan: Plan, mesh: Mesh) -> "PlanArm | None":
-        """The arm of a plan; None where no candidate is on an arm."""
-        arms = arms_of(plan, mesh)
-        if not arms:
-            return None
-        if plan.unit_of_result()[0] != "area":
-            raise PlanError(plan.name, "candidates: cameras on an arm are measured by area")
-        return cls(plan, arms[0])
+    def __post_init__(self) -> None:
+        if self.plan.unit_of_result()[0] != "area":
+            words = "candidates: cameras on an arm are measured by area"
+            raise PlanError(self.plan.name, words)
 
     @cached_property
     def scene(self) -> Mesh:
@@ -90,17 +54,10 @@ class PlanArm:
         return Mesh.joined([self.arm.mesh, self.arm.robot.mesh])
 
     def measured(
-        self, finder: RegionPass, mounted: Poses, known: FloatArray
-    ) -> tuple[list[Regions], ArmPoses]:
-        """Regions of each of K mounts with the arm in the picture, and its joint angles.
-
-        Parameters
-        ----------
-        finder : RegionPass
-            Of the scene without the arm.
-        known : (N, J) float64
-            Joint angles that are taken for poses that they lead to, before any other.
-        """
+        self, finder: RegionPass, mounted: Poses, known: FloatArray | None
+    ) -> tuple[list[Regions], CarriedPoses]:
+        """See `Carrier`."""
+        known = np.zeros((0, len(self.arm.robot.joint_names))) if known is None else known
         reached = self.arm.reach(mounted.world_from_camera)
         found: list[Regions] = []
         joints: list[FloatArray] = []
@@ -121,7 +78,7 @@ class PlanArm:
                 share = (alone - _area(regions)) / max(self._whole, 1e-300)
                 if best is None or share < best[0]:
                     best = share, index, regions
-                if 100 * best[0] <= MOST_LOST:
+                if 100 * best[0] <= carrier.MOST_LOST:
                     break
             assert best is not None
             found.append(best[2])
@@ -129,7 +86,9 @@ class PlanArm:
             lost.append(max(0.0, 100 * best[0]))
         table = np.array(joints).reshape(-1, len(self.arm.robot.joint_names))
         clearance = self.arm.clear(table) if len(table) else np.zeros(0)
-        return found, ArmPoses(table, clearance, np.array(lost), *self._tour(table))
+        found_tour = self._tour(table)
+        names = self.arm.robot.joint_names
+        return found, CarriedPoses(names, table, clearance, np.array(lost), *found_tour)
 
     @cached_property
     def _whole(self) -> float:
@@ -174,7 +133,7 @@ class PlanArm:
     def refined(
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
-        """Cameras after moves of single joints that gain, and the joint angles.
+        """See `Carrier`.
 
         Each pose is within reach, clear of obstacles, and at an allowed position. An interrupt ends
         it with the best so far.

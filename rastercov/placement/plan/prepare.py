@@ -26,8 +26,9 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, gates_of
 from rastercov.coverage.area.cells import Cells, cells, usual_size
+from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.rig_limits import unmet_lines
+from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.reasons import NAMES, Reason
@@ -40,7 +41,7 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.arm import PlanArm
+from rastercov.placement.plan.carrier import Carrier
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
@@ -50,6 +51,7 @@ from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
+    carrier_of,
     filtered_pool,
     framing_of,
     keep_outs,
@@ -141,7 +143,7 @@ class Prepared:
         is affordable.
     over_time : PlanMotion or None
         Where bodies move.
-    arm : PlanArm or None
+    arm : Carrier or None
         Where a robot carries the cameras.
     quarantined : mapping of int to str
         Candidates that kill the process that measures them, and its end.
@@ -169,7 +171,7 @@ class Prepared:
     cells: Cells | None = None
     reachable: AreaNetwork | None = None
     over_time: PlanMotion | None = None
-    arm: PlanArm | None = None
+    arm: Carrier | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
@@ -239,7 +241,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     """
     plan, observer, cells = job.plan, objectives.faces.observer, job.cells
     mesh, task = observer.mesh, objectives.faces.task
-    arm = PlanArm.of(plan, mesh)
+    arm = carrier_of(plan, mesh)
     with job.clock("candidates"):
         segmentation = segmentation_of(plan, job.whole)
         found = candidate_pool(plan, job.whole)
@@ -520,7 +522,7 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
         return []
     finder, sampled = objectives.cells.finder, _sample(left, N_OF_RULES)
     some = mounts.cameras(sampled)[0]
-    lines = unmet_lines(finder.find(some), finder.camera, some, finder.task)
+    lines = unmet_lines(failures_of_rows, finder.find(some), finder.camera, some, finder.task)
     if len(sampled) < len(left):
         lines = [f"{line} (of {len(sampled)} of {len(left):,} candidates)" for line in lines]
     return lines

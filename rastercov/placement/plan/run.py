@@ -35,7 +35,7 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.plan.arm import ArmPoses, PlanArm
+from rastercov.placement.plan.carrier import CarriedPoses, Carrier
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
@@ -114,7 +114,7 @@ class Placement(InOneLine, InNotebook):
     left_out : tuple of int
         Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
         or without which the goal over time is met.
-    arm : ArmPoses or None
+    arm : CarriedPoses or None
         Joint angles of the network, where a robot carries the cameras.
     lamps : LampChoice or None
         Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
@@ -136,7 +136,7 @@ class Placement(InOneLine, InNotebook):
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
-    arm: ArmPoses | None = None
+    arm: CarriedPoses | None = None
     lamps: LampChoice | None = None
     withheld: list[list[Refusal]] = field(default_factory=list)
 
@@ -437,7 +437,7 @@ def _by_area(
     assert objectives.cells is not None
     prepared, on_cells = placement.prepared, objectives.cells
     plan, limits = prepared.plan, limits_of(prepared.selection)
-    arm: ArmPoses | None = None
+    arm: CarriedPoses | None = None
     if prepared.arm is not None:
         cameras, arm = _with_arm(placement, prepared.arm, on_cells.finder)
     elif (timed := prepared.over_time) is None:
@@ -469,10 +469,12 @@ def _by_area(
     return replace(placement, cameras=cameras, requirements=(*required, *of_goals), arm=arm)
 
 
-def _with_arm(placement: Placement, own: PlanArm, finder: RegionPass) -> tuple[Measured, ArmPoses]:
+def _with_arm(
+    placement: Placement, own: Carrier, finder: RegionPass
+) -> tuple[Measured, CarriedPoses]:
     """The network with its exact area, as each camera sees the scene with the arm in its way."""
     plan, known = placement.prepared.plan, placement.arm
-    joints = np.zeros((0, len(own.arm.robot.joint_names))) if known is None else known.joints
+    joints = None if known is None else known.joints
     parts, arm = own.measured(finder, placement.cameras.mounted, joints)
     areas, curve = AreaNetwork(finder.mesh, finder.task), [0.0]
     for part, count in zip(parts, np.bincount(placement.cameras.owner), strict=True):

@@ -31,6 +31,8 @@ from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
 from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.plan.arm import PlanArm
+from rastercov.placement.plan.carrier import Carrier
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import (
@@ -438,6 +440,12 @@ def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
             with errors_at(plan.name, f"candidates[{row}]"):
                 found.append(_arm(plan, mesh, entry))
     return found
+
+
+def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
+    """What carries the cameras of a plan; None where they are placed one by one."""
+    arms = arms_of(plan, mesh)
+    return PlanArm(plan, arms[0]) if arms else None
 
 
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:

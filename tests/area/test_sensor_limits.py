@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 import rastercov as rc
 from rastercov.camera.pose import Poses
+from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.rig_limits import limit_advice
+from rastercov.coverage.area.sensor_limits import limit_advice
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
 MESH = rc.shapes.icosahedron()
@@ -87,7 +88,7 @@ def test_each_remedy_covers_at_least_half_of_the_points(kind):
         points, face = points[left], face[left]
         if not len(points):
             continue
-        text = limit_advice(MESH, rig, task, poses, points, face)
+        text = limit_advice(failures_of_rows, MESH, rig, task, poses, points, face)
         words, _, remedies = text.partition(": ")
         assert re.match("uncertainty .* at best, .* wanted$|rays to its devices differ", words)
         for remedy in filter(None, remedies.split(" or ")):
@@ -106,7 +107,7 @@ def test_the_best_value_is_that_of_the_points_and_no_remedy_is_made_up():
     rng = np.random.default_rng(0)
     rig, poses = head_of(rng, {"max_uncertainty": 1e-9})
     points, face = points_seen(rig, poses, task, rng)
-    text = limit_advice(MESH, rig, task, poses, points, face)
+    text = limit_advice(failures_of_rows, MESH, rig, task, poses, points, face)
     assert "baseline" not in text
     assert "away" not in text
     (gate,) = rig.gates.values()
@@ -114,8 +115,8 @@ def test_the_best_value_is_that_of_the_points_and_no_remedy_is_made_up():
     assert criterion.limit == 1.0
     best = re.match(r"uncertainty ([\d.]+) (µm|mm|m) at best, ([\d.e-]+) ", text)
     assert float(best[1]) * FACTORS[best[2]] > 1e-9
-    assert limit_advice(MESH, rig, task, poses, points[:0], face[:0]) == ""
+    assert limit_advice(failures_of_rows, MESH, rig, task, poses, points[:0], face[:0]) == ""
     inside = poses.world_from_camera.copy()
     inside[:, :3, 3] *= -1  # the devices look away
     away = Poses.of(inside, camera=poses.camera)
-    assert limit_advice(MESH, rig, task, away, points, face) == ""
+    assert limit_advice(failures_of_rows, MESH, rig, task, away, points, face) == ""

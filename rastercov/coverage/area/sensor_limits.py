@@ -5,18 +5,18 @@ again by all criteria.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.base.format import number, size_in_words
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, by_gate, gates_of, names_of, rows_of_result
 from rastercov.camera.rule import Gate
-from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.sensors import deviations, smallest_cosines, through
@@ -25,6 +25,11 @@ from rastercov.coverage.reasons import BASELINE, UNCERTAIN, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
+Judge = Callable[
+    [Mesh, Cameras, Task, Poses, FloatArray, IntArray],
+    Iterator[tuple[IntArray, NDArray[np.uint8], IntArray]],
+]
+"""Function `rastercov.coverage.area.failures.failures_of_rows`."""
 WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)
 """Baselines that are tried, in that of the rig."""
 NEARER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
@@ -37,7 +42,9 @@ MOST_POINTS = 64
 """Points of the best place on which remedies are tried where nothing meets a limit."""
 
 
-def unmet_lines(regions: Regions, camera: Cameras, poses: Poses, task: Task) -> list[str]:
+def unmet_lines(
+    judge: Judge, regions: Regions, camera: Cameras, poses: Poses, task: Task
+) -> list[str]:
     """Lines on limits of rigs with a rule that nothing their devices see meets.
 
     With the best value, and what would cover half of what they see at the best place. `regions` are
@@ -67,7 +74,7 @@ def unmet_lines(regions: Regions, camera: Cameras, poses: Poses, task: Task) -> 
         pieces = np.flatnonzero(seen.pose == row[best])
         pieces = pieces[np.argsort(-areas[pieces], kind="stable")[:MOST_POINTS]]
         on = middle[pieces], seen.face[pieces].astype(np.int64)
-        head = _Head(seen.mesh, camera, task, gate, placed, *on)
+        head = _Head(judge, seen.mesh, camera, task, gate, placed, *on)
         remedies = list(head.remedies(-(-len(pieces) // 2)))
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
         lines.append(f"rig {rig}: {words}" + (f": {' or '.join(remedies)}" if remedies else ""))
@@ -75,6 +82,7 @@ def unmet_lines(regions: Regions, camera: Cameras, poses: Poses, task: Task) -> 
 
 
 def limit_advice(
+    judge: Judge,
     mesh: Mesh,
     camera: Cameras,
     task: Task,
@@ -87,6 +95,8 @@ def limit_advice(
 
     Parameters
     ----------
+    judge : callable
+        `failures_of_rows`.
     mesh, camera, task
         Scene, devices and thresholds.
     poses : Poses
@@ -106,7 +116,7 @@ def limit_advice(
         gate = gates_of(camera).get(int(own.camera[0]))
         if gate is None:
             continue
-        head = _Head(mesh, camera, task, gate, own, points, face)
+        head = _Head(judge, mesh, camera, task, gate, own, points, face)
         reason = head.reason(own.world_from_camera)
         for why in (UNCERTAIN, BASELINE):
             if (at := np.flatnonzero(reason == why)).size:
@@ -123,6 +133,7 @@ def limit_advice(
 class _Head:
     """A rig with a rule in one pose, and points that it does not cover."""
 
+    judge: Judge
     mesh: Mesh
     camera: Cameras
     task: Task
@@ -135,7 +146,7 @@ class _Head:
         """(N,) reason of the points with the devices in other poses (n, 4, 4)."""
         own = Poses.of(placed, camera=self.poses.camera)
         scene = self.mesh, self.camera, self.task
-        ((_, reason, _),) = failures_of_rows(*scene, own, self.points, self.face)
+        ((_, reason, _),) = self.judge(*scene, own, self.points, self.face)
         return reason.astype(np.int64)
 
     def covers(self, placed: FloatArray, least: int) -> bool:
