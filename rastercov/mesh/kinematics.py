@@ -118,8 +118,8 @@ class Kinematics:
     ) -> Solutions:
         """Solutions of (N, 4, 4) poses of a frame that is fixed to a link, up to `most` for each.
 
-        Poses that the starts of one round do not meet get those of the next. Deterministic; poses
-        farther away than the links are long are left out at once.
+        Poses that one round of starts meets beyond the limits alone get the next. Deterministic;
+        poses farther away than the links are long are left out at once.
         """
         chain = self.chain(tip)
         left = np.flatnonzero(self._within_reach(poses, chain, link_from_tip))
@@ -146,7 +146,7 @@ class Kinematics:
                     own = self._distinct(joints[row, most_over[row] <= 0], chain, most)
                     rows.append(np.full(len(own), pose))
                     found.append(own)
-            left = left[worst[left] > 0]
+            left = left[(worst[left] > 0) & np.isfinite(worst[left])]
         pose = np.concatenate(rows)
         order = np.argsort(pose, kind="stable")
         return Solutions(pose[order], np.concatenate(found)[order], beyond)

@@ -253,7 +253,7 @@ class Robot(InOneLine):
         link: str,
         link_from_tip: ArrayLike | None = None,
         *,
-        starts: int = 64,
+        starts: int = 256,
         most: int = 8,
         seed: int = 0,
     ) -> Solutions:
@@ -269,7 +269,7 @@ class Robot(InOneLine):
             Pose of the frame, such as a camera, on the link; the link's own unless given.
         starts, seed : int
             Random configurations to start from, at most, and their seed; the first 16 for all
-            poses, the others for those that these do not reach.
+            poses, the others for those that these reach beyond a limit alone.
         most : int
             Solutions of a pose, which differ by more than 0.01 in some joint.
 

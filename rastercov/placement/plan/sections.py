@@ -1013,7 +1013,10 @@ class PlanModel(Entry):
         if [body.name for body in self.bodies if body.urdf is not None] != [name]:
             raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
         if self.motion is not None:
-            raise ValueError("candidates: on_arm is of a still scene; leave out motion")
+            raise ValueError(
+                "candidates: on_arm is of a still scene; leave out motion, and give a turntable as "
+                "a joint of the urdf"
+            )
         self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
         return True
 
