@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.mesh import Mesh
 from rastercov.mesh.robot import Robot
@@ -31,6 +31,25 @@ MOST_PAIRS = 1 << 18
 """Points of a scene times poses of a link that are compared together: a few tens of MB."""
 SCENE = ""
 """Body of what does not move."""
+
+
+class Contact(NamedTuple):
+    """The bodies that are most in each other's way in a configuration.
+
+    Attributes
+    ----------
+    link, body : str
+        A link, and another or a group of the scene.
+    distance : float
+        Metres between them; 0 where they meet.
+    depth : float
+        Metres that one must move, or more, until they are apart; 0 where that is not known.
+    """
+
+    link: str
+    body: str
+    distance: float
+    depth: float
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -105,7 +124,7 @@ class Collisions(InOneLine):
         """Trees of the faces with areas of each body that has some."""
         bodies = dict(self.robot.shapes)
         if self.scene:
-            bodies[SCENE] = Mesh.joined(self.scene)
+            bodies[SCENE] = self._whole
         found = {}
         for name, mesh in bodies.items():
             faces = mesh.faces[~mesh.degenerate_mask]
@@ -171,15 +190,7 @@ class Collisions(InOneLine):
         contact = CONTACT_REL * self.robot.mesh.diagonal
         for one, other in self.pairs:
             relative = np.linalg.inv(frames[one]) @ frames[other]
-            trees = (self._trees[one], self._trees[other])
-            mesh_clearance.distances(
-                trees[0].corners,
-                trees[0].nodes,
-                trees[1].corners,
-                trees[1].nodes,
-                np.ascontiguousarray(relative),
-                found,
-            )
+            found = self._apart(one, self._trees[other], relative, found)
             found[found <= contact] = 0.0
         found[self._is_inside(frames, found > 0)] = 0.0
         return found
@@ -209,6 +220,97 @@ class Collisions(InOneLine):
             rows = np.nonzero(is_near)[1]
             np.logical_or.at(found, rows, self._links[link].holds(own[:, :, 0][is_near]))
         return found
+
+    def contacts(self, joints: ArrayLike) -> list[Contact]:
+        """The bodies that are most in each other's way in each of (N, J) configurations.
+
+        Those of the greatest depth; without a depth, those that are nearest to each other.
+        """
+        frames: dict[str, Any] = self.robot.frames(joints)
+        n = len(next(iter(frames.values())))
+        frames[SCENE] = np.broadcast_to(np.eye(4), (n, 4, 4))
+        apart, depth = np.full((2, len(self.pairs), n), np.inf)
+        group = np.full((len(self.pairs), n), -1)
+        for row, (one, other) in enumerate(self.pairs):
+            relative = np.linalg.inv(frames[one]) @ frames[other]
+            apart[row] = self._apart(one, self._trees[other], relative, apart[row])
+        is_met = apart <= CONTACT_REL * self.robot.mesh.diagonal
+        depth[:] = 0.0
+        for row, (one, other) in enumerate(self.pairs):
+            is_asked = is_met[row] | ((other == SCENE) & ~is_met.any(axis=0))
+            for at in np.flatnonzero(is_asked).tolist():
+                relative = np.linalg.inv(frames[one][at]) @ frames[other][at]
+                ways = ((one, other, np.linalg.inv(relative)), (other, one, relative))
+                for way in ways:
+                    deep, face = self._depth(*way)
+                    if deep > depth[row, at]:
+                        depth[row, at] = deep
+                        group[row, at] = self._scene_group[face] if way[1] == SCENE else -1
+        found = []
+        for at in range(n):
+            row = np.lexsort((apart[:, at], -depth[:, at])).tolist()[0]
+            link, body = self.pairs[row]
+            if body == SCENE:
+                relative = np.linalg.inv(frames[link][at])[None]
+                body = self._group_at(link, relative, int(group[row, at]))
+            is_apart = not is_met[row, at] and depth[row, at] == 0
+            distance = float(apart[row, at]) if is_apart else 0.0
+            found.append(Contact(link, body, distance, float(depth[row, at])))
+        return found
+
+    @cached_property
+    def _whole(self) -> Mesh:
+        """The scene as one mesh."""
+        return Mesh.joined(self.scene)
+
+    @cached_property
+    def _scene_group(self) -> IntArray:
+        """Group of each face of the tree of the scene."""
+        return np.asarray(self._whole.face_group[~self._whole.degenerate_mask])
+
+    @cached_property
+    def _groups(self) -> dict[str, TriangleTree]:
+        """Tree of each group of the scene."""
+        mesh, found = self._whole, {}
+        for row, group in enumerate(mesh.groups):
+            faces = mesh.faces[(mesh.face_group == row) & ~mesh.degenerate_mask]
+            if len(faces):
+                found[group.name] = TriangleTree.over(mesh.vertices, faces)
+        return found
+
+    def _group_at(self, link: str, relative: FloatArray, group: int) -> str:
+        """A group of the scene by its row, or the one that is nearest to a link."""
+        if group >= 0:
+            return self._whole.groups[group].name
+        least, nearest = np.full(1, np.inf), ""
+        for name, tree in self._groups.items():
+            found = self._apart(link, tree, relative, least.copy())
+            if found[0] < least[0]:
+                least, nearest = found, name
+        return nearest
+
+    def _apart(
+        self, link: str, other: TriangleTree, relative: FloatArray, found: FloatArray
+    ) -> FloatArray:
+        """(N,) `found`, with the distances of a link from a tree where these are less."""
+        tree = self._trees[link]
+        own = tree.corners, tree.nodes, other.corners, other.nodes
+        mesh_clearance.distances(*own, np.ascontiguousarray(relative), found)
+        return found
+
+    def _depth(self, body: str, into: str, pose: FloatArray) -> tuple[float, int]:
+        """Depth of the deepest point of a body in another one, and the face nearest to it."""
+        mesh = self._whole if body == SCENE else self.robot.shapes[body]
+        points = np.concatenate([mesh.vertices, mesh.centroids]) @ pose[:3, :3].T + pose[:3, 3]
+        if into != SCENE:
+            low, high = self.robot.shapes[into].bounds
+            points = points[((points >= low) & (points <= high)).all(axis=1)]
+        matter = self._matter if into == SCENE else [self._links[into]]
+        points = points[np.any([each.holds(points) for each in matter], axis=0)]
+        if not len(points):
+            return 0.0, -1
+        distance, face, _ = self._trees[into].nearest(points)
+        return float(distance.max()), int(face[distance.argmax()])
 
 
 def _corners_of(mesh: Mesh) -> FloatArray:

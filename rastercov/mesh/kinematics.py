@@ -44,10 +44,14 @@ class Solutions(NamedTuple):
         Row of the pose that each reaches, in ascending order.
     joints : (S, J) float64
         Radians, or metres of prismatic joints, within the limits.
+    beyond : (N, J) float64
+        Radians or metres beyond the limits, of each pose, of the joint angles that lead to it and
+        exceed them least: 0 for a pose with a solution, inf where no joint angles were found.
     """
 
     pose: IntArray
     joints: FloatArray
+    beyond: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,42 +112,56 @@ class Kinematics:
         poses: FloatArray,
         tip: str,
         link_from_tip: FloatArray,
-        starts: int,
+        starts: Sequence[int],
         seed: int,
         most: int,
     ) -> Solutions:
         """Solutions of (N, 4, 4) poses of a frame that is fixed to a link, up to `most` for each.
 
-        Deterministic; poses farther away than the links are long are left out at once.
+        Poses that one round of starts meets beyond the limits alone get the next. Deterministic;
+        poses farther away than the links are long are left out at once.
         """
         chain = self.chain(tip)
-        near = np.flatnonzero(self._within_reach(poses, chain, link_from_tip))
+        left = np.flatnonzero(self._within_reach(poses, chain, link_from_tip))
         low, high = self._range
-        rng = np.random.default_rng(seed)
-        seeds = low + (high - low) * rng.random((starts, len(low)))
-        rows: list[IntArray] = []
-        found: list[FloatArray] = []
-        for begin in range(0, len(near), at_once := max(1, ROWS_AT_ONCE // starts)):
-            part = near[begin : begin + at_once]
-            joints, is_met = self._descended(poses[part], chain, link_from_tip, seeds)
-            for pose, each, good in zip(part, joints, is_met, strict=True):
-                own = self._distinct(each[good], chain, most)
-                rows.append(np.full(len(own), pose))
-                found.append(own)
-        empty = np.zeros(0, np.int64), np.zeros((0, len(low)))
-        return Solutions(np.concatenate([empty[0], *rows]), np.concatenate([empty[1], *found]))
+        seeds = low + (high - low) * np.random.default_rng(seed).random((sum(starts), len(low)))
+        others = np.setdiff1d(np.arange(len(low)), [each.column for each in chain])
+        seeds[:, others] = np.clip(0.0, low, high)[others]
+        rows: list[IntArray] = [np.zeros(0, np.int64)]
+        found: list[FloatArray] = [np.zeros((0, len(low)))]
+        beyond, worst = np.full((len(poses), len(low)), np.inf), np.full(len(poses), np.inf)
+        for some in np.split(seeds, np.cumsum(starts)[:-1]):
+            if not len(left):
+                break
+            at_once = max(1, ROWS_AT_ONCE // len(some))
+            for part in np.split(left, range(at_once, len(left), at_once)):
+                joints, is_met = self._descended(poses[part], chain, link_from_tip, some)
+                over = np.maximum(self.limits[:, 0] - joints, joints - self.limits[:, 1])
+                over = np.maximum(over, 0.0)
+                most_over = np.where(is_met, over.max(axis=2, initial=0.0), np.inf)
+                for row, pose in enumerate(part):
+                    least = int(most_over[row].argmin())
+                    if most_over[row, least] < worst[pose]:
+                        beyond[pose], worst[pose] = over[row, least], most_over[row, least]
+                    own = self._distinct(joints[row, most_over[row] <= 0], chain, most)
+                    rows.append(np.full(len(own), pose))
+                    found.append(own)
+            left = left[(worst[left] > 0) & np.isfinite(worst[left])]
+        pose = np.concatenate(rows)
+        order = np.argsort(pose, kind="stable")
+        return Solutions(pose[order], np.concatenate(found)[order], beyond)
 
     @cached_property
     def _range(self) -> tuple[FloatArray, FloatArray]:
         """Least and greatest start of each joint: a turn, or 2 m, where nothing limits it."""
-        is_turning = self._is_turning
+        is_turning = self.is_turning
         far = np.where(is_turning, np.pi, 1.0)
         low, high = self.limits.T
         middle = np.clip(0.0, low, high)
         return np.maximum(low, middle - far), np.minimum(high, middle + far)
 
     @cached_property
-    def _is_turning(self) -> BoolArray:
+    def is_turning(self) -> BoolArray:
         """(J,) True for joints that a turn brings back to where they are."""
         found = np.ones(len(self.limits), np.bool_)
         for each in self.joints:
@@ -198,7 +216,10 @@ class Kinematics:
         link_from_tip: FloatArray,
         seeds: FloatArray,
     ) -> tuple[FloatArray, BoolArray]:
-        """(N, S, J) angles after the descent from S starts, and which meet their poses."""
+        """(N, S, J) angles after the descent from S starts, and which meet their poses.
+
+        Limits are not looked at.
+        """
         joints = np.tile(seeds, (len(poses), 1))
         goals, live = np.repeat(poses, len(seeds), axis=0), np.arange(len(joints))
         is_met = np.zeros(len(joints), np.bool_)
@@ -223,38 +244,34 @@ class Kinematics:
                 :, None
             ]
             joints[live] += step
-        joints = self._wrapped(joints)
-        low, high = self.limits.T
-        is_met &= ((joints >= low) & (joints <= high)).all(axis=1)
         shape = len(poses), len(seeds)
-        return joints.reshape(*shape, -1), is_met.reshape(shape)
+        return self._wrapped(joints).reshape(*shape, -1), is_met.reshape(shape)
 
     def _wrapped(self, joints: FloatArray) -> FloatArray:
         """Angles within half a turn of 0, or as near to it as the limits allow by whole turns."""
         low, high = self.limits.T
         turn = 2 * np.pi
-        wrapped = np.where(self._is_turning, joints - turn * np.round(joints / turn), joints)
-        up = self._is_turning & (wrapped < low) & (wrapped + turn <= high)
-        down = self._is_turning & (wrapped > high) & (wrapped - turn >= low)
+        wrapped = np.where(self.is_turning, joints - turn * np.round(joints / turn), joints)
+        up = self.is_turning & (wrapped < low) & (wrapped + turn <= high)
+        down = self.is_turning & (wrapped > high) & (wrapped - turn >= low)
         return wrapped + turn * (up.astype(np.int64) - down)
 
     def _distinct(self, joints: FloatArray, chain: Sequence[Joint], most: int) -> FloatArray:
         """Solutions of which no two are alike, in the order of their starts."""
         used = sorted({each.column for each in chain if each.column >= 0})
-        kept: list[FloatArray] = []
+        kept = joints[:0]
         for each in joints:
             if len(kept) == most:
                 break
-            if all(self.difference(each, other)[used].max(initial=0) > APART for other in kept):
-                kept.append(each)
-        return np.array(kept).reshape(-1, joints.shape[1])
+            away = self.difference(each, kept)[:, used].max(axis=1, initial=0)
+            if (away > APART).all():
+                kept = np.concatenate([kept, each[None]])
+        return kept
 
     def difference(self, one: FloatArray, other: FloatArray) -> FloatArray:
-        """(J,) differences of two configurations, less whole turns of joints that turn."""
+        """(..., J) differences of configurations, less whole turns of joints that turn."""
         way = np.abs(one - other)
-        return np.where(
-            self._is_turning, np.abs(way - 2 * np.pi * np.round(way / (2 * np.pi))), way
-        )
+        return np.where(self.is_turning, np.abs(way - 2 * np.pi * np.round(way / (2 * np.pi))), way)
 
 
 def pose_error(poses: FloatArray, goals: FloatArray) -> FloatArray:

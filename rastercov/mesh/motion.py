@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.files import StrPath
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
@@ -36,6 +37,63 @@ ROUNDING = 1e-9
 """Difference of a duration from a multiple of the unit, relative to it, that is rounding."""
 RIGID = 1e-9
 """Difference from a rotation below which a matrix is one; it is made orthogonal."""
+
+
+class JointPath(NamedTuple):
+    """Configurations of a robot, one a frame.
+
+    Attributes
+    ----------
+    joints : (T, J) float64
+        Radians, or metres of prismatic joints, in the order of its `joint_names`.
+    duration : (T,) float64
+        Weight of each, such as seconds; 1 unless the file has it, or times.
+    """
+
+    joints: FloatArray
+    duration: FloatArray
+
+
+class Jointed(Protocol):
+    """Bodies on joints, such as a `Robot`: its links are groups of `mesh`."""
+
+    @property
+    def name(self) -> str:
+        """Its name, before those of its bodies."""
+        ...
+
+    @property
+    def mesh(self) -> Mesh:
+        """All bodies at rest."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints, J of them."""
+        ...
+
+    @property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """Kind of each joint: "revolute", "continuous" or "prismatic"."""
+        ...
+
+    @property
+    def limits(self) -> FloatArray:
+        """(J, 2) least and greatest value of each."""
+        ...
+
+    @property
+    def rest(self) -> FloatArray:
+        """(J,) values at rest."""
+        ...
+
+    def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
+        """Poses of each body that moves, from rest, by (T, J) values of joints."""
+        ...
+
+    def read_path(self, path: StrPath) -> JointPath:
+        """Values of the joints by a file."""
+        ...
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

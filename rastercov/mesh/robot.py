@@ -7,7 +7,7 @@ limits. A robot hides and is not scored; a camera may be fixed to one of its lin
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,7 @@ from rastercov.mesh.formats.urdf import Shape
 from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
-from rastercov.mesh.motion import checked_poses
+from rastercov.mesh.motion import JointPath, checked_poses
 from rastercov.mesh.motion_file import TIMES, columns_of, durations_of
 from rastercov.mesh.shapes import box, sphere
 
@@ -45,23 +45,10 @@ FACES = {"box": 12, "cylinder": 4 * SIDES, "sphere": 20 * 4**SUBDIVISIONS}
 MOST_INSTANCES = 50
 """Uses of each mesh file on average, beyond `FREE_FACES` in all."""
 BYTES_PER_SHAPE = 5000
+STARTS = 16
+"""Of the inverse kinematics for all poses."""
 ROUNDING = 1e-9
 """Radians or metres beyond a limit that are taken for rounding of a file."""
-
-
-class JointPath(NamedTuple):
-    """Configurations of a robot, one a frame.
-
-    Attributes
-    ----------
-    joints : (T, J) float64
-        Radians, or metres of prismatic joints, in the order of `Robot.joint_names`.
-    duration : (T,) float64
-        Weight of each, such as seconds; 1 unless the file has it, or times.
-    """
-
-    joints: FloatArray
-    duration: FloatArray
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -231,6 +218,12 @@ class Robot(InOneLine):
             if self.is_moving(link)
         }
 
+    @property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """Kind of each of the joints: "revolute", "continuous" or "prismatic"."""
+        kinds = {each.name: each.kind for each in self.kinematics.joints}
+        return tuple(kinds[name] for name in self.joint_names)
+
     def is_moving(self, link: str) -> bool:
         """True for a link that some joint moves."""
         self._check_link(link)
@@ -276,7 +269,7 @@ class Robot(InOneLine):
         link: str,
         link_from_tip: ArrayLike | None = None,
         *,
-        starts: int = 16,
+        starts: int = 256,
         most: int = 8,
         seed: int = 0,
     ) -> Solutions:
@@ -291,7 +284,8 @@ class Robot(InOneLine):
         link_from_tip : (4, 4) array_like, optional
             Pose of the frame, such as a camera, on the link; the link's own unless given.
         starts, seed : int
-            Random configurations to start from, and their seed.
+            Random configurations to start from, at most, and their seed; the first 16 for all
+            poses, the others for those that these reach beyond a limit alone.
         most : int
             Solutions of a pose, which differ by more than 0.01 in some joint.
 
@@ -316,7 +310,9 @@ class Robot(InOneLine):
         check_type("seed", seed, int)
         check_seed(seed)
         given = checked_poses("poses", poses)
-        return self.kinematics.solve(given, link, tip, int(starts), seed, int(most))
+        first = min(int(starts), STARTS)
+        rounds = [first, *([int(starts) - first] if starts > first else [])]
+        return self.kinematics.solve(given, link, tip, rounds, seed, int(most))
 
     def _check_link(self, link: str) -> None:
         if not is_one_of(link, self.links):

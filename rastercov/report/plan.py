@@ -16,6 +16,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
+from itertools import chain, repeat
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,17 +26,17 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.files import seen_from
-from rastercov.base.format import distance, percent, plural, verb
+from rastercov.base.format import area, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.provenance import named_cameras, provenance_of
-from rastercov.placement.plan.arm import MOST_LOST, ArmPoses
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
+from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
@@ -129,7 +130,7 @@ def save(
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
         if placement.arm is not None:
-            write_text(folder.file("joints.csv"), joints_csv(placement))
+            write_text(folder.file("joints.csv"), placement.arm.csv())
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         at = {"folder": seen_from(folder.path, placement.prepared.plan.folder)}
@@ -149,7 +150,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
         "world_from_camera": cameras.poses,
         "origin": [placement.origin[row] for row in cameras.owner],
         **({"candidate": placement.chosen[cameras.owner]} if is_chosen else {}),
-        **_of_arm(placement),
+        **(placement.arm.to_json() if placement.arm else {}),
     }
     if placement.lamps is not None:
         content["lamps"] = placement.lamps.lamps.to_json()
@@ -167,29 +168,6 @@ def poses_of(placement: Placement) -> dict[str, Any]:
             )
         ]
     return named_cameras(mounts.rig) | content
-
-
-def joints_csv(placement: Placement) -> str:
-    """Joint angles in the order of the tour, as `Robot.read_path` reads them."""
-    own, arm = placement.prepared.arm, placement.arm
-    assert own is not None
-    assert arm is not None
-    rows = [",".join(map(repr, row)) for row in arm.joints[arm.order].tolist()]
-    return "\n".join([",".join(own.arm.robot.joint_names), *rows, ""])
-
-
-def _of_arm(placement: Placement) -> dict[str, Any]:
-    """Joint angles of each mount, its clearance, what the arm hides, and the tour."""
-    own, arm = placement.prepared.arm, placement.arm
-    if own is None or arm is None:
-        return {}
-    return {
-        "joint_names": own.arm.robot.joint_names,
-        "joints": arm.joints,
-        "clearance_m": arm.clearance,
-        "hidden_by_arm_percent": arm.lost,
-        "tour": arm.order,
-    }
 
 
 def summary(placement: Placement) -> dict[str, Any]:
@@ -225,6 +203,10 @@ def summary(placement: Placement) -> dict[str, Any]:
     opened = prepared.openings
     network = summary_of(plan, cameras)
     zones = {name: network.pop(name) for name in ZONES if name in network}
+    if placement.withheld:
+        more = map(entries_of, chain(placement.withheld, repeat([])))
+        own = zip(zones["dead_zones"], more, strict=False)
+        zones["dead_zones"] = [zone | entry for zone, entry in own]
     return {
         "plan": plan.model_dump(),
         "met": placement.is_met,
@@ -237,7 +219,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         **zones,
         "network": network,
         "cameras": _cameras(placement),
-        "arm": _of_arm(placement) or None,
+        "arm": placement.arm and placement.arm.to_json(),
         "lamps": placement.lamps and placement.lamps.summary(),
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
@@ -333,6 +315,8 @@ def lines(placement: Placement) -> list[str]:
         said += placement.lamps.lines()
     network = summary_of(prepared.plan, placement.cameras)
     said += [line.replace("covered:", "exact area:") for line in area_lines(network)]
+    for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
+        said += line_of(views, f"dead zone {area(zone['area_m2'])}")
     of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
@@ -347,7 +331,7 @@ def lines(placement: Placement) -> list[str]:
             for row in placement.left_out
         ]
     if placement.arm is not None:
-        said.append(_on_arm(placement.arm))
+        said.append(placement.arm.line())
     said += [
         f"the {how} poses cover less of the exact area than those before, or lose a goal, and "
         "were not taken"
@@ -386,15 +370,6 @@ def _what(prepared: Prepared) -> str:
 def of_plan(lines: Iterable[str]) -> list[str]:
     """Lines that name entries of a plan file for the options of a command."""
     return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
-
-
-def _on_arm(arm: ArmPoses) -> str:
-    """Line about the joint angles of poses."""
-    least = distance(float(arm.clearance.min(initial=np.inf)))
-    most = float(arm.lost.max(initial=0.0))
-    text = f"joint angles in the order of a tour: joints.csv; links keep clear by {least} or more"
-    text += f"; the arm hides {most:.2f} points of the area at most of one picture"
-    return text + (", and no other solution or candidate is better" if most > MOST_LOST else "")
 
 
 def _interrupted(placement: Placement) -> str:

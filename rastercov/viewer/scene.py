@@ -188,10 +188,10 @@ class Scene:
             return {}
         robots, path, fields = self.moving.robots, self.moving.path, []
         for robot in robots:
-            kinds = {each.name: each.kind for each in robot.kinematics.joints}
-            for name, limits in zip(robot.joint_names, robot.limits, strict=True):
+            of_joints = zip(robot.joint_names, robot.joint_kinds, robot.limits, strict=True)
+            for name, kind, limits in of_joints:
                 low, high = np.where(np.isfinite(limits), limits, (-math.pi, math.pi)).tolist()
-                unit = "m" if kinds[name] == "prismatic" else "°"
+                unit = "m" if kind == "prismatic" else "°"
                 fields.append({"name": name, "low": low, "high": high, "words": "", "unit": unit})
         joints = np.concatenate([*(each.rest for each in robots), []])
         joints = joints[None] if path is None else path.joints

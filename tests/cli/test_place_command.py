@@ -176,7 +176,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         (None, ["no.toml: cannot be read (No such file or directory)"]),
         (SCENE, ["plan.toml: candidates: missing", "plan.toml: selection: missing"]),
         (QUICK.replace("[3.5]", "[0.2]"),
-         ["plan.toml: no candidate is left (20 candidates: 20 sp"]),
+         ["plan.toml: no candidate is left (20 candidates: 17 in or behind rest, 3 in or"]),
         (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
     ],
 )  # fmt: skip

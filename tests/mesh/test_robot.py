@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_files import binary_stl
+from robots import seven_axes
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
@@ -357,6 +358,45 @@ def test_sixteen_starts_reach_what_ninety_six_reach(arm):
     many = set(arm.solve(poses, "head", starts=96, seed=1).pose.tolist())
     assert len(many) > 60
     assert len(few & many) >= 0.99 * len(many)
+
+
+@pytest.mark.slow
+def test_an_arm_of_seven_axes_loses_no_view_that_64_starts_reach(tmp_path):
+    """Solutions are many, and most are beyond a limit: the first starts miss some."""
+    (tmp_path / "seven.urdf").write_text(seven_axes())
+    seven = rc.Robot.load(tmp_path / "seven.urdf")
+    rng = np.random.default_rng(17)
+    eyes = rng.uniform((-1.1, -1.1, 0.0), (1.1, 1.1, 1.2), (1000, 3))
+    poses = rc.look_at(eyes, rng.uniform((0.2, -0.3, -0.2), (0.8, 0.3, 0.4), (1000, 3)))
+    reached = set(seven.solve(poses, "link_7").pose.tolist())
+    first = seven.kinematics.solve(poses, "link_7", np.eye(4), (16,), 0, 1)
+    assert set(first.pose.tolist()) < reached
+    for seed in (1, 2, 3):
+        others = seven.kinematics.solve(poses, "link_7", np.eye(4), (64,), seed, 1)
+        assert set(others.pose.tolist()) <= reached
+    assert len(reached) > 80
+
+
+def test_how_far_a_pose_is_beyond_a_limit_is_known(tmp_path):
+    """Two joints in a plane: the elbow must bend by 90 degrees, either way, and may by less."""
+    ends = '<axis xyz="0 0 1"/><limit lower="{}" upper="{}"/>'
+    parts = (
+        link("a"), link("b"), link("c"), link("d"),
+        joint("pan", "a", "b", more=ends.format(-3, 3)),
+        joint("elbow", "b", "c", more='<origin xyz="1 0 0"/>' + ends.format(-1, 0.4)),
+        joint("tip", "c", "d", "fixed", '<origin xyz="1 0 0"/>'),
+    )  # fmt: skip
+    found = robot(tmp_path, *parts)
+    poses = np.stack([matrix((1, 1, 0), Rotation.from_euler("z", a)) for a in (np.pi / 2, 0)])
+    poses = np.concatenate([poses, poses[:1] + np.diag([0, 0, 0, 0])])
+    poses[2, :3, 3] = 0.3, 5, 0
+    solved = found.solve(poses, "d")
+    assert not len(solved.pose)
+    assert np.allclose(solved.beyond[0], (0, np.pi / 2 - 0.4), atol=1e-5)
+    assert np.allclose(solved.beyond[1], (0, np.pi / 2 - 1), atol=1e-5)
+    assert np.isinf(solved.beyond[2]).all()
+    within = found.frames([(0.2, 0.3)])["d"]
+    assert not found.solve(within, "d").beyond.any()
 
 
 def test_wrong_links_and_numbers_are_refused(arm):

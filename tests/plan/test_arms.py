@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plans import told
+from robots import seven_axes
 from timed import over_time, regions_over_time
 
 import rastercov as rc
 from rastercov import placement
 from rastercov.mesh.kinematics import pose_error
 from rastercov.placement.plan import arm as plan_arm
+from rastercov.placement.plan import carrier
+from rastercov.placement.plan.file import plan_of
 from rastercov.viewer.scene import scene_of_place
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
@@ -80,6 +83,9 @@ def test_chosen_poses_have_joint_angles_that_lead_there():
     assert np.array_equal(robot.read_path("out/joints.csv").joints, joints[written["tour"]])
     assert sorted(written["tour"]) == [0, 1]
     assert told()["arm"]["tour"] == written["tour"]
+    ways = np.abs(np.diff(np.concatenate([robot.rest[None], joints[written["tour"]]]), axis=0))
+    assert written["tour_length"] == pytest.approx(ways.max(axis=1).sum())
+    assert 0 <= written["wrist_flips"] <= 2
     assert placed.refined.share >= placed.refined.start_share
     assert all("hemisphere on arm" in each for each in written["origin"])
 
@@ -120,7 +126,7 @@ def test_cameras_on_an_arm_cover_what_lamps_light():
 
 def test_an_arm_that_hides_too_much_leads_to_other_candidates(monkeypatch):
     before = rc.place(PLAN, out="out")
-    monkeypatch.setattr(plan_arm, "MOST_LOST", -1.0)  # whatever is chosen
+    monkeypatch.setattr(carrier, "MOST_LOST", -1.0)  # whatever is chosen
     after = rc.place(PLAN, out="out")
     assert "arm" in after.steps
     assert after.cameras.share >= before.cameras.share - 1e-12
@@ -158,6 +164,148 @@ def test_an_arm_keeps_what_it_reaches_without_a_collision():
     for volume in (wall, ball):
         less = placement.on_arm(candidates, placement.Arm(robot, "head", mesh, keep_out=[volume]))
         assert len(less) < len(kept)
+
+
+def free_solutions(arm, pose, seed):
+    """Joint angles without a collision from other starts than those of the arm."""
+    found = arm.robot.kinematics.solve(pose[None], arm.link, TIP, (64,), seed, 64).joints
+    return found[arm.is_free(arm.clear(found))] if len(found) else found
+
+
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_reason_why_an_arm_does_not_take_a_view_is_true(tmp_path, seed):
+    """In random cells: a table, a press to keep out of, an arm of six or seven axes."""
+    rng = np.random.default_rng(seed)
+    (tmp_path / "seven.urdf").write_text(seven_axes())
+    file, link = [(ARM, "head"), (tmp_path / "seven.urdf", "link_7")][seed % 2]
+    table = rc.Mesh.joined([rc.shapes.box((0.5, 0.5, 0.5), 1, (0.6, 0, -0.3))], ["table"])
+    lamp = rc.Mesh.joined([rc.shapes.sphere(1, 0.12).moved(translation=(0.2, 0.2, 0.6))], ["lamp"])
+    low = rng.uniform((0.3, 0.1, 0.1), (0.5, 0.3, 0.3))
+    press = placement.KeepOutBox(tuple(low.tolist()), tuple((low + 0.3).tolist()), "press")
+    scene, robot = rc.Mesh.joined([table, lamp]), rc.Robot.load(file)
+    arm = placement.Arm(robot, link, scene, TIP, 0.02, [press])
+    eyes = rng.uniform((-0.9, -0.9, -0.2), (1.2, 0.9, 1.1), (60, 3))
+    poses = rc.look_at(eyes, rng.uniform((0.4, -0.2, 0), (0.7, 0.2, 0.3), (60, 3)))
+    reached = arm.reach(poses)
+    missed = reached.missed
+    assert set(missed) | set(reached.pose.tolist()) == set(range(60))
+    assert not set(missed) & set(reached.pose.tolist())
+    kinds = {each.reason for each in missed.values()}
+    assert kinds >= {"out_of_reach", "collision"}
+    for row, (reason, words, lack, unit) in missed.items():
+        assert not len(free_solutions(arm, poses[row], 9)), (row, reason)
+        solved = robot.kinematics.solve(poses[row : row + 1], link, TIP, (64,), 9, 64)
+        assert (len(solved.pose) > 0) == (reason not in ("out_of_reach", "joint_limits"))
+        if reason == "out_of_reach":
+            assert np.isinf(solved.beyond).all()
+        elif reason == "joint_limits":
+            name = words.removesuffix(" beyond its limit")
+            assert name in robot.joint_names
+            assert unit == "deg"
+            assert lack > 0
+        elif reason == "clearance":
+            assert 0 < lack <= 0.02
+        else:
+            is_kept_out = reason == "keep_out"
+            own, _, body = words.partition(" in " if is_kept_out else " meets ")
+            assert own in robot.links
+            assert (
+                body == "keep-out press" if is_kept_out else body in {"table", "lamp", *robot.links}
+            )
+
+
+def test_the_bodies_in_the_way_are_named_with_what_is_missing():
+    """A head of 50 mm whose front is a known way in a table, or before it."""
+    robot = rc.Robot.load(ARM)
+    joints = np.array([0, 0.2, 1.2, 0.3, 0, 0])
+    rest = robot.frames(joints)["head"][0]
+    front = rest @ (0, 0, 0.05, 1)
+    for way, side in ((0.013, 1), (-0.005, 1), (0.001, 4)):
+        table = rc.shapes.box((side,) * 3, 1, (0, 0, side / 2)).vertices - (0, 0, way)
+        box = rc.shapes.box((side,) * 3, 1)
+        pose = rest.copy()
+        pose[:3, 3] = front[:3]
+        placed = rc.Mesh(table @ pose[:3, :3].T + pose[:3, 3], box.faces)
+        scene = rc.Mesh.joined([placed, rc.shapes.sphere(1, 0.1).moved(translation=(3, 3, 3))],
+                               ["table", "ball"])  # fmt: skip
+        found = rc.Collisions(robot, [scene]).contacts(joints)[0]
+        assert (found.link, found.body) == ("head", "table")
+        assert found.depth == pytest.approx(max(way, 0), abs=1e-9)
+        assert found.distance == pytest.approx(max(-way, 0), abs=1e-9)
+
+
+def test_candidates_are_counted_by_the_reasons_of_the_arm():
+    press = {"name": "press", "low": [0.55, -0.5, 0.0], "high": [1.2, 0.5, 0.9]}
+    of = AROUND | {"generator": "on_sphere", "count": 18}
+    entry = CANDIDATES | {"of": of}
+    placed = rc.place(
+        PLAN | {"candidates": [entry], "constraints": {"keep_out": [press]}}, out="out"
+    )
+    pool, written = placed.prepared.pool, told()["candidates"]
+    n_refused = sum(each["views"] for each in written["why"])
+    assert n_refused == sum(written["dropped"].values()) == len(pool.refused) > 0
+    assert sum(written["made"].values()) == 36 == n_refused + sum(written["left"].values())
+    assert {"out_of_reach", "keep_out"} <= set(written["dropped"])
+    line = pool.lines()[0]
+    assert line.startswith("36 candidates: ")
+    assert line.endswith(f"; {36 - n_refused} left")
+    assert f"{written['dropped']['out_of_reach']} out of reach" in line
+    assert "in keep-out press" in line
+
+
+def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():
+    """The last joint of the arm has no limits; the two before it are of the wrist, too."""
+    robot = rc.Robot.load(ARM)
+    arm = placement.Arm(robot, "head", part())
+    own = plan_arm.PlanArm(plan_of(PLAN), arm)
+    angles = np.radians([[0] * 5 + [170], [0] * 5 + [-160], [0, 0, 0, 100, 0, 0], [10] * 6])
+    before = robot.frames(angles)["head"]
+    order, length, flips = own._tour(angles)
+    assert np.abs(robot.frames(angles)["head"] - before).max() <= 1e-12
+    ways = np.abs(np.diff(np.concatenate([robot.rest[None], angles[order]]), axis=0))
+    assert length == pytest.approx(ways.max(axis=1).sum())
+    assert abs(angles[1, 5] - angles[0, 5]) == pytest.approx(np.radians(30))
+    assert flips == (ways[:, 3:] > np.pi / 2).any(axis=1).sum() > 0
+    order, length, flips = own._tour(np.zeros((0, 6)))
+    assert (len(order), length, flips) == (0, 0, 0)
+
+
+TABLE = """
+  <link name="platter"/>
+  <link name="floor"/>
+  <joint name="table" type="revolute">
+    <parent link="platter"/><child link="floor"/>
+    <origin xyz="0.5 0.1 0"/><axis xyz="0 0 -1"/><limit lower="-3.2" upper="3.2"/>
+  </joint>
+  <joint name="stand" type="fixed">
+    <parent link="floor"/><child link="base"/><origin xyz="-0.5 -0.1 0"/>
+  </joint>
+</robot>"""
+"""Of docs/robot.md: a turntable below the part, about which the robot goes round."""
+
+
+def test_a_turntable_is_an_axis_of_the_robot():
+    text = Path("arm.urdf").read_text()
+    Path("cell.urdf").write_text(text.replace("</robot>", TABLE))
+    still, cell = rc.Robot.load("arm.urdf"), rc.Robot.load("cell.urdf", name="arm")
+    assert cell.joint_names == (*still.joint_names, "table")
+    angles = np.array([0.1, 0.3, 1.1, 0.2, 0.1, 0.3])
+    turned = rc.Robot.load(
+        "arm.urdf",
+        base=[[0, 1, 0, 0.4], [-1, 0, 0, 0.6], [0, 0, 1, 0], [0, 0, 0, 1]],  # by -90 degrees
+    )
+    own = cell.frames(np.append(angles, np.pi / 2))["head"][0]
+    assert np.abs(own - turned.frames(angles)["head"][0]).max() <= 1e-12
+    of = AROUND | {"generator": "on_sphere", "count": 24, "distances": [0.35]}
+    plan = PLAN | {"candidates": [CANDIDATES | {"of": of}]}
+    without = rc.place(plan)
+    plan["bodies"] = [{"name": "arm", "urdf": "cell.urdf"}]
+    placed = rc.place(plan, out="out")
+    assert len(placed.prepared.pool.candidates) > len(without.prepared.pool.candidates)
+    written = told("poses.json")
+    ends = cell.frames(written["joints"])["head"] @ TIP
+    assert np.abs(pose_error(ends, rc.read_poses("out/poses.json"))).max() <= 1e-6
+    assert Path("out/joints.csv").read_text().startswith("pan,lift,elbow,bend,turn,roll,table\n")
 
 
 REFUSED = {

@@ -15,7 +15,9 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, by_gate, gates_of, led_by, names_of
 from rastercov.coverage.area.frames import in_front
-from rastercov.coverage.area.sensors import deviations, failed_limits, through, unmet_limits
+from rastercov.coverage.area.sensor_limits import limit_advice as limit_advice
+from rastercov.coverage.area.sensor_limits import unmet_lines as unmet_lines
+from rastercov.coverage.area.sensors import deviations, failed_limits, through
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
@@ -137,25 +139,6 @@ def gated_reasons(
             for failed, fails in failed_limits(gate, placed, points) if has_limits else ():
                 found[at][fails & (found[at] == Reason.COVERED)] = failed
     return found, pose
-
-
-def unmet_lines(regions: Regions, camera: Cameras, poses: Poses) -> list[str]:
-    """Lines on limits of rigs with a rule that nothing their devices see meets.
-
-    `regions` are those of each pose.
-    """
-    lines: list[str] = []
-    for gate, own, _ in by_gate(camera, poses):
-        if gate is None or not (gate.has_baseline or gate.has_deviation):
-            continue
-        is_own = np.zeros(len(poses), np.bool_)
-        is_own[own.ravel()] = True
-        free = gate._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
-        seen = through(regions.of_poses(is_own), free)
-        rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
-        if len(seen.xy):
-            lines += unmet_limits(gate, seen, poses.world_from_camera[own], rig)
-    return lines
 
 
 def deviations_of(rig: Rig, poses: Poses, lead: int, points: FloatArray) -> FloatArray | None:

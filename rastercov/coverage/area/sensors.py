@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import distance
 from rastercov.base.memory import FloatArray
 from rastercov.camera.rule import Gate
 from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
-from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.polygons import following
 from rastercov.coverage.area.table import Cut, Regions, joined
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN
@@ -200,33 +198,3 @@ def failed_limits(
         yield BASELINE, ~baseline_holds(gate, placed[:, :3, 3], points)
     if gate.has_deviation:
         yield UNCERTAIN, ~is_certain(gate, placed, points)
-
-
-def unmet_limits(gate: Gate, seen: Regions, placed: FloatArray, rig: str) -> Iterator[str]:
-    """A line for each limit that no corner of a part that all devices see meets.
-
-    With the best value and what would help. `seen` are regions of rows whose devices have the poses
-    (R, n, 4, 4).
-    """
-    counts = np.diff(seen.starts)
-    row, face = (np.repeat(each, counts).astype(np.int64) for each in (seen.pose, seen.face))
-    points, placed = to_world(seen.mesh, face, seen.xy), placed[row]
-    if gate.least_deg > 0:
-        least = float(smallest_cosines(placed[:, :, :3, 3], points).min())
-        widest = math.degrees(math.acos(min(max(least, -1.0), 1.0)))
-        if widest < gate.least_deg:
-            half = math.radians(max(widest, 1e-6) / 2)
-            wider = math.tan(math.radians(gate.least_deg / 2)) / math.tan(half)
-            yield (
-                f"rig {rig}: rays to its devices differ by {widest:.3g} degrees at most, "
-                f"{gate.least_deg:g} wanted: a baseline {wider:.2g} times as wide"
-            )
-    if gate.has_deviation:
-        best = float(deviations(gate, placed[..., :3, 3], placed[..., :3, 1], points).min())
-        if best > gate.most_deviation:
-            times = best / gate.most_deviation
-            yield (
-                f"rig {rig}: uncertainty {distance(best)} at best, "
-                f"{distance(gate.most_deviation)} wanted: a baseline {times:.2g} times as "
-                f"wide, noise {1 / times:.2g} times as large, or less distance"
-            )

@@ -27,16 +27,16 @@ from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of, rows_of_result
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 from rastercov.coverage.advice import advice, figures_of_point, general_advice, short_of
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows, first_failures
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.area.rows import limit_advice, tasks_of
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, Reason
+from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, UNCERTAIN, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
@@ -458,6 +458,13 @@ def _reasons(
         before = "" if hider is None else body_of(hider)
         before = "another part of it" if before == body_of(own) else before
         said = _nearest(camera, task, poses[failing], *surface, name, before)
+        if winner in (BASELINE, UNCERTAIN) and row < MOST_LINES:
+            rows = rows_of_result(camera, poses)
+            own_poses = poses[np.isin(rows, rows[failing])]
+            on = own_poses, points[of_reason], face[of_reason]
+            said["advice"] = (
+                limit_advice(failures_of_rows, mesh, camera, task, *on) or said["advice"]
+            )
         if name == "occluded" and row < MOST_LINES and said["nearest"]:
             best = poses[np.flatnonzero(poses.ids == said["nearest"]["pose"])]
             sight = where_seen(mesh, camera, task, best, points[at], int(face[at]))

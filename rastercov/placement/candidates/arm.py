@@ -19,6 +19,7 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.collisions import Collisions
+from rastercov.mesh.groups import Group
 from rastercov.mesh.robot import Robot
 from rastercov.placement.candidates.clearance import (
     KeepOut,
@@ -27,9 +28,25 @@ from rastercov.placement.candidates.clearance import (
     check_clearance,
 )
 from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.refusals import Refusal
 
 ENOUGH = 0.1
 """Clearance, metres, beyond which solutions of a pose count as equal, unless more is asked."""
+
+
+MORE_STARTS = 128
+"""Of inverse kinematics for poses whose first solutions collide."""
+EXAMINED = 3
+"""Solutions of a pose whose collisions are looked into."""
+
+
+class Missed(NamedTuple):
+    """Why an arm does not take a pose; as of `Refusal`."""
+
+    reason: str
+    words: str
+    lack: float = 0.0
+    unit: str = "m"
 
 
 class Reached(NamedTuple):
@@ -43,11 +60,14 @@ class Reached(NamedTuple):
         Of each pose those with the greatest clearance first.
     clearance : (S,) float64
         Metres, up to `ENOUGH` or twice what is asked for.
+    missed : dict of int to Missed
+        Rows of the other poses, and why.
     """
 
     pose: IntArray
     joints: FloatArray
     clearance: FloatArray
+    missed: dict[int, Missed]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +114,12 @@ class Arm:
     @cached_property
     def collisions(self) -> Collisions:
         """Distances of the robot from the scene and the keep-out volumes."""
-        around = [_volume(each) for each in self.keep_out]
-        return Collisions(self.robot, [self.mesh, *around], list(self.allowed))
+        return Collisions(self.robot, [self.mesh, *self._volumes], list(self.allowed))
+
+    @cached_property
+    def _volumes(self) -> list[Mesh]:
+        """Keep-out volumes as meshes."""
+        return [_volume(each) for each in self.keep_out]
 
     @cached_property
     def _mount(self) -> FloatArray:
@@ -119,14 +143,64 @@ class Arm:
         given = np.asarray(poses)
         if not len(given):
             none = np.zeros((0, len(self.robot.joint_names)))
-            return Reached(np.zeros(0, np.int64), none, np.zeros(0))
+            return Reached(np.zeros(0, np.int64), none, np.zeros(0), {})
         found = self.robot.solve(given, self.link, self._mount)
-        if not len(found.pose):
-            return Reached(found.pose, found.joints, np.zeros(0))
-        clearance = self.clear(found.joints)
-        order = np.lexsort((-clearance, found.pose))
-        order = order[self.is_free(clearance[order])]
-        return Reached(found.pose[order], found.joints[order], clearance[order])
+        pose, joints, clearance = found.pose, found.joints, self._clear(found.joints)
+        hits = np.setdiff1d(pose, pose[self.is_free(clearance)])
+        if len(hits):
+            own = given[hits], self.link, self._mount
+            more = self.robot.kinematics.solve(*own, (MORE_STARTS,), 0, MORE_STARTS)
+            pose = np.concatenate([pose, hits[more.pose]])
+            joints = np.concatenate([joints, more.joints])
+            clearance = np.concatenate([clearance, self._clear(more.joints)])
+        order = np.lexsort((-clearance, pose))
+        pose, joints, clearance = pose[order], joints[order], clearance[order]
+        is_free = self.is_free(clearance)
+        hits = np.setdiff1d(pose, pose[is_free])
+        missed = self._beyond(found.beyond) | self._hit(hits, pose, joints)
+        return Reached(pose[is_free], joints[is_free], clearance[is_free], missed)
+
+    def _clear(self, joints: FloatArray) -> FloatArray:
+        return self.clear(joints) if len(joints) else np.zeros(0)
+
+    def _beyond(self, beyond: FloatArray) -> dict[int, Missed]:
+        """Poses without a solution, by how far the nearest is beyond the limits of joints."""
+        kinds = {each.column: each.kind for each in self.robot.kinematics.joints}
+        found = {}
+        for row in np.flatnonzero(beyond.max(axis=1, initial=0.0) > 0).tolist():
+            joint = int(beyond[row].argmax())
+            if not np.isfinite(beyond[row, joint]):
+                found[row] = Missed("out_of_reach", "out of reach")
+                continue
+            words, over = f"{self.robot.joint_names[joint]} beyond its limit", beyond[row, joint]
+            is_length = kinds[joint] == "prismatic"
+            lack, unit = (over, "m") if is_length else (np.degrees(over), "deg")
+            found[row] = Missed("joint_limits", words, float(lack), unit)
+        return found
+
+    def _hit(self, hits: IntArray, pose: IntArray, joints: FloatArray) -> dict[int, Missed]:
+        """Poses whose solutions all collide, by the bodies of the one that is nearest to free."""
+        starts = np.searchsorted(pose, hits)
+        ends = np.minimum(np.searchsorted(pose, hits, "right"), starts + EXAMINED)
+        rows = [row for ends_of in zip(starts, ends, strict=True) for row in range(*ends_of)]
+        found: dict[int, Missed] = {}
+        kept_out = [group.name for each in self._volumes for group in each.groups]
+        for row, each in zip(
+            rows, self.collisions.contacts(joints[rows]) if rows else (), strict=True
+        ):
+            lack = each.depth
+            if each.body in kept_out:
+                new = Missed("keep_out", f"{each.link} in {each.body}", lack)
+            elif each.distance > 0:
+                lack = self.clearance - each.distance
+                new = Missed("clearance", f"{each.link} too near to {each.body}", lack)
+            else:
+                new = Missed("collision", f"{each.link} meets {each.body}", lack)
+            known = found.get(int(pose[row]))
+            rank = (new.reason != "clearance", lack)
+            if known is None or rank < (known.reason != "clearance", known.lack):
+                found[int(pose[row])] = new
+        return found
 
 
 def on_arm(candidates: Candidates, arm: Arm) -> Candidates:
@@ -141,12 +215,20 @@ def on_arm(candidates: Candidates, arm: Arm) -> Candidates:
     Returns
     -------
     Candidates
-        Their source is "SOURCE on ROBOT"; `Arm.reach` has the joint angles of each.
+        Their source is "SOURCE on ROBOT"; `Arm.reach` has the joint angles of each. `refused` are
+        the others, with reasons.
     """
     check_kind("candidates", candidates, Candidates, "Candidates", ConfigError)
     check_kind("arm", arm, Arm, "an Arm", ConfigError)
-    kept = candidates.take(np.unique(arm.reach(candidates.poses).pose))
-    return replace(kept, sources=tuple(f"{each} on {arm.robot.name}" for each in kept.sources))
+    reached = arm.reach(candidates.poses)
+    sources = tuple(f"{each} on {arm.robot.name}" for each in candidates.sources)
+    proposed = replace(candidates, sources=sources)
+    refused = [
+        Refusal(candidates.poses[row], str(proposed.source[row]), *missed)
+        for row, missed in sorted(reached.missed.items())
+    ]
+    kept = proposed.take(np.unique(reached.pose))
+    return replace(kept, refused=(*kept.refused, *refused))
 
 
 def _volume(volume: KeepOut) -> Mesh:
@@ -154,10 +236,13 @@ def _volume(volume: KeepOut) -> Mesh:
     if isinstance(volume, KeepOutBox):
         low, high = np.array(volume.low), np.array(volume.high)
         size = np.maximum(high - low, 1e-9)  # a flat one is a thin one
-        return shapes.box(tuple(size.tolist()), 1, tuple(((low + high) / 2).tolist()))
-    if isinstance(volume, KeepOutSphere):
-        ball = shapes.sphere(3, 1.0)
-        planes = np.einsum("ij,ij->i", ball.normals, ball.centroids)
-        vertices = ball.vertices * (volume.radius / planes.min()) + volume.centre
-        return Mesh(frozen(vertices), ball.faces)
-    raise ConfigError(f"an arm keeps out of boxes and spheres, got {type(volume).__name__}")
+        solid = shapes.box(tuple(size.tolist()), 1, tuple(((low + high) / 2).tolist()))
+        vertices = solid.vertices
+    elif isinstance(volume, KeepOutSphere):
+        solid = shapes.sphere(3, 1.0)
+        planes = np.einsum("ij,ij->i", solid.normals, solid.centroids)
+        vertices = frozen(solid.vertices * (volume.radius / planes.min()) + volume.centre)
+    else:
+        kind = type(volume).__name__
+        raise ConfigError(f"an arm keeps out of boxes and spheres, got {kind}")
+    return Mesh(vertices, solid.faces, [Group(f"keep-out {volume.name}", is_occluder=True)])

@@ -26,6 +26,7 @@ from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen, matrices_of
+from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.candidates.segments import Segmentation
 
 FRAMING_MARGIN_REL = 1e-9
@@ -212,6 +213,8 @@ class Candidates:
         Names of the generators.
     camera : (C,) int32
         Index of the camera of each, where there are several; 0 unless given.
+    refused : tuple of Refusal
+        Views that the generator left out.
     """
 
     poses: FloatArray
@@ -219,6 +222,7 @@ class Candidates:
     index: IntArray
     sources: tuple[str, ...]
     camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    refused: tuple[Refusal, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.camera) != len(self.poses):
@@ -250,6 +254,7 @@ class Candidates:
             index=frozen(np.concatenate((self.index, other.index))),
             sources=names,
             camera=frozen(np.concatenate((self.camera, other.camera))),
+            refused=self.refused + other.refused,
         )
 
     @property
@@ -259,7 +264,8 @@ class Candidates:
 
     def of_camera(self, index: int) -> "Candidates":
         """The same poses, all of the camera of an index."""
-        return replace(self, camera=frozen(np.full(len(self), index, np.int32)))
+        refused = tuple(each._replace(camera=index) for each in self.refused)
+        return replace(self, camera=frozen(np.full(len(self), index, np.int32)), refused=refused)
 
     @property
     def source(self) -> NDArray[np.str_]:
@@ -272,7 +278,7 @@ class Candidates:
         rows = rows if rows.size else rows.astype(np.int64)  # an empty list has dtype float64
         parts = (self.poses, self.source_code, self.index, self.camera)
         poses, codes, index, camera = (frozen(part[rows]) for part in parts)
-        return Candidates(poses, codes, index, self.sources, camera)
+        return Candidates(poses, codes, index, self.sources, camera, self.refused)
 
     def counts(self) -> dict[str, int]:
         """Number of poses of each source."""

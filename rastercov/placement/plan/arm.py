@@ -25,11 +25,11 @@ from rastercov.mesh.motion import Motion
 from rastercov.placement.candidates.arm import Arm
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
+from rastercov.placement.improve.tour import tour
+from rastercov.placement.plan import carrier
+from rastercov.placement.plan.carrier import CarriedPoses
 from rastercov.placement.plan.file import Plan, PlanError
-from rastercov.placement.plan.scene import arms_of
 
-MOST_LOST = 0.5
-"""Points of the task's area that an arm may hide of the picture of its camera."""
 STEPS = (0.2, 0.1, 0.05, 0.025)
 """Moves of joints in a refinement, radians or metres, one after the other."""
 SAME_POSE = 1e-6
@@ -37,45 +37,16 @@ SAME_POSE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ArmPoses:
-    """Joint angles of K chosen poses.
-
-    Attributes
-    ----------
-    joints : (K, J) float64
-    clearance, lost : (K,) float64
-        Metres; points of the task's area that the arm hides.
-    order : (K,) int64
-        Poses in the order of a greedy tour from the rest configuration.
-    """
-
-    joints: FloatArray
-    clearance: FloatArray
-    lost: FloatArray
-    order: IntArray
-
-    @property
-    def is_hidden(self) -> BoolArray:
-        """(K,) True where the arm hides too much, whichever solution is taken."""
-        return self.lost > MOST_LOST
-
-
-@dataclass(frozen=True, eq=False)
 class PlanArm:
-    """The arm that carries all cameras of a plan."""
+    """The arm that carries all cameras of a plan, a `Carrier`."""
 
     plan: Plan
     arm: Arm
 
-    @classmethod
-    def of(cls, plan: Plan, mesh: Mesh) -> "PlanArm | None":
-        """The arm of a plan; None where no candidate is on an arm."""
-        arms = arms_of(plan, mesh)
-        if not arms:
-            return None
-        if plan.unit_of_result()[0] != "area":
-            raise PlanError(plan.name, "candidates: cameras on an arm are measured by area")
-        return cls(plan, arms[0])
+    def __post_init__(self) -> None:
+        if self.plan.unit_of_result()[0] != "area":
+            words = "candidates: cameras on an arm are measured by area"
+            raise PlanError(self.plan.name, words)
 
     @cached_property
     def scene(self) -> Mesh:
@@ -83,17 +54,10 @@ class PlanArm:
         return Mesh.joined([self.arm.mesh, self.arm.robot.mesh])
 
     def measured(
-        self, finder: RegionPass, mounted: Poses, known: FloatArray
-    ) -> tuple[list[Regions], ArmPoses]:
-        """Regions of each of K mounts with the arm in the picture, and its joint angles.
-
-        Parameters
-        ----------
-        finder : RegionPass
-            Of the scene without the arm.
-        known : (N, J) float64
-            Joint angles that are taken for poses that they lead to, before any other.
-        """
+        self, finder: RegionPass, mounted: Poses, known: FloatArray | None
+    ) -> tuple[list[Regions], CarriedPoses]:
+        """See `Carrier`."""
+        known = np.zeros((0, len(self.arm.robot.joint_names))) if known is None else known
         reached = self.arm.reach(mounted.world_from_camera)
         found: list[Regions] = []
         joints: list[FloatArray] = []
@@ -114,7 +78,7 @@ class PlanArm:
                 share = (alone - _area(regions)) / max(self._whole, 1e-300)
                 if best is None or share < best[0]:
                     best = share, index, regions
-                if 100 * best[0] <= MOST_LOST:
+                if 100 * best[0] <= carrier.MOST_LOST:
                     break
             assert best is not None
             found.append(best[2])
@@ -122,7 +86,9 @@ class PlanArm:
             lost.append(max(0.0, 100 * best[0]))
         table = np.array(joints).reshape(-1, len(self.arm.robot.joint_names))
         clearance = self.arm.clear(table) if len(table) else np.zeros(0)
-        return found, ArmPoses(table, clearance, np.array(lost), self._tour(table))
+        found_tour = self._tour(table)
+        names = self.arm.robot.joint_names
+        return found, CarriedPoses(names, table, clearance, np.array(lost), *found_tour)
 
     @cached_property
     def _whole(self) -> float:
@@ -138,19 +104,36 @@ class PlanArm:
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
         return replace(found._of_faces(own), mesh=self.arm.mesh)
 
-    def _tour(self, joints: FloatArray) -> IntArray:
-        """Rows in the order of a greedy tour: the next is that of the least move of any joint."""
-        here, left, order = self.arm.robot.rest, list(range(len(joints))), []
-        while left:
-            ways = [np.abs(joints[row] - here).max() for row in left]
-            order.append(left.pop(int(np.argmin(ways))))
-            here = joints[order[-1]]
-        return np.array(order, np.int64)
+    def _tour(self, joints: FloatArray) -> tuple[IntArray, float, int]:
+        """Rows in the order of a tour, its length, and its wrist flips.
+
+        Joints without limits take the shorter way round: their angles in `joints` are changed by
+        whole turns.
+        """
+        robot = self.arm.robot
+        is_endless = np.isinf(robot.limits).all(axis=1) & robot.kinematics.is_turning
+        stops = np.concatenate([robot.rest[None], joints])
+        ways = stops[:, None] - stops[None]
+        turns = np.round(ways / (2 * np.pi)) * is_endless
+        order = tour(np.abs(ways - 2 * np.pi * turns).max(axis=2, initial=0.0))
+        here, length, flips = robot.rest, 0.0, 0
+        chain = robot.kinematics.chain(self.arm.link)
+        wrist = [each.column for each in chain if each.column >= 0 and each.kind != "prismatic"][
+            -3:
+        ]
+        for row in order:
+            turns_back = np.round((joints[row] - here) / (2 * np.pi)) * is_endless
+            joints[row] -= 2 * np.pi * turns_back
+            way = np.abs(joints[row] - here)
+            length += float(way.max(initial=0.0))
+            flips += bool((way[wrist] > np.pi / 2).any())
+            here = joints[row]
+        return order, length, flips
 
     def refined(
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
-        """Cameras after moves of single joints that gain, and the joint angles.
+        """See `Carrier`.
 
         Each pose is within reach, clear of obstacles, and at an allowed position. An interrupt ends
         it with the best so far.

@@ -23,6 +23,7 @@ from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Views, gates_of, lamps_of, names_of_poses
+from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.area.table import Regions
@@ -166,7 +167,7 @@ class Checked(InOneLine, InNotebook):
         """Lines on limits of rigs with a rule that no place of theirs meets."""
         if not gates_of(self.plan.rig) or (found := self._regions) is None:
             return []
-        return unmet_lines(found, self.plan.rig, self.cameras.placed)
+        return unmet_lines(failures_of_rows, found, self.plan.rig, self.cameras.placed, self.task)
 
     @cached_property
     def _seen_by(self) -> list[str]:

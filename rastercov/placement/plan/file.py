@@ -32,8 +32,7 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
-from rastercov.mesh.robot import Robot
+from rastercov.mesh.motion import Jointed, Motion
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
@@ -331,7 +330,7 @@ class Plan(PlanModel):
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
-    def robots(self) -> list[Robot]:
+    def robots(self) -> list[Jointed]:
         """Robots of the bodies; PlanError for one that cannot be read."""
         return robots_of(self.bodies, self.folder, self.name)
 
@@ -390,9 +389,9 @@ class Plan(PlanModel):
         return lit_by(Task(**own), self.built_lamps(self.folder))
 
 
-def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Robot]:
+def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
     """Robots of those bodies of a file that have a URDF; errors as of `Plan.robots`."""
-    found = list[Robot]()
+    found = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):
             found += [] if body.urdf is None else [body.robot(folder)]

@@ -32,8 +32,8 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.motion import Jointed, JointPath
 from rastercov.mesh.motion_file import load_motion
-from rastercov.mesh.robot import JointPath, Robot
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
 from rastercov.placement.plan.entries import Entry, Name, Over
@@ -78,7 +78,7 @@ class PlanMotion(MotionQuery):
     """
 
     method: str = "certified"
-    robots: Sequence[Robot] = ()
+    robots: Sequence[Jointed] = ()
     path: JointPath | None = None
     cameras: Sequence[str] = ()
 

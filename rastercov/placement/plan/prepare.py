@@ -24,8 +24,9 @@ from rastercov.base.memory import BoolArray, FloatArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Rig, gates_of
 from rastercov.coverage.area.cells import Cells, cells, usual_size
+from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.coverage import evaluate_batches
@@ -40,7 +41,7 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.arm import PlanArm
+from rastercov.placement.plan.carrier import Carrier
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
@@ -50,6 +51,7 @@ from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
+    carrier_of,
     filtered_pool,
     framing_of,
     keep_outs,
@@ -71,6 +73,8 @@ from rastercov.shards.store import remove, remove_halves
 
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
+N_OF_RULES = 256
+"""Number of candidates of heads examined for the limit of a rule that none meets."""
 OF_A_MATRIX = (
     "pairs/pairs-*.npz",
     "bounds/*.npz",
@@ -139,7 +143,7 @@ class Prepared:
         is affordable.
     over_time : PlanMotion or None
         Where bodies move.
-    arm : PlanArm or None
+    arm : Carrier or None
         Where a robot carries the cameras.
     quarantined : mapping of int to str
         Candidates that kill the process that measures them, and its end.
@@ -167,7 +171,7 @@ class Prepared:
     cells: Cells | None = None
     reachable: AreaNetwork | None = None
     over_time: PlanMotion | None = None
-    arm: PlanArm | None = None
+    arm: Carrier | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
@@ -237,7 +241,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     """
     plan, observer, cells = job.plan, objectives.faces.observer, job.cells
     mesh, task = observer.mesh, objectives.faces.task
-    arm = PlanArm.of(plan, mesh)
+    arm = carrier_of(plan, mesh)
     with job.clock("candidates"):
         segmentation = segmentation_of(plan, job.whole)
         found = candidate_pool(plan, job.whole)
@@ -264,8 +268,9 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     notes += _notes_on(plan, matrix)
     together = _for_goal(job, objectives, problem, found)
     if problem.goal != together.problem.goal or not problem.reachable.any():
-        some = plan.mounts.cameras(_sample(without(found.candidates, matrix.quarantined)))[0]
-        lines = _of_rules(objectives, some)
+        left = without(found.candidates, matrix.quarantined)
+        some = plan.mounts.cameras(_sample(left))[0]
+        lines = _of_rules(objectives, plan.mounts, left)
         if not lines and not problem.reachable.any():
             what = "no face" if cells is None else "no cell"
             lines = [_why_nothing(observer, some, task, what)]
@@ -506,17 +511,21 @@ def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
     return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 
-def _sample(poses: Poses) -> Poses:
+def _sample(poses: Poses, most: int = N_DIAGNOSED) -> Poses:
     """Some of the poses, evenly spread."""
-    return poses[np.unique(np.linspace(0, len(poses) - 1, N_DIAGNOSED).astype(np.int64))]
+    return poses[np.unique(np.linspace(0, len(poses) - 1, most).astype(np.int64))]
 
 
-def _of_rules(objectives: Objectives, some: Poses) -> list[str]:
-    """Lines on limits of rigs with a rule that no candidate of a sample meets."""
-    if objectives.cells is None or not len(some):
+def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
+    """Lines on limits of rigs with a rule that no candidate meets, or none of a sample."""
+    if objectives.cells is None or not len(left) or not gates_of(mounts.rig):
         return []
-    finder = objectives.cells.finder
-    return unmet_lines(finder.find(some), finder.camera, some)
+    finder, sampled = objectives.cells.finder, _sample(left, N_OF_RULES)
+    some = mounts.cameras(sampled)[0]
+    lines = unmet_lines(failures_of_rows, finder.find(some), finder.camera, some, finder.task)
+    if len(sampled) < len(left):
+        lines = [f"{line} (of {len(sampled)} of {len(left):,} candidates)" for line in lines]
+    return lines
 
 
 def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:

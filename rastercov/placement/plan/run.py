@@ -30,11 +30,12 @@ from rastercov.coverage.coverage import in_batches
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
+from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.plan.arm import ArmPoses, PlanArm
+from rastercov.placement.plan.carrier import CarriedPoses, Carrier
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
@@ -76,6 +77,7 @@ from rastercov.placement.plan.prepare import (
 )
 from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
@@ -112,11 +114,13 @@ class Placement(InOneLine, InNotebook):
     left_out : tuple of int
         Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
         or without which the goal over time is met.
-    arm : ArmPoses or None
+    arm : CarriedPoses or None
         Joint angles of the network, where a robot carries the cameras.
     lamps : LampChoice or None
         Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
         `selection` are of.
+    withheld : list of list of Refusal
+        Views that are no candidates and would cover half of each of the first dead zones.
     """
 
     prepared: Prepared
@@ -132,8 +136,9 @@ class Placement(InOneLine, InNotebook):
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
-    arm: ArmPoses | None = None
+    arm: CarriedPoses | None = None
     lamps: LampChoice | None = None
+    withheld: list[list[Refusal]] = field(default_factory=list)
 
     @property
     def chosen(self) -> NDArray[np.int64]:
@@ -432,7 +437,7 @@ def _by_area(
     assert objectives.cells is not None
     prepared, on_cells = placement.prepared, objectives.cells
     plan, limits = prepared.plan, limits_of(prepared.selection)
-    arm: ArmPoses | None = None
+    arm: CarriedPoses | None = None
     if prepared.arm is not None:
         cameras, arm = _with_arm(placement, prepared.arm, on_cells.finder)
     elif (timed := prepared.over_time) is None:
@@ -464,10 +469,12 @@ def _by_area(
     return replace(placement, cameras=cameras, requirements=(*required, *of_goals), arm=arm)
 
 
-def _with_arm(placement: Placement, own: PlanArm, finder: RegionPass) -> tuple[Measured, ArmPoses]:
+def _with_arm(
+    placement: Placement, own: Carrier, finder: RegionPass
+) -> tuple[Measured, CarriedPoses]:
     """The network with its exact area, as each camera sees the scene with the arm in its way."""
     plan, known = placement.prepared.plan, placement.arm
-    joints = np.zeros((0, len(own.arm.robot.joint_names))) if known is None else known.joints
+    joints = None if known is None else known.joints
     parts, arm = own.measured(finder, placement.cameras.mounted, joints)
     areas, curve = AreaNetwork(finder.mesh, finder.task), [0.0]
     for part, count in zip(parts, np.bincount(placement.cameras.owner), strict=True):
@@ -782,7 +789,12 @@ def _explain_uncovered(
         covering = np.zeros(prepared.mesh.n_faces, np.int64)
         covering[cells.source_face[is_covered]] = 1
         found = replace(found, n_covering=frozen(covering))
-    return replace(placement, leftover=found)
+    areas, refused = placement.cameras.areas, prepared.pool.refused
+    if areas is None or prepared.over_time is not None:
+        return replace(placement, leftover=found)
+    zones = areas.zones(views_by_group(prepared.plan, None))
+    withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
+    return replace(placement, leftover=found, withheld=withheld)
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:

@@ -5,6 +5,7 @@ of a plan. The entries of a `Plan` call the generators of `pool` and `mounting`;
 their candidates.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,6 +13,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
@@ -23,11 +25,14 @@ from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.arm import Arm, on_arm
-from rastercov.placement.candidates.clearance import KeepOut, Place
+from rastercov.placement.candidates.clearance import KeepOut, Place, nearest_obstacle
 from rastercov.placement.candidates.pool import Candidates, Framing
+from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
 from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.plan.arm import PlanArm
+from rastercov.placement.plan.carrier import Carrier
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import (
@@ -245,8 +250,8 @@ Part = tuple[Candidates, float]
 DROPPED = {
     "too_far": "further than the stand-off",
     "too_near": "nearer than the stand-off or the clearance",
-    "kept_out": "in a keep-out volume",
-    "in_solid": "in a solid",
+    "kept_out": "in keep-out {}",
+    "in_solid": "in or behind {}",
     "outside": "outside the spaces",
 }
 """Words for the constraint that candidates violate, by the name of `Place`."""
@@ -265,8 +270,8 @@ class CandidatePool:
         Candidates of each source before the filter.
     proposed : Candidates
         Those candidates.
-    dropped : dict of str to int
-        Candidates at forbidden positions, by the name of `Place`.
+    refused : tuple of Refusal
+        Views that an arm does not take, and candidates at forbidden positions.
     space : PoseSpace
         Constraints for optimisation and refinement.
     parts : tuple of (Candidates, float)
@@ -277,25 +282,26 @@ class CandidatePool:
     costs: FloatArray
     made: dict[str, int]
     proposed: Candidates
-    dropped: dict[str, int]
+    refused: tuple[Refusal, ...]
     space: PoseSpace
     parts: tuple[Part, ...]
 
     def lines(self) -> list[str]:
         """Counts of candidates made and dropped, for people."""
-        total = sum(self.made.values())
+        total = plural(sum(self.made.values()), "candidate")
         made = ", ".join(f"{count} {source}" for source, count in self.made.items())
-        lines = [f"{plural(total, 'candidate')}: {made}"]
-        if self.dropped:
-            why = ", ".join(f"{n} {DROPPED[name]}" for name, n in self.dropped.items())
-            lines.append(f"{sum(self.dropped.values())} dropped: {why}")
-        return lines
+        if not self.refused:
+            return [f"{total}: {made}"]
+        lines = [f"made: {made}"] if len(self.made) > 1 else []
+        return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} left", *lines]
 
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""
+        why = {"why": by_words(self.refused)} if self.refused else {}
         return {
             "made": self.made,
-            "dropped": self.dropped,
+            "dropped": dict(Counter(each.reason for each in self.refused)),
+            **why,
             "left": self.candidates.counts(),
         }
 
@@ -364,16 +370,39 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     )
     place = space.judge(found.poses[:, :3, 3])
     place[: len(given)] = Place.ALLOWED
-    allowed, counts = place == Place.ALLOWED, np.bincount(place, minlength=len(Place))
+    allowed = place == Place.ALLOWED
+    made = found.counts()
+    for each in found.refused:
+        made[each.source] = made.get(each.source, 0) + 1
     return CandidatePool(
         candidates=found.take(allowed),
         costs=np.concatenate([np.zeros(len(given)), *costs])[allowed],
-        made=found.counts(),
+        made=made,
         proposed=found,
-        dropped={each.name.lower(): int(counts[each]) for each in Place if each and counts[each]},
+        refused=(*found.refused, *_misplaced(mesh, space, found, place)),
         space=space,
         parts=tuple(parts),
     )
+
+
+def _misplaced(
+    mesh: Mesh, space: PoseSpace, found: Candidates, place: NDArray[np.uint8]
+) -> Iterator[Refusal]:
+    """Candidates at forbidden positions."""
+    rows = np.flatnonzero(place != Place.ALLOWED)
+    if not len(rows):
+        return
+    eyes, source, surface = found.poses[rows, :3, 3], found.source[rows], nearest_obstacle(mesh)
+    near = np.zeros(len(rows), np.int64) if surface is None else surface.query(eyes).face
+    for row, name, face in zip(rows, source, near, strict=True):
+        kind = Place(place[row])
+        what = mesh.groups[mesh.face_group[face]].name
+        if kind == Place.KEPT_OUT:
+            eye = found.poses[row : row + 1, :3, 3]
+            what = next(each.name for each in space.keep_out if each.contains(eye)[0])
+        key = kind.name.lower()
+        words = DROPPED[key].format(what)
+        yield Refusal(found.poses[row], str(name), key, words, camera=int(found.camera[row]))
 
 
 def keep_outs(plan: Plan) -> list[KeepOut]:
@@ -411,6 +440,12 @@ def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
             with errors_at(plan.name, f"candidates[{row}]"):
                 found.append(_arm(plan, mesh, entry))
     return found
+
+
+def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
+    """What carries the cameras of a plan; None where they are placed one by one."""
+    arms = arms_of(plan, mesh)
+    return PlanArm(plan, arms[0]) if arms else None
 
 
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:

@@ -45,9 +45,9 @@ from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of, rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
-from rastercov.mesh.motion import Motion, conveyor, turntable
+from rastercov.mesh.motion import Jointed, JointPath, Motion, conveyor, turntable
 from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
-from rastercov.mesh.robot import JointPath, Robot
+from rastercov.mesh.robot import Robot
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
@@ -582,7 +582,7 @@ class MotionSection(Entry):
     steps: Count = 50
     """Frames of the animation, at equal steps of its time."""
 
-    def path(self, robots: Sequence[Robot], folder: Path) -> JointPath | None:
+    def path(self, robots: Sequence[Jointed], folder: Path) -> JointPath | None:
         """Path of the one robot; None without joints."""
         if self.joints is None:
             return None
@@ -594,7 +594,7 @@ class MotionSection(Entry):
         self,
         mesh: Mesh,
         bodies: Sequence[BodyEntry],
-        robots: Sequence[Robot],
+        robots: Sequence[Jointed],
         folder: Path,
         files: Sequence[MeshEntry] = (),
     ) -> Motion:
@@ -1013,7 +1013,10 @@ class PlanModel(Entry):
         if [body.name for body in self.bodies if body.urdf is not None] != [name]:
             raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
         if self.motion is not None:
-            raise ValueError("candidates: on_arm is of a still scene; leave out motion")
+            raise ValueError(
+                "candidates: on_arm is of a still scene; leave out motion, and give a turntable as "
+                "a joint of the urdf"
+            )
         self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
         return True
 

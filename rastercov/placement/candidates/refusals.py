@@ -1,0 +1,62 @@
+"""Views that are no candidates: what a robot or a constraint rules out, each with its reason."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from rastercov.base.format import number, size_in_words
+from rastercov.base.memory import FloatArray
+
+MOST_REASONS = 6
+"""Reasons that a line names."""
+
+
+class Refusal(NamedTuple):
+    """A view that is no candidate.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        world_from_camera.
+    source : str
+        Its generator.
+    reason : str
+        Kind of the reason, such as "out_of_reach" or "collision".
+    words : str
+        For people, such as "head meets table".
+    lack : float
+        By how much it is missed, or more; 0 where that is not known.
+    unit : {"m", "deg"}
+    camera : int
+        Index of the camera.
+    """
+
+    pose: FloatArray
+    source: str
+    reason: str
+    words: str
+    lack: float = 0.0
+    unit: str = "m"
+    camera: int = 0
+
+
+def by_words(refusals: Sequence[Refusal]) -> list[dict[str, Any]]:
+    """Number of views of each reason in words, and what the nearest of them lacks; most first."""
+    found: dict[str, dict[str, Any]] = {}
+    for each in refusals:
+        new = {"reason": each.reason, "what": each.words, "views": 0, "unit": each.unit}
+        entry = found.setdefault(each.words, new | {"least_lack": each.lack})
+        entry["views"] += 1
+        entry["least_lack"] = min(entry["least_lack"], each.lack)
+    return sorted(found.values(), key=lambda each: -int(each["views"]))
+
+
+def in_words(refusals: Sequence[Refusal]) -> str:
+    """Counts of reasons for people: "22 out of reach, 8 head meets table (by 3 mm or more)"."""
+    parts, every = list[str](), by_words(refusals)
+    for each in every[:MOST_REASONS]:
+        least = each["least_lack"]
+        by = size_in_words(least) if each["unit"] == "m" else f"{number(least)} degrees"
+        parts.append(f"{each['views']} {each['what']}" + (f" (by {by} or more)" if least else ""))
+    if len(every) > MOST_REASONS:
+        parts.append(f"{sum(each['views'] for each in every[MOST_REASONS:])} for other reasons")
+    return ", ".join(parts)

@@ -1,0 +1,56 @@
+"""Views that would cover a dead zone and are no candidates: against each view evaluated alone."""
+
+import numpy as np
+import pytest
+from plans import placed, told
+
+import rastercov as rc
+from rastercov.coverage.area.regions import covering_poses
+from rastercov.coverage.area.zones import points_of
+
+PLAN = {
+    "meshes": [{"built_in": "icosahedron"}],
+    "camera": {"width": 320, "height": 256, "hfov_deg": 40},
+    "task": {"max_incidence_deg": 65, "resolution_of_result": 0.3},
+    "candidates": [{"generator": "on_sphere", "count": 40, "distances": [4.0]}],
+    "constraints": {
+        "keep_out": [{"name": "machine", "low": [-9, -9, 0.6], "high": [9, 9, 9]}],
+        "stand_off": [0.1, 5.0],
+    },
+    "selection": {"goal": "best_coverage", "cameras": 4},
+    "outputs": {"page": False},
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_views_left_out_that_cover_half_of_a_zone_are_counted():
+    found = placed(PLAN)
+    zones = found.cameras.areas.zones()
+    refused = found.prepared.pool.refused
+    assert {each.reason for each in refused} == {"kept_out"}
+    camera, task = rc.Camera.from_fov(320, 256, hfov_deg=40), rc.Task(max_incidence_deg=65)
+    regions = rc.regions(found.prepared.mesh, camera, np.array([e.pose for e in refused]), task)
+    points, piece = points_of(zones, len(found.withheld), 32)
+    covers = covering_poses(regions, zones.face[piece], points)
+    for row, views in enumerate(found.withheld):
+        share = covers[zones.zone[piece] == row].mean(axis=0)
+        wanted = np.flatnonzero(share >= 0.5)
+        assert {id(each.pose) for each in views} == {id(refused[at].pose) for at in wanted}
+    assert found.withheld[0]
+    entry = told()["dead_zones"][0]["refused"]
+    assert sum(each["views"] for each in entry) == len(found.withheld[0])
+    assert entry[0]["what"] == "in keep-out machine"
+    from rastercov.report.plan import lines
+
+    words = f"{len(found.withheld[0])} views left out would cover half of it or more: "
+    assert any(words in line and "in keep-out machine" in line for line in lines(found))
+
+
+def test_zones_that_no_view_would_cover_have_none():
+    none = placed(PLAN, constraints={"stand_off": [0.1, 5.0]})
+    assert not any(none.withheld)
+    assert "refused" not in told()["dead_zones"][0]
