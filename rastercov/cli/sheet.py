@@ -78,8 +78,9 @@ def sheet(
         found = answer(query, staff=Staff(None, progress))
     if found.interrupted:
         raise KeyboardInterrupt
-    plan, limits = scene.plan, scene.limits
-    own = {} if plan is None else plan.sheet.model_dump(exclude_none=True) | {"plan": plan.name}
+    limits, own = scene.limits, scene.sheet.model_dump(exclude_none=True)
+    if scene.plan is not None:
+        own["plan"] = scene.plan.name
     given = {"project": project, "customer": customer, "author": author, "revision": revision,
              "date": date, "north": north}  # fmt: skip
     own |= {name: value for name, value in given.items() if value is not None}

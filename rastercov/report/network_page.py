@@ -51,6 +51,7 @@ from rastercov.report.motion import shown
 from rastercov.report.over_time import curve_points, frames_picture, time_picture
 from rastercov.report.overview import (
     Overview,
+    Volume,
     best_covering,
     device_hatches,
     numbered,
@@ -117,6 +118,8 @@ class NetworkPage:
         As of `ByCamera`.
     serves_goals : bool
         True where cameras serve goals that are not shown: none is said to be spare.
+    volumes : sequence of Volume
+        Limits of places of cameras.
     """
 
     title: str
@@ -138,6 +141,7 @@ class NetworkPage:
     together: IntArray | None = None
     uncertainty_um: FloatArray | None = None
     serves_goals: bool = False
+    volumes: Sequence[Volume] = ()
 
     @property
     def eyes(self) -> FloatArray:
@@ -287,6 +291,7 @@ class NetworkPage:
                 zones=zones,
                 said=said["dead_zones"],
                 noun=self.noun,
+                volumes=self.volumes,
             )
             if self.timed is not None:
                 rows = np.arange(len(self.poses)) if self.together is None else self.together

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,6 +96,31 @@ LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
 
 
+class Volume(NamedTuple):
+    """A limit of places of cameras: what it is, its colour, and its edges (N, 2, 3)."""
+
+    name: str
+    colour: Colour
+    edges: FloatArray
+
+    @classmethod
+    def box(cls, name: str, colour: Colour, low: FloatArray, high: FloatArray) -> "Volume":
+        """A box between two corners."""
+        unit = np.array(list(np.ndindex(2, 2, 2)))
+        pairs = [(a, b) for a in unit for b in unit if (b - a).sum() == 1 == abs(b - a).sum()]
+        return cls(name, colour, low + np.array(pairs) * (high - low))
+
+    @classmethod
+    def sphere(cls, name: str, colour: Colour, centre: FloatArray, radius: float) -> "Volume":
+        """A sphere, as three circles."""
+        turn = np.linspace(0, 2 * np.pi, 25)
+        circle = np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1)
+        rings = np.stack([np.roll(circle, axis, axis=1) for axis in range(3)])
+        points = centre + radius * rings
+        edges = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
+        return cls(name, colour, edges)
+
+
 @dataclass(frozen=True, eq=False)
 class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
@@ -105,7 +130,7 @@ class Overview:
     are all poses of which they are some, and which say what is up; `noun` is a word for a pose. Of
     `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
     hatch of that camera. `most` says which camera gives a face its colour, `about` is a title in
-    place of that, and `left` a word for -1.
+    place of that, and `left` a word for -1. `volumes` are limits of the places of cameras.
     """
 
     mesh: Mesh
@@ -121,6 +146,7 @@ class Overview:
     most: str = ""
     about: str = ""
     left: str = "covered by none"
+    volumes: Sequence[Volume] = ()
 
     @property
     def devices(self) -> dict[str, int]:
@@ -180,13 +206,14 @@ class Overview:
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
         scenes = [look(mesh, first, eyes=poses), look(mesh, other, ends, eyes=poses)]
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
-        images = [self.drawn(scenes[0], near), self.drawn(scenes[1], pyramids)]
+        images = [self.drawn(scenes[0], near), self.drawn(scenes[1], pyramids, self.volumes)]
         keys = [
             Key.of(f"{self.noun} {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
         keys.append(Key.of(self.left, theme.UNCOVERED))
         keys += _device_keys(self.devices)
+        keys += {each.name: Key.of(each.name, each.colour) for each in self.volumes}.values()
         title = plural(len(self.placed), self.noun)
         if self.about:
             title += self.about
@@ -196,10 +223,15 @@ class Overview:
             title += f" {self.most}" if self.most else ""
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
-    def drawn(self, scene: Scene, pyramids: Sequence[FloatArray]) -> Image.Image:
+    def drawn(
+        self, scene: Scene, pyramids: Sequence[FloatArray], volumes: Sequence[Volume] = ()
+    ) -> Image.Image:
         """A scene in the colours of its cameras, with the first of them, by their pyramids."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
         image, colours = Image.fromarray(pixels), self.colours
+        for each in volumes:
+            lines = [Line(start, end, 1.6, PIECES) for start, end in each.edges]
+            draw_in_space(image, scene, lines, each.colour)
         rows, places = in_picture(scene, self.eyes[: len(pyramids)])
         for row in rows:
             draw_in_space(image, scene, _edges(pyramids[row]), colours[row])

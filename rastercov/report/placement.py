@@ -20,7 +20,9 @@ from rastercov.coverage.job import regions
 from rastercov.coverage.parts import MOST_ROWS
 from rastercov.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
+from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.check import Checked
+from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import (
     FAILS,
     HOLDS,
@@ -32,8 +34,13 @@ from rastercov.placement.plan.prepare import Progress
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
 from rastercov.report.network_page import NetworkPage
+from rastercov.report.overview import Volume
 
 VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
+SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
+"""Colours of places of cameras and of volumes without."""
+MOST_VOLUMES = 20
+"""Of either kind that a picture has."""
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
 
@@ -170,4 +177,19 @@ def network_of(
         together=together,
         uncertainty_um=None if cameras.apart is None else cameras.apart.uncertainty_um,
         serves_goals=bool(plan.goals),
+        volumes=_volumes(plan),
     )
+
+
+def _volumes(plan: Plan) -> list[Volume]:
+    """Limits of the places of cameras in a plan."""
+    limits = plan.constraints
+    found = [Volume.box("cameras may be here", SPACES, np.array(each.low), np.array(each.high))
+             for each in limits.spaces[:MOST_VOLUMES]]  # fmt: skip
+    for entry in limits.keep_out[:MOST_VOLUMES]:
+        own, words = entry.volume(), f"no cameras: {entry.name}"
+        if isinstance(own, KeepOutBox):
+            found.append(Volume.box(words, KEEP_OUT, np.array(own.low), np.array(own.high)))
+        else:
+            found.append(Volume.sphere(words, KEEP_OUT, np.array(own.centre), own.radius))
+    return found

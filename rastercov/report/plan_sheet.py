@@ -30,7 +30,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import write_bytes
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, cameras_of, lamps_of, names_of
+from rastercov.camera.rig import Rig, cameras_of, gates_of, lamps_of, names_of
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import in_words
@@ -298,7 +298,9 @@ def _title_rows(
     mesh = found.mesh.opaque
     whole = percent(found.network.summary()["covered"]["area_percent"] / 100)
     words = f"{whole} of the area, by whole faces"
-    task = wrap(task_in_words(asdict(found.task), views), LETTERS)
+    names = names_of(found.camera)
+    rules = (g.in_words(names[at : at + g.n]) for at, g in gates_of(found.camera).items())
+    task = wrap(" ".join((task_in_words(asdict(found.task), views), *rules)), LETTERS)
     storeys = dict.fromkeys(
         product.storey
         for product, inside in found.mesh.spaces

@@ -12,7 +12,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 import rastercov
 from rastercov.base.arguments import annotations_of, documented
@@ -38,7 +38,7 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.file import plan_of, read_plan
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
-from rastercov.placement.plan.sections import BestSelection
+from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
 from rastercov.report.modes import MODES
 from rastercov.report.motion import described_motion
 from rastercov.report.pages import (
@@ -123,6 +123,8 @@ class Scene:
         What was read and could not be kept.
     moving : PlanMotion or None
         Motion of its bodies, and its question.
+    sheet, constraints : SheetSection, Constraints
+        Title block and limits of the plan, or of that of a result.
     """
 
     title: str
@@ -133,6 +135,8 @@ class Scene:
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
     moving: PlanMotion | None = None
+    sheet: SheetSection = field(default_factory=SheetSection)
+    constraints: Constraints = field(default_factory=Constraints)
 
     def lit_by(self, path: Path) -> "Scene":
         """The same with lamps of a file; ConfigError for those of a plan, and for another unit."""
@@ -283,7 +287,7 @@ class Scene:
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
                 for name in self.modes
             ],
-            "constraints": self.limits | {"is_kept": is_kept},
+            "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
             "placement": self.placement,
             "result": self.result,
@@ -316,14 +320,18 @@ class Scene:
             found = [(room.name, "", room.outline(height)) for room in rooms]
         return [each for each in found if not each[2].is_empty]
 
+    def _constraints(self) -> dict[str, Any]:
+        """Limits that the page keeps: those of a plan with candidates."""
+        return {"boxes": [], "keep_out": []} if self.pool is None else self.limits
+
     @property
     def limits(self) -> dict[str, Any]:
         """Boxes of cameras and volumes without them, ready for JSON."""
-        if self.plan is None or self.pool is None:
-            return {"boxes": [], "keep_out": []}
-        boxes = np.asarray(self.pool.space.boxes).tolist() if self.has_boxes else []
+        boxes: Any = [(each.low, each.high) for each in self.constraints.spaces]
+        if self.pool is not None:
+            boxes = np.asarray(self.pool.space.boxes).tolist() if self.has_boxes else []
         volumes = []
-        for entry in self.plan.constraints.keep_out:
+        for entry in self.constraints.keep_out:
             volume = entry.volume()
             if isinstance(volume, KeepOutBox):
                 corners = [list(map(float, volume.low)), list(map(float, volume.high))]
@@ -475,7 +483,17 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         start = replace(start, needed=dict(plan.task.views))
     notes += rule_notes(cameras or (rig.rig if rig is not None else None))
     moving = PlanMotion.of(plan, mesh)
-    return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving)
+    return Scene(
+        plan.name,
+        mesh,
+        start,
+        plan,
+        pool,
+        notes=notes,
+        moving=moving,
+        sheet=plan.sheet,
+        constraints=plan.constraints,
+    )
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
@@ -563,8 +581,23 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
     notes += (LAMPS_ASKED,) if lamps is None and "light" in _read(folder / name) else ()
-    title = folder.resolve().name
-    return Scene(title, mesh, start, result=result, notes=notes, moving=moving)
+    title, told = folder.resolve().name, _read(folder / name).get("plan")
+    own = told if isinstance(told, Mapping) else {}
+    try:
+        sheet = SheetSection.model_validate(own.get("sheet") or {})
+        limits = Constraints.model_validate(own.get("constraints") or {})
+    except ValidationError as error:
+        raise TypeError from error
+    return Scene(
+        title,
+        mesh,
+        start,
+        result=result,
+        notes=notes,
+        moving=moving,
+        sheet=sheet,
+        constraints=limits,
+    )
 
 
 def scene_of_place(folder: Path) -> Shown | None:

@@ -106,3 +106,16 @@ def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setattr(ifc, "find_spec", lambda name: None)
     with pytest.raises(MeshError, match=r"needs ifcopenshell: pip install 'rastercov\[building\]'"):
         rc.Mesh.load("a.ifc")
+
+
+@pytest.mark.slow
+def test_what_has_no_name_is_called_by_its_number_or_type(load):
+    ifcopenshell = pytest.importorskip("ifcopenshell")
+    file = ifcopenshell.file.from_string(bungalow().decode())
+    (door,), (table,) = file.by_type("IfcDoor"), file.by_type("IfcFurniture")
+    door.Name, door.Tag, door.ObjectType = None, "D-101", "Steel door"
+    table.ObjectType = "Table"
+    (ground,) = (each for each in file.by_type("IfcBuildingStorey") if each.Name == "Ground")
+    ground.Name, ground.LongName = None, "Ground floor"
+    names = {group.name for group in load("a.ifc", file.to_string().encode()).groups}
+    assert {"Ground floor/IfcDoor/D-101", "Ground floor/IfcFurniture/Table"} <= names

@@ -17,6 +17,7 @@ from rastercov.mesh import shapes
 from rastercov.report import placement as page_module
 from rastercov.report.coverage import Options, run
 from rastercov.report.modes import MODES
+from rastercov.report.overview import Volume
 from rastercov.report.pages import view_page
 from rastercov.report.plan import lines, summary
 
@@ -38,6 +39,7 @@ PLAN = {
     ],
     "constraints": {
         "stand_off": [3.0, 9.0], "clearance": 0.1,
+        "spaces": [{"low": [-9, -9, -9], "high": [9, 9, 9]}],
         "keep_out": [{"name": "floor", "low": [-9, -9, -9], "high": [9, 9, -1]}],
     },
     "selection": {
@@ -187,6 +189,18 @@ def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
     total = found.problem.weights.sum()
     np.testing.assert_allclose(shares, 100 * found.alone_m2 / total)
     assert "data-scene=" in (tmp_path / "audit.html").read_text()
+
+
+def test_limits_of_places_are_in_the_picture(placement):
+    place, floor = page_module.network_of(placement, summary(placement), has_parts=False).volumes
+    assert (place.name, floor.name) == ("cameras may be here", "no cameras: floor")
+    for volume, high in ((place, 9), (floor, -1)):
+        assert len({tuple(map(tuple, edge)) for edge in volume.edges.tolist()}) == 12
+        assert (np.count_nonzero(np.diff(volume.edges, axis=1), axis=2) == 1).all()
+        ends = volume.edges.reshape(-1, 3)
+        assert (ends.min(axis=0).tolist(), ends.max(axis=0).tolist()) == ([-9] * 3, [9, 9, high])
+    ball = Volume.sphere("ball", (0, 0, 0), np.array((1.0, 2.0, 3.0)), 0.5)
+    np.testing.assert_allclose(np.linalg.norm(ball.edges - (1, 2, 3), axis=2), 0.5)
 
 
 def test_a_page_by_hand_of_a_placement_has_both_cameras(placement, pages):

@@ -151,6 +151,8 @@ camera = { preset = "khepra" }
 candidates = [{ generator = "on_sphere", count = 6, distances = [6] }]
 selection = { goal = "best_coverage", cameras = 2 }
 outputs = { page = false }
+sheet = { customer = "Store Ltd" }
+constraints = { keep_out = [{ name = "pipe", low = [-1, -1, 2], high = [1, 1, 3] }] }
 """
 
 
@@ -176,6 +178,9 @@ def test_results_open_in_any_folder(capsys, tmp_path, monkeypatch):
             line = f"sheet {tmp_path}/out/{result} --date x --out {text} --cut 0"
             code, _, err = call(capsys, line)
             assert code == 0, err
+            is_planned = result in ("place", "function")
+            assert ("Store Ltd" in text.read_text()) == is_planned
+            assert ('id="KEEP_OUT"' in text.read_text()) == is_planned
 
 
 @pytest.mark.parametrize(

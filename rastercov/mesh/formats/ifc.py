@@ -54,6 +54,7 @@ CONVERT = "from rastercov.mesh.formats.ifc import convert; convert()"
 class Product(NamedTuple):
     """A product of a building, its texts empty where the file has none.
 
+    Where it has no name, that is its number on drawings or its type, as the file has them.
     The long name of a space is what people call it; its name is often a number.
     """
 
@@ -175,6 +176,7 @@ def _texts(product: Any) -> Product:
     for _ in range(MOST_LEVELS):
         if storey is not None and not storey.is_a("IfcBuildingStorey"):
             storey = get_parent(storey)
-    of = "" if storey is None else storey.Name or storey.GlobalId
-    long_name = getattr(product, "LongName", None) or ""
-    return Product(of, product.is_a(), product.Name or "", long_name, product.GlobalId)
+    of = "" if storey is None else storey.Name or storey.LongName or storey.GlobalId
+    long_name, tag = (getattr(product, name, None) or "" for name in ("LongName", "Tag"))
+    name = product.Name or ("" if long_name else tag or product.ObjectType or "")
+    return Product(of, product.is_a(), name, long_name, product.GlobalId)
