@@ -69,8 +69,8 @@ LEAST_DIMENSION = 3.0
 """Length of a dimension line at least, mm."""
 LINE = 4.2
 """Distance of the lines of tables, mm."""
-MOST_MEASURED = 60
-"""Cameras up to which a sheet has their distances to walls."""
+MOST_MEASURED, MOST_STEPS = 24, 1000
+"""Cameras up to which a sheet has distances to walls; places that are tried for a label."""
 LONGEST_BAR = 60.0
 """Length of the scale bar at most, mm."""
 HATCH = 1.6
@@ -193,7 +193,9 @@ def floor_of(mesh: Mesh) -> float:
     level = mesh.normals[:, 2] > LEVEL
     heights, rows = np.unique(np.round(mesh.centroids[level, 2], 2), return_inverse=True)
     areas = np.bincount(rows, mesh.areas[level], len(heights))
-    return float(next(iter(heights[areas >= 0.1 * areas.sum()]), np.asarray(mesh.bounds)[0, 2]))
+    bottom, top = np.asarray(mesh.bounds)[:, 2].tolist()
+    lowest = next(iter(heights[areas >= 0.1 * areas.sum()]), bottom)
+    return min(max(float(lowest), bottom), top)  # which the rounding may leave
 
 
 def plan_sheet(
@@ -457,19 +459,24 @@ def _symbols(
     entries: list[dict[str, Any]] = []
     metre, window = 1e3 / frame.scale, frame.ends
     for name, pose in zip(names, found.poses.world_from_camera, strict=True):
-        at, ahead = pose[:2, 3], pose[:2, 2]
-        size = float(np.linalg.norm(ahead))
-        ahead = ahead / size if size > 1e-6 else np.array((0.0, 1.0))
+        at, turn = pose[:2, 3], math.radians(mounting_angles(pose)[0])
+        ahead = np.array((math.cos(turn), math.sin(turn)))
         outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) / metre
         text = shortened(name, 24)
         half = 0.5 + 0.85 * max(len(text), 6)
         x, y = frame.on_paper(at) + ahead * (-5.5 - half, 8.0)
         x = float(np.clip(x, window[0, 0] + half, window[1, 0] - half))
         y = float(np.clip(y, window[1, 1] + 3, window[0, 1] - 4))
-        while any(
-            abs(x - e["x"]) < half + e["half"] and abs(y - e["y"]) < 6.3 for e in (*taken, *entries)
-        ):
+        for _ in range(MOST_STEPS):
+            others = (*taken, *entries)
+            if not any(
+                abs(x - e["x"]) < half + e["half"] and abs(y - e["y"]) < 6.3 for e in others
+            ):
+                break
             y += 1.0
+            if y > window[0, 1] - 4:  # on in the next column
+                y, x = window[1, 1] + 3, x + half
+                x = x if x < window[1, 0] - half else window[0, 0] + half
         height = f"h {signed(pose[2, 3] - frame.floor)} m"
         symbol = frame.path(shapely.Polygon(outline))
         entry = {"symbol": symbol, "x": x, "y": y, "half": half, "name": text, "height": height}

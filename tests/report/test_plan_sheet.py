@@ -388,3 +388,24 @@ intensity_cd = 8
 half_angle_deg = 50
 rig = true
 """
+
+
+@pytest.mark.parametrize("line", ["room -p sphere:150 --paper A4", "teapot -p sphere:40"])
+def test_labels_keep_clear_of_each_other_in_the_drawing(capsys, tmp_path, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = call(capsys, f"sheet {line} -c khepra --out plan.svg")
+    assert code == 0, err
+    root = ElementTree.parse("plan.svg").getroot()
+    labels = [
+        (float(text.get("x")), float(text.get("y")))
+        for text in root.iter()
+        if (text.text or "").startswith("camera ") and text.get("text-anchor") == "middle"
+    ]
+    assert len(labels) == int(line.split(":")[1].split()[0])
+    at = np.array(labels)
+    width, height = map(float, root.get("viewBox").split()[2:])
+    assert (at >= 10).all()
+    assert (at <= (width - 152, height - 12)).all()
+    if len(at) <= 40:
+        apart = abs(at[:, None] - at)[np.triu_indices(len(at), 1)]
+        assert ((apart[:, 0] > 14) | (apart[:, 1] > 6.2)).all()
