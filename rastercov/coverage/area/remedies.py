@@ -25,14 +25,14 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image, view_border
 from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, lamps_of
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
-from rastercov.coverage.advice import figures_of_point, short_of
+from rastercov.coverage.advice import figures_of_point, general_advice, short_of
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.point_pass import MARGIN_REL, hiders_of
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import united
-from rastercov.coverage.reasons import NO_CAMERAS, REASONS, TOO_FEW_VIEWS, UNSEEABLE, Reason
+from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS, UNSEEABLE, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -151,7 +151,7 @@ class Remedies:
             True where a change is looked for.
         """
         if winner == UNSEEABLE:
-            return {"nearest": None, "advice": REASONS["unseeable"].advice, "tried": None}
+            return {"nearest": None, "advice": general_advice("unseeable"), "tried": None}
         is_alone = winner < Reason.COVERED and not gates_of(self.camera)
         named, facts, row = None, [], 0
         if is_alone and len(self.poses):
