@@ -63,8 +63,9 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     size = "area_percent" if by_area else "faces"
     for name in sorted(reasons, key=lambda name: -float(reasons[name][size])):
         own = reasons[name]
-        shown = (area(own["m2"], unit), percent(own["area_percent"] / 100).removesuffix(" %"))
-        table.add_row(f"  {REASONS[name].label}", *(shown if by_area else (str(own["faces"]),)))
+        shown = [area(own["m2"], unit)] if by_area else [str(own["faces"])]
+        shown += [percent(own["area_percent"] / 100).removesuffix(" %")] if by_area else []
+        table.add_row(f"  {REASONS[name].label}", *shown)
     return table
 
 
