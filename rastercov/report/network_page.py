@@ -428,7 +428,7 @@ class NetworkPage:
                 f"{zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
-            said.append(f"{area(hidden)} are left out of that: no camera outside can ever see it.")
+            said.append(f"Of that, {area(hidden)} can be seen by no camera: proved.")
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             spare = 0 if self.serves_goals else spare

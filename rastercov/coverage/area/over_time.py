@@ -20,7 +20,6 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of
-from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import (
@@ -338,8 +337,8 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
-    """Reason and advice of a zone, and the body that hides it, named by `before` in the advice."""
-    advice = general_advice(name, before)
+    """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
+    advice = f"{before} is between" if before else ""
     return {"reason": name, "advice": advice, "nearest": None, "hidden_by": hidden_by}
 
 
