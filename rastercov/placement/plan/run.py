@@ -856,7 +856,8 @@ def _explain_uncovered(
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.over_time is not None:
         return replace(placement, leftover=found)
-    zones = areas.zones(views_by_group(prepared.plan, None))
+    network = prepared.plan.rig, placement.cameras.placed
+    zones = areas.zones(*network, views_by_group(prepared.plan, None))
     withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
     return replace(placement, leftover=found, withheld=withheld)
 
