@@ -20,7 +20,7 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.reasons import Reason
+from rastercov.coverage.reasons import BASELINE, UNLIT, Reason
 from rastercov.coverage.surface import own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -56,7 +56,20 @@ def covers_points(
     points: FloatArray,
     face: IntArray,
 ) -> BoolArray:
-    """Mask of the points of faces that each pose covers, (P, N).
+    """Mask of the points of faces that each pose covers, (P, N); see `reasons_in_poses`."""
+    found = reasons_in_poses(mesh, camera, poses, task, points, face)
+    return np.asarray(found == Reason.COVERED)
+
+
+def reasons_in_poses(
+    mesh: Mesh,
+    camera: Camera,
+    poses: NDArray[Any],
+    task: Task,
+    points: FloatArray,
+    face: IntArray,
+) -> NDArray[np.uint8]:
+    """`Reason` of the points of faces in each pose, (P, N): the first criterion that fails.
 
     Parameters
     ----------
@@ -70,11 +83,13 @@ def covers_points(
     matrices = valid_poses(poses)
     near = near_limit(camera, mesh.bounds, matrices)
     is_wide = _is_wide(camera)
-    found = np.empty((len(matrices), len(points)), np.bool_)
+    found = np.empty((len(matrices), len(points)), np.uint8)
     for row, pose in enumerate(matrices):
         local = (points - pose[:3, 3]) @ pose[:3, :3]
         corners = (mesh.vertices[mesh.faces] - pose[:3, 3]) @ pose[:3, :3]
-        meets = meets_criteria(mesh, camera, task, pose, near[row], local, face)
+        criteria = meets_criteria(mesh, camera, task, pose, near[row], local, face)
+        oblique = ~criteria.pop(Reason.TOO_OBLIQUE)
+        meets = np.logical_and.reduce(list(criteria.values()))
         is_open, depth = mesh.degenerate_mask | mesh.target_mask, _depth(local, is_wide=is_wide)
         hidden = _find_hidden(
             corners,
@@ -86,7 +101,10 @@ def covers_points(
             face.astype(np.int64),
             np.flatnonzero(meets),
         )
-        found[row] = meets & ~hidden
+        found[row] = np.where(oblique, np.uint8(Reason.TOO_OBLIQUE), own_reasons(mesh, task)[face])
+        found[row][hidden] = Reason.OCCLUDED
+        for reason in reversed(criteria):
+            found[row][~criteria[reason]] = reason
     return found
 
 
@@ -133,6 +151,51 @@ def rig_covers_points(
     return found
 
 
+def reasons_of_points(
+    mesh: Mesh,
+    camera: Camera | Rig,
+    world_from_camera: NDArray[Any],
+    task: Task,
+    points: FloatArray,
+    face: IntArray,
+) -> NDArray[np.uint8]:
+    """(N,) row of `REASONS` of points: the criterion that fails last in any pose; or `COVERED`.
+
+    Poses are those of the camera, or of the rig. A rig with a rule has met a criterion where enough
+    of its cameras, on one side of the face, have.
+    """
+    if not isinstance(camera, Rig):
+        found = reasons_in_poses(mesh, camera, world_from_camera, task, points, face)
+        return np.max(found, axis=0, initial=Reason.BACK_FACING)
+    best, n = np.full(len(points), Reason.BACK_FACING, np.uint8), len(camera)
+    eyes = camera.poses(world_from_camera).world_from_camera[:, :3, 3].reshape(-1, n, 3)
+    gate, tasks = camera.gates.get(0), tasks_of(camera, task)
+    for at, own in zip(world_from_camera, eyes, strict=True):
+        placed = camera.poses(at[None]).world_from_camera
+        cameras = zip(camera.cameras, placed, tasks, strict=True)
+        reason = np.concatenate(
+            [reasons_in_poses(mesh, c, p[None], t, points, face) for c, p, t in cameras]
+        )
+        front = np.einsum("npi,pi->np", own[:, None] - points, mesh.normals[face]) > 0
+        for last in sorted({each for each in Reason if each > Reason.BACK_FACING}):
+            sides = [(reason >= last) & side for side in (front, ~front)]
+            if gate is None:
+                passes = sides[0].any(axis=0) | sides[1].any(axis=0)
+            else:
+                passes = np.logical_or(
+                    *((s.sum(axis=0) >= gate.k) & s[list(gate.needs)].all(axis=0) for s in sides)
+                )
+            best[passes & (best < last)] = last
+    passed = best == Reason.COVERED
+    bare = camera._lit(None)
+    for lit, failed in ((bare, BASELINE), (camera, UNLIT)):
+        covered = rig_covers_points(mesh, lit, world_from_camera, task, points, face)
+        passes = covered.any(axis=0)
+        best[passed & ~passes] = failed
+        passed &= passes
+    return best
+
+
 def lit_points(
     mesh: Mesh, lamps: Lamps, points: FloatArray, face: IntArray, world_from_rig: FloatArray
 ) -> BoolArray:
@@ -160,8 +223,11 @@ def meets_criteria(
     near: float,
     local: FloatArray,
     face: IntArray,
-) -> BoolArray:
-    """Mask of the points, in camera axes, that meet each criterion but occlusion, (N,)."""
+) -> dict[Reason, BoolArray]:
+    """Masks of the points, in camera axes, (N,), that meet each criterion but occlusion.
+
+    By the reason of those that do not, in the order of `Reason`.
+    """
     normal = mesh.normals[face] @ pose[:3, :3]
     z_n, z_f = camera.depth_of_field(task.max_blur)
     with np.errstate(all="ignore"):
@@ -170,29 +236,34 @@ def meets_criteria(
         two_sided = mesh.two_sided_mask[face]
         facing = np.where(two_sided, np.abs(height), height)
         if camera.is_pinhole:
-            meets, per_m2, least = _through_pinhole(camera, local, facing, near)
+            is_in, per_m2, least = _through_pinhole(camera, local, facing, near)
             sharp = local[:, 2]
         else:
-            meets, per_m2, least = _through_lens(camera, local, normal, near)
+            is_in, per_m2, least = _through_lens(camera, local, normal, near)
             sharp = local[:, 2] if MODELS[camera.model].is_planar else distance
-        meets &= (facing > 0) & mesh.task_mask[face]
-        meets &= own_reasons(mesh, task)[face] == Reason.COVERED
+        front = (facing > 0) & mesh.task_mask[face] & ~mesh.degenerate_mask[face]
         away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
         is_near = np.abs((mesh.normals * away).sum(axis=1)) <= 1e-9 * np.linalg.norm(away, axis=1)
-        meets &= ~surely_unseen(mesh, pose, is_near)[face]
-        meets &= (z_n <= sharp) & (sharp <= z_f)
-        if task.max_incidence_deg < 90:
-            meets &= facing >= distance * math.cos(math.radians(task.max_incidence_deg))
+        front &= ~surely_unseen(mesh, pose, is_near)[face]
+        cosine = math.cos(math.radians(task.max_incidence_deg))
+        is_steep = (task.max_incidence_deg >= 90) | (facing >= distance * cosine)
+        is_fine = np.ones(len(local), np.bool_)
         if task.min_pixels_per_m2 > 0:
-            meets &= per_m2 >= task.min_pixels_per_m2
+            is_fine &= per_m2 >= task.min_pixels_per_m2
         if task.min_facing_density > 0:
-            meets &= least >= task.min_facing_density
+            is_fine &= least >= task.min_facing_density
     if task.min_pixel_density > 0:
-        rows = np.flatnonzero(meets)
+        rows = np.flatnonzero(is_fine & front & is_in)
         jacobians = jacobian(camera, local[rows], normal[rows])
         worst = np.linalg.svd(jacobians, compute_uv=False)[:, 1]
-        meets[rows] &= worst >= task.min_pixel_density
-    return meets
+        is_fine[rows] &= worst >= task.min_pixel_density
+    return {
+        Reason.BACK_FACING: front,
+        Reason.OUTSIDE: is_in,
+        Reason.OUT_OF_FOCUS: (z_n <= sharp) & (sharp <= z_f),
+        Reason.TOO_COARSE: is_fine,
+        Reason.TOO_OBLIQUE: is_steep,
+    }
 
 
 def _through_pinhole(

@@ -44,7 +44,8 @@ void main() {
         vec2 at = gl_FragCoord.xy;
         bvec4 on = lessThan(mod(vec4(at.x - at.y, at.x + at.y, at), HATCH), vec4(0.25 * HATCH));
         bvec4 wanted = notEqual(uvec4(hatch) & uvec4(1u, 2u, 4u, 8u), uvec4(0u));
-        if (any(bvec4(uvec4(on) * uvec4(wanted))))
+        bool in_dot = (hatch & 16u) != 0u && all(lessThan(mod(at, HATCH), vec2(0.5 * HATCH)));
+        if (in_dot || any(bvec4(uvec4(on) * uvec4(wanted))))
             shown = mix(shown, vec3(1.0), 0.45);
         shown *= SHADE_LEAST + (1.0 - SHADE_LEAST) * cosine;
     }

@@ -24,7 +24,7 @@ in vec3 position;                   // metres from the origin of the soup
 flat out uint id;                   // index of the face + 1
 flat out uint flags;
 flat out vec3 colour;
-flat out uint hatch;                // 1 for /, 2 for the other diagonal, 4 for |, 8 for -
+flat out uint hatch;                // 1 for /, 2 for the other diagonal, 4 for |, 8 for -, 16 for dots
 out vec3 world;
 out vec3 to_eye;
 out vec3 corner;                    // barycentric coordinates, 1 where the edge has no line

@@ -10,6 +10,7 @@ import select
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
@@ -242,15 +243,41 @@ def _folder(text: str | Path) -> Path:
     return Path(text)
 
 
+FIRST_LINE, NEXT_LINE = 2.0, 10.0
+"""Seconds until a line of progress, and from one to the next."""
+
+
+class Lines:
+    """Progress in lines on standard error, where that is no terminal."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._first: tuple[float, int] | None = None
+        self._next = 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Say how far it is and the time left, where it is time."""
+        now = time.monotonic()
+        if self._first is None:
+            self._first, self._next = (now, done), now + FIRST_LINE
+        if now < self._next or done >= total:
+            return
+        self._next = now + NEXT_LINE
+        started, before = self._first
+        left = (now - started) / max(done - before, 1) * (total - done)
+        about = f", about {left:,.0f} s left" if done > before else ""
+        say(f"{self._what}: {done:,} of {total:,}{about}", 0)
+
+
 @contextmanager
 def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
-    """Progress with the time left: a bar on a terminal, nothing elsewhere.
+    """Progress with the time left: a bar on a terminal, lines on standard error elsewhere.
 
     The time counts from the first report on: what an earlier run had done says nothing about it.
     """
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
-        yield lambda done, total: None
+        yield Lines(what)
         return
     from rich.progress import (
         BarColumn,

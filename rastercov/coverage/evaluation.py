@@ -204,7 +204,7 @@ class Evaluation(Coverage):
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
         of_time = {} if self.areas is None else self.areas.of_time()
         if self.areas is not None:
-            self.areas.add_to(found)
+            self.areas.add_to(found, self.camera, placed)
             found |= self.areas.dead_zones(self.camera, placed)
             found |= {} if of_time else self.apart.further()
         per_pose = [

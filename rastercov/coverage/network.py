@@ -21,7 +21,7 @@ from rastercov.coverage.coverage import (
 )
 from rastercov.coverage.judging import RESULT, SUMMED, JudgedPoses, _merged, judge, sums_of
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, Reason, reason_rows
+from rastercov.coverage.reasons import NAMES, UNSEEABLE, Reason, reason_rows
 from rastercov.coverage.records import Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -29,7 +29,7 @@ from rastercov.mesh.groups import parts_of
 from rastercov.native.coverage_spread import add_rays
 from rastercov.raster.observation import BoundKind
 
-UNSEEABLE = "inside closed bodies of the mesh, or in contact with them all over: proved"
+UNSEEABLE_WORDS = "inside closed bodies of the mesh, or in contact with them all over: proved"
 """Reason of faces that no camera outside the bodies can ever see."""
 
 
@@ -264,7 +264,7 @@ class Network(InNotebook):
         Occluder-only groups are left out of all totals.
         """
         mesh, task_faces, covered = self.mesh, self.mesh.task_mask, self.covered
-        why = reason_rows(self.reason, covered, len(self.pose_ids))
+        why = self.reasons_of(covered)
         hidden, is_zero = self.unseeable_areas, self.best == 0
         is_left = ~covered & (hidden == 0)
 
@@ -310,13 +310,19 @@ class Network(InNotebook):
             "largest_visibility_bound_of_covered": self.largest_covered_bound,
             "near_clipped_poses": self.clipped_poses,
             **figures(task_faces),
-            "unseeable_because": UNSEEABLE if hidden.any() else "",
+            "unseeable_because": UNSEEABLE_WORDS if hidden.any() else "",
             "groups": [entry(group.name, [row]) for row, group in enumerate(mesh.groups)],
             "parts": [
                 entry(name, rows) | {"level": 1 + name.count("/"), "groups": len(rows)}
                 for name, rows in parts_of(mesh.groups).items()
             ],
         }
+
+    def reasons_of(self, covered: BoolArray) -> NDArray[np.uint8]:
+        """(F,) row of `REASONS` of each face, of which some are covered."""
+        rows = reason_rows(self.reason, covered, len(self.pose_ids))
+        rows[(self.unseeable_areas > 0) & ~covered] = UNSEEABLE
+        return rows
 
     @property
     def unseeable_areas(self) -> FloatArray:

@@ -43,8 +43,8 @@ class PartRow(NamedTuple):
     of_seeable_percent : float or None
         Covered, of its area that can be seen; None where none can be.
     reason : str
-        Words on the reason of most of the area of whole faces that can be seen and are not covered;
-        none where every point is.
+        Words on the reason of most of the area that can be seen and is not covered; none where all
+        is.
     """
 
     name: str

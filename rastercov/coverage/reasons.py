@@ -57,7 +57,8 @@ class Words(NamedTuple):
     colour : (3,) int
         sRGB.
     hatch : int
-        Lines over the colour, a sum of 1 for /, 2 for the other diagonal, 4 for | and 8 for -.
+        Over the colour, a sum of 1 for lines /, 2 for the other diagonal, 4 for | and 8 for -, and
+        16 for dots.
     """
 
     label: str
@@ -165,7 +166,14 @@ REASONS = {
         "are too uncertain",
         "move the cameras of the rig apart, or nearer to it, or use more pixels",
         (130, 20, 20),
-        9,
+        17,
+    ),
+    "unseeable": Words(
+        "no camera can ever see it: proved",
+        "can be seen by no camera: proved",
+        "it is inside a body or against another one: leave it out of the task",
+        (150, 150, 158),
+        16,
     ),
 }
 """By the name of the reason: the members of `Reason`, in their order, and those of networks."""
@@ -176,6 +184,14 @@ UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(
     NAMES.index, ("unlit", "too_dark", "too_bright", "highlight")
 )
 """Rows of the reasons of a network, of a rig with a rule, and of light."""
+UNSEEABLE = NAMES.index("unseeable")
+ORDER = (*(each for each in Reason if each < Reason.COVERED), BASELINE, UNCERTAIN, UNLIT, TOO_DARK,
+         TOO_BRIGHT, HIGHLIGHT, Reason.COVERED)  # fmt: skip
+"""Reasons by the order in which criteria are asked: of a point that no camera covers, it is the
+latest of any camera."""
+RANK = np.full(256, len(ORDER))
+"""Place of each row of `REASONS` in it; others are last."""
+RANK[list(ORDER)] = np.arange(len(ORDER))
 
 
 def reason_rows(

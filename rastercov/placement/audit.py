@@ -272,7 +272,7 @@ class Audit(Groups, InOneLine):
         summary["quarantined"] = {str(pose): end for pose, end in self.quarantined.items()}
         network = self.network.summary()
         if self.areas is not None:
-            self.areas.add_to(network)
+            self.areas.add_to(network, self.camera, self.poses)
             summary["covered_area"] = network["covered_area"]
         return summary | {"network": network}
 

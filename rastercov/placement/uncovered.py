@@ -33,7 +33,7 @@ from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.parts import MOST_ROWS
-from rastercov.coverage.reasons import REASONS, Reason, reason_rows
+from rastercov.coverage.reasons import REASONS, UNSEEABLE, Reason, reason_rows
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -399,7 +399,7 @@ def left_by(
         n_cameras=len(led_by(observer.camera, poses)),
         n_candidates=len(led_by(observer.camera, candidates)),
         left=frozen(left),
-        reason=frozen(network.reason.copy()),
+        reason=frozen(np.where(network.unseeable_areas > 0, np.uint8(UNSEEABLE), network.reason)),
         nearest_camera=frozen(nearest.copy()),
         views=frozen(network.views.copy()),
         n_covering=frozen(sight.covering.copy()),

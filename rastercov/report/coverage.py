@@ -451,7 +451,7 @@ def network_of(
         np.full(mesh.n_faces, found.task.views),
         summary,
         areas,
-        None if areas is None else areas.zones(),
+        None if areas is None else areas.zones(found.camera, found.poses),
         parts,
         found.reason == Reason.COVERED if "reason" in vars(found) else None,
         uncertainty_um=found.apart.uncertainty_um,

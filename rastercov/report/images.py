@@ -249,7 +249,10 @@ def hatched(pixels: Pixels, hatch: NDArray[np.uint8], width: int) -> Pixels:
     row, column = np.ogrid[:period, :period]
     lines = np.stack([row + column, column - row + period, column + 0 * row, row + 0 * column])
     is_line = lines // width % HATCH_PERIOD == 0
-    of_hatch = np.array([is_line[(code >> np.arange(4)) & 1 > 0].any(axis=0) for code in range(16)])
+    is_dot = np.maximum(row % period, column % period) < period / 2
+    marks = np.concatenate([is_line, is_dot[None]])
+    codes = np.arange(32)[:, None] >> np.arange(len(marks)) & 1 > 0
+    of_hatch = np.array([marks[own].any(axis=0) for own in codes])
     at = np.flatnonzero(hatch)
     rows, columns = np.divmod(at, hatch.shape[1])
     at = at[of_hatch[hatch.ravel()[at], rows % period, columns % period]]

@@ -22,28 +22,19 @@ from rastercov.camera.rig import (
     names_of,
     short_names,
 )
-from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.features import values_of as values_of_features
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.regions import covering_poses
+from rastercov.coverage.area.remedies import SURE, Change, Remedies, Spot
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
-from rastercov.coverage.area.zones import (
-    DeadZones,
-    advised,
-    face_zones,
-    nearest_row,
-    nearest_to,
-    where_seen,
-    zone_parts,
-    zone_reason,
-)
+from rastercov.coverage.area.zones import DeadZones, face_zones, zone_parts, zone_reason
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
+from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
 from rastercov.report.modes import MODES, OfCameras, OfLight, OfUnit, mode_picture, of_devices
@@ -69,8 +60,8 @@ MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = MOST_KINDS = 3
 """Zones with a picture of their own."""
-OF_A_FACE = ("drawn_pixels", "incidence", "pixel_density", "facing_density")
-"""Figures of a face that its advice wants."""
+MOST_FACES = 32
+"""Faces of a zone of whole faces on which advice is tried."""
 OF_SENSORS = ("uncertainty", "lux")
 """Modes with a picture of their own."""
 ALTERNATIVES = {
@@ -230,8 +221,7 @@ class NetworkPage:
         """
         if self.zones is not None:
             return self.zones, self.figures
-        left, count = self.mesh.task_mask & ~self.covered, len(self.poses)
-        why = reason_rows(self.network.reason, self.covered, count)
+        left, why = self.mesh.task_mask & ~self.covered, self.network.reasons_of(self.covered)
         zones = face_zones(self.mesh, np.where(left, why.astype(np.int64), -1), self.network.views)
         entries = zones.places(zones.listed())
         for row, entry in enumerate(entries):
@@ -240,41 +230,27 @@ class NetworkPage:
             face = int(faces[away.argmin()])  # the one in the middle
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
-                entry |= self._advice_for(face, entry["reason"])
+                entry |= self._advice_for(faces, int(why[face]))
         return zones, {"dead_zones": entries, "other_dead_zones": zones.others()}
 
-    def _advice_for(self, face: int, name: str) -> dict[str, Any]:
-        """Group that hides a face, and advice for the pose that comes nearest to covering it."""
+    def _advice_for(self, faces: IntArray, why: int) -> dict[str, Any]:
+        """Group that hides the middle face of some, and advice for the pose that comes nearest."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
-        if name in ("too_few_views", "no_cameras"):
-            return {"nearest": None, "advice": general_advice(name)}
-        middle = mesh.centroids[face]
-        some = nearest_to(self.poses, middle)
-        found = evaluate(mesh, self.camera, some, task, fields=("reason", *OF_A_FACE), by="face")
-        own = found.reason[:, face] == Reason[name.upper()]
-        rows = np.flatnonzero(own if own.any() else ~own)
-        figures = [
-            {key: float(getattr(found, key)[row, face]) for key in OF_A_FACE}
-            | {"distance": float(np.linalg.norm(some.world_from_camera[row, :3, 3] - middle))}
-            for row in rows
-        ]
-        best = nearest_row(name, figures, task)
-        pose = some[rows[best : best + 1]]
-        hider, before = None, ""
-        if name == "occluded":
+        some = faces[np.unique(np.linspace(0, len(faces) - 1, MOST_FACES).astype(np.int64))]
+        spot, hider = Spot.of(mesh.centroids[some], some), None
+        if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
-            shares = in_front(mesh, pose.world_from_camera[:, :3, 3], np.array([face]))[0]
+            away = np.linalg.norm(self.eyes - spot.at, axis=1)
+            eye, face = self.eyes[away.argmin()][None], some[spot.middle][None]
+            shares = in_front(mesh, eye, face)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
-            before = body_of(hider or "")
-            if before == body_of(mesh.groups[mesh.face_group[face]].name):
-                before = "another part of it"
-        corners = mesh.vertices[mesh.faces[face]]
-        said = advised(self.camera, task, pose, figures[best], corners, name, before)
-        if name == "occluded":
-            sight = where_seen(mesh, self.camera, task, pose, middle, face)
-            said["advice"] = sight.format(said["advice"], before or "a surface")
-        return {"hidden_by": hider} | said
+        before = body_of(hider or "")
+        if before == body_of(mesh.groups[mesh.face_group[some[spot.middle]]].name):
+            before = "another part of it"
+        remedies = FaceRemedies(mesh, self.camera, task, self.poses, None)
+        none = np.zeros(0, np.int64)
+        return {"hidden_by": hider} | remedies.said(spot, why, none, before, is_tried=True)
 
     def overview(self) -> Image.Image:
         """The surface by the camera that covers it; of very many, by what they cover together."""
@@ -307,12 +283,9 @@ class NetworkPage:
         poses = self.poses.world_from_camera
         tasks: dict[str, Callable[[], Image.Image | None]] = {"overview": self.overview}
         if zones:
-            reasons = self.values["reason"]
-            tasks["zones"] = partial(zones_picture, zones, said, poses, reasons=reasons)
+            tasks["zones"] = partial(zones_picture, zones, said, poses)
         for row in range(len(numbered(said)[:MOST_CLOSE_UPS])):
-            tasks[f"zone_{row + 1}"] = partial(
-                zone_close_up, zones, said, row, poses, reasons=reasons
-            )
+            tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, poses)
         for name in (each for each in OF_SENSORS if each in self.values):
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
         if self.timed is not None:
@@ -455,7 +428,7 @@ class NetworkPage:
                 f"{zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
-            said.append(f"{area(hidden)} are left out of that: no camera outside can ever see it.")
+            said.append(f"Of that, {area(hidden)} can be seen by no camera: proved.")
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             spare = 0 if self.serves_goals else spare
@@ -528,7 +501,7 @@ class NetworkPage:
             share = percent(round(zone["percent"] / 100, 9))
             heading = f"Zone {row + 1}: {area(zone['area_m2'])}, {share} of the area"
             advice, nearest = zone["advice"], zone["nearest"]
-            if nearest is not None:
+            if nearest is not None and advice:
                 # Of a rig with a rule its first camera may be shown alone.
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 advice = f"{self.noun} {self.labels[place]} comes nearest: {advice}"
@@ -538,11 +511,31 @@ class NetworkPage:
                     "reason": f"{zone_parts(zone)[0]}: {reason}"
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
-                    "advice": f"{advice[:1].upper()}{advice[1:]}.",
+                    "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",
                     "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
                 }
             )
         return found
+
+
+class FaceRemedies(Remedies):
+    """Changes that are tried on whole faces."""
+
+    most_judged = 12
+
+    def _more_figures(self, row: int, spot: Spot) -> dict[str, float]:
+        """The pixels of the face in the middle."""
+        scene = self.mesh, self.camera, self.poses[row : row + 1], self.task
+        found = evaluate(*scene, fields=("drawn_pixels",), by="face")
+        return {"drawn_pixels": float(found.drawn_pixels[0, spot.face[spot.middle]])}
+
+    def _share(self, change: Change, row: int, spot: Spot) -> float:
+        """As of `Remedies`; of the faces that are covered as a whole."""
+        if super()._share(change, row, spot) < SURE:
+            return 0.0
+        camera, task, poses = self._placed([change], row)
+        found = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
+        return float((found.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
 
 
 def lost_without(parts: Regions, need: IntArray) -> FloatArray:

@@ -27,7 +27,7 @@ from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.network import Network
 from rastercov.coverage.parts import MOST_ROWS, PartRow, part_rows
-from rastercov.coverage.reasons import REASONS, reason_rows
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.run import Placement
@@ -280,7 +280,7 @@ def _faces(page: NetworkPage) -> dict[str, Any]:
     from rastercov.report.parquet import group_names
 
     mesh, network, faces = page.mesh, page.network, np.flatnonzero(page.mesh.task_mask)
-    why = reason_rows(network.reason, page.covered, len(page.poses))[faces].astype(np.int32)
+    why = network.reasons_of(page.covered)[faces].astype(np.int32)
     columns = {"area_m2": mesh.areas, "covered": page.covered, "views": network.views}
     columns |= {"best_coverage": network.best, "best_pose": network.best_pose}
     if page.areas is not None:

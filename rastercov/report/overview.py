@@ -23,6 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_parts, zone_reason, zones_at
@@ -343,8 +344,6 @@ def zones_picture(
     zones: DeadZones,
     summary: Mapping[str, Any],
     eyes: ArrayLike = (),
-    *,
-    reasons: NDArray[np.uint8],
 ) -> Image.Image:
     """The dead zones by exact pieces, from the two directions that show most of them.
 
@@ -356,8 +355,6 @@ def zones_picture(
         `rastercov.coverage.area.zones.summary_of` of them.
     eyes : array_like
         Cameras, as for `look`.
-    reasons : (F,) uint8
-        Rows of `REASONS`, for the zones without a number.
     """
     mesh, listed, devices = zones.mesh, numbered(summary), device_hatches(summary["dead_zones"])
     weights = np.where(zones.zone < max(1, len(listed)), zones.piece_area, 0.0)
@@ -365,7 +362,7 @@ def zones_picture(
     dead[outer_skin(mesh, eyes)] = 0.0
     scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, dead, eyes=eyes)]
     every = range(len(listed))
-    drawn = [_with_zones(zones, scene, listed, reasons, every, devices) for scene in scenes]
+    drawn = [_with_zones(zones, scene, listed, every, devices) for scene in scenes]
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
     title = f"{plural(zones.count(), 'dead zone')}, {share} of the area"
@@ -385,8 +382,6 @@ def zone_close_up(
     summary: Mapping[str, Any],
     row: int,
     eyes: ArrayLike = (),
-    *,
-    reasons: NDArray[np.uint8],
 ) -> Image.Image | None:
     """A zone of the list from near, with what is around it, seen through what hides it.
 
@@ -405,7 +400,7 @@ def zone_close_up(
     scene = close_up(mesh, faces, np.array(listed[row]["extent"]), eyes, is_own)
     if scene is None:
         return None
-    image, _, own = _with_zones(zones, scene, listed, reasons, [row], devices)
+    image, _, own = _with_zones(zones, scene, listed, [row], devices)
     return framed(np.asarray(image), "", [*_reason_keys(own, devices), *scene_keys([scene])])
 
 
@@ -474,30 +469,34 @@ def _with_zones(
     zones: DeadZones,
     scene: Scene,
     listed: Sequence[Mapping[str, Any]],
-    reasons: NDArray[np.uint8],
     named: Sequence[int],
     devices: Mapping[str, int],
 ) -> tuple[Image.Image, list[int], list[int]]:
     """One view of the zones, with the numbers of some that are seen; these, and reasons in it."""
     n, mesh = len(listed), zones.mesh
-    own_reasons = np.array([*(NAMES.index(zone["reason"]) for zone in listed), COVERED], np.uint8)
-    of_devices = _hatches_of(listed, devices)
-    layers: list[IntArray] = []  # row of the zone at each pixel, n without a number, -1 for none
+    numbered_reasons = [NAMES.index(zone["reason"]) for zone in listed]
+    own_reasons = np.array([*numbered_reasons, *range(len(NAMES)), COVERED], np.uint8)
+    of_devices = np.zeros(len(own_reasons), np.uint8)
+    of_devices[:n] = _hatches_of(listed, devices)[:n]
+    # Row of the zone at each pixel; n and its reason without a number, -1 for none.
+    layers: list[IntArray] = []
+    row_of = np.where(zones.zone < n, zones.zone, n + zones.reason.astype(np.int64))
     drawn: set[int] = set()
     # Only faces in several zones, or dead in part, have to be asked point by point.
     known = np.full(mesh.n_faces + 1, -1)
-    known[zones.face] = np.minimum(zones.zone, n)
+    known[zones.face] = row_of
     part = zones.piece_area < (1 - WHOLE_REL) * mesh.areas[zones.face]
     known[zones.face[part]] = ASKED
 
     def zone_of(face: Int32Array, points: FloatArray) -> IntArray:
-        return zones_at(zones, face, points, n)
+        found = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
+        return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
     def own(face: FaceImage) -> Pixels:
         found = known[face]
         asked = found == ASKED
         layers.append(np.where(asked, scene.at_points(face, zone_of, np.int64(-1), asked), found))
-        rows = np.where(layers[-1] == n, reasons[face], own_reasons[layers[-1]])
+        rows = own_reasons[layers[-1]]
         counts = np.bincount(rows[face >= 0], minlength=len(NAMES))
         drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
         hatch = of_devices[layers[-1]] if devices else theme.REASON_HATCHES[rows]
@@ -507,11 +506,12 @@ def _with_zones(
     shown = layers[0]
     for of_layer in layers[1:]:
         shown = np.where(of_layer >= 0, of_layer, shown)
-    pixels[outlines(np.where(shown < n, shown, -1))] = theme.INK
+    shown = np.where(shown < n, shown, -1)
+    pixels[outlines(shown)] = theme.INK
     image = Image.fromarray(pixels)
-    counts = np.bincount(shown.ravel() + 1, minlength=n + 2)[1 : n + 1]
+    counts = np.bincount(shown.ravel() + 1, minlength=n + 1)[1:]
     rows = [row for row in named if counts[row]]
-    at = np.flatnonzero((shown >= 0) & (shown < n))
+    at = np.flatnonzero(shown >= 0)
     of_zones, spots = shown.ravel()[at], np.stack(np.divmod(at, shown.shape[1])[::-1], axis=1) + 0.5
     places = np.array([middle_of(spots[of_zones == row]) for row in rows]).reshape(-1, 2)
     own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]

@@ -38,7 +38,7 @@ from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
 from rastercov.coverage.parts import part_rows
-from rastercov.coverage.reasons import REASONS, reason_rows
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import png, png_in_the_dark
@@ -284,7 +284,7 @@ def values_of(
     """
     mesh, count = network.mesh, len(network.pose_ids)
     values = {
-        "reason": reason_rows(network.reason, covered, count),
+        "reason": network.reasons_of(covered),
         "coverage": network.best,
         "camera": OfCameras(best_covering(network), names, theme.camera_colours(max(1, count))),
         "views": network.views,

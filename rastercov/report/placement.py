@@ -171,7 +171,7 @@ def network_of(
         views_of(of.mesh, asked or plan.task.views),
         content["network"] | figures,
         areas,
-        None if areas is None else areas.zones(views_by_group(plan, asked)),
+        None if areas is None else areas.zones(plan.rig, placed, views_by_group(plan, asked)),
         parts,
         cameras.covers,
         together=together,

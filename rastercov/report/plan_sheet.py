@@ -421,7 +421,7 @@ def _dead_zone(found: Evaluation, frame: Frame, views: Mapping[str, int] | None)
     """Uncovered parts of targets, and of faces that face up from the floor to the cut."""
     mesh, network = found.mesh, found.network
     if found.areas is not None:
-        zones = found.areas.zones(views)
+        zones = found.areas.zones(found.camera, found.poses, views)
     else:
         is_left = mesh.task_mask & ~network.covered
         zones = face_zones(mesh, is_left - 1, network.views)

@@ -25,8 +25,8 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     """`Network.summary` for a terminal of 80 columns: parts or groups, the whole task, reasons.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
-    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of the area of
-    whole faces that are not covered, "faces %" the share of faces where the result is by face, and
+    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of the area
+    that is not covered, "faces %" the share of faces where the result is by face, and
     "seeable %" the covered share of the area that a camera outside all bodies can see. `unit` is
     of lengths, as of `rastercov.base.format.area`.
     """
@@ -59,9 +59,13 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     reasons = summary["not_covered_because"]
     if reasons:
         table.add_section()
-        table.add_row("whole faces are not" if by_area else "not covered because", style="dim")
-    for name in sorted(reasons, key=lambda name: -int(reasons[name]["faces"])):
-        table.add_row(f"  {REASONS[name].label}", str(reasons[name]["faces"]))
+        table.add_row("not covered because", style="dim")
+    size = "area_percent" if by_area else "faces"
+    for name in sorted(reasons, key=lambda name: -float(reasons[name][size])):
+        own = reasons[name]
+        shown = [area(own["m2"], unit)] if by_area else [str(own["faces"])]
+        shown += [percent(own["area_percent"] / 100).removesuffix(" %")] if by_area else []
+        table.add_row(f"  {REASONS[name].label}", *shown)
     return table
 
 

@@ -283,7 +283,7 @@ class Session:
 
         found = moment.areas(state, watch)
         watch(0, 0)
-        zones = found.zones(state.needed)
+        zones = found.zones(state.rig(), state.poses(), state.needed)
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
         numbers = np.concatenate(([len(counts)], moment.kept[zones.face], counts)).astype("<u4")
@@ -344,7 +344,9 @@ class Session:
         with self.lock:
             areas, state, moment = self.areas(), self.shown, self.moment
             said = areas.dead_zones(state.rig(), state.poses(), state.needed)
-            found = zone_entries(moment.mesh, areas.zones(state.needed), said)
+            found = zone_entries(
+                moment.mesh, areas.zones(state.rig(), state.poses(), state.needed), said
+            )
             return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
 
     def space(self) -> PoseSpace:

@@ -72,7 +72,7 @@ def test_groups_add_up_to_the_whole():
     areas = network_of(mesh, camera, poses, task)
     network = Network(mesh, task)
     found = network.summary()
-    areas.add_to(found)
+    areas.add_to(found, camera, poses)
     parts = [group["covered_area"] for group in found["groups"] if "covered_area" in group]
     assert sum(part["m2"] for part in parts) == pytest.approx(found["covered_area"]["m2"])
     assert [row["views"] for row in found["covered_area"]["by_views"]] == [1, 2]
@@ -95,7 +95,7 @@ def test_groups_may_need_views_of_their_own():
     assert front["m2"] == pytest.approx(areas.covered.area[0, 2:].sum())
     assert areas.summary({"back": 2, "front": 2})["m2"] == 0
     found = Network(mesh, areas.task).summary()
-    areas.add_to(found, {"back": 2})
+    areas.add_to(found, camera, np.eye(4)[None], {"back": 2})
     assert [group["covered_area"]["views"] for group in found["groups"]] == [2, 1]
     assert found["groups"][1]["covered_area"]["percent"] == pytest.approx(100)
 

@@ -8,7 +8,7 @@ from commands import answer, call
 
 import rastercov as rc
 
-ZONE = "area_m2 percent centroid extent groups m2_by_views reason hidden_by nearest advice"
+ZONE = "area_m2 percent centroid extent groups m2_by_views reason hidden_by nearest advice tried"
 CAMERA = "width = 96\nheight = 72\nfx = 90\nfy = 90\n"
 PLAN = f"""
 meshes = [{{ built_in = "box" }}]

@@ -7,7 +7,7 @@ import pytest
 from commands import INTERRUPTIBLE, refusal
 from processes import python
 
-from rastercov.cli.console import LONGEST_LINE, LONGEST_WORD, say
+from rastercov.cli.console import LONGEST_LINE, LONGEST_WORD, progress_bar, say
 
 COMMAND = "evaluate box -c camera.toml -p sphere:2 -o out"
 OPTIONS = (
@@ -71,3 +71,27 @@ def test_an_interrupt_ends_in_one_line_whatever_becomes_of_it(name, fate):
     done = python("-c", INTERRUPTIBLE + INTERRUPTED.format(name=name, fate=fate), timeout=30)
     code = 128 + getattr(signal, name)
     assert (done.returncode, done.stderr) == (code, "interrupted\n")
+
+
+def test_a_wait_without_a_terminal_has_a_line_after_two_seconds_and_then_every_ten(
+    capsys, monkeypatch
+):
+    clock = [100.0]
+    monkeypatch.setattr("rastercov.cli.console.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 2.0)
+    with progress_bar("poses") as progress:
+        for done in range(10, 501, 10):  # a pose in 50 ms
+            progress(done, 500)
+            clock[0] += 0.5
+    assert capsys.readouterr().err.splitlines() == [
+        "poses: 50 of 500, about 22 s left",
+        "poses: 250 of 500, about 12 s left",
+        "poses: 450 of 500, about 2 s left",
+    ]
+
+
+def test_a_short_wait_has_no_line(capsys):
+    with progress_bar("poses") as progress:
+        for done in range(100):
+            progress(done, 100)
+    assert capsys.readouterr().err == ""

@@ -152,6 +152,13 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     assert "no candidate covers any of it; see what the candidates fail, below" in out
 
 
+def test_a_part_that_has_no_unit_to_change_is_told_none(capsys):
+    plan = QUICK.replace('path = "part.obj"', 'built_in = "box"')
+    _, out, _ = placed(capsys, plan.replace("min_pixels = 2", "min_pixels_per_m2 = 1e12"))
+    assert "whichever candidates are chosen" in out
+    assert "meshes.unit" not in out
+
+
 @pytest.mark.slow
 def test_the_page_is_written_and_a_stale_one_removed(capsys):
     pages = [Path("plan/page.html"), Path("plan/view.html")]

@@ -1,5 +1,6 @@
 """Plans whose result is by area: cameras are chosen on cells, networks judged by exact area."""
 
+import re
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -113,6 +114,21 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
     assert len(nothing.cameras.poses) == nothing.cameras.share == 0
     assert nothing.prepared.notes[0].startswith("no cell is covered")
     assert told()["covered_area"]["m2"] == 0
+
+
+def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(caplog):
+    """All candidates together leave the side that none looks at, and what is too coarse."""
+    found = placed(selection=FEWEST | {"coverage": 1.0})
+    (bound,) = [line for line in found.prepared.notes if line.startswith("out of reach: all")]
+    said = [record.message for record in caplog.records]
+    assert bound in said
+    assert "stricter selection" not in found.steps
+    assert found.prepared.is_beyond
+    high = float(re.search(r"cover ([\d.]+) % at most", bound)[1])
+    assert found.cameras.areas.summary()["percent"] <= high + 0.1 < 100
+    missing = re.search(r"missing: (.*)", bound)[1]
+    parts = [float(each) for each in re.findall(r"([\d.]+) % [a-z]", missing)]
+    assert sum(parts) == pytest.approx(100 - high, abs=0.2)
 
 
 @pytest.mark.parametrize("selection", [FOUR, FEWEST | {"coverage": 0.4}])

@@ -448,6 +448,8 @@ def test_a_fixed_camera_stays_and_is_solved_once(monkeypatch):
         rc.evaluate(MESH, own, poses, TASK, fields=("visibility",)) for own in (rig, moving)
     ]
     a, b = (one.summary() for one in summaries)
+    for zone in (*a["dead_zones"], *b["dead_zones"]):
+        del zone["advice"], zone["tried"]  # a fixed camera does not move with the rig
     for name in ("covered_area", "per_pose", "by_device", "by_camera", "dead_zones"):
         assert a[name] == b[name], name
     assert np.array_equal(*(one.visibility for one in summaries))

@@ -398,11 +398,10 @@ def test_a_card_shows_its_zone_even_where_no_side_does(made, gap):
     poses = rc.look_at([(5, 0, 1.5), (-4, 4, 1.5), (-4, -4, 1.5)], (0, 0, 0))
     found = AreaNetwork(mesh, TASK)
     found.add(rc.regions(mesh, CAMERA, poses, TASK))
-    zones = found.zones()
-    said = found.dead_zones(CAMERA, rc.Poses.of(poses))
-    reasons = np.zeros(mesh.n_faces, np.uint8)
+    zones = found.zones(CAMERA, poses)
+    said = found.dead_zones(CAMERA, poses)
     for row in range(min(3, len(zones))):
-        picture = zone_close_up(zones, said, row, poses, reasons=reasons)
+        picture = zone_close_up(zones, said, row, poses)
         colour = REASONS[said["dead_zones"][row]["reason"]].colour
         assert share_of_hue(picture, colour) > 0.005, row  # hatched
 
@@ -446,8 +445,7 @@ def test_colours_of_reasons_and_of_cameras_are_told_apart(colours, least):
     colours = np.array(colours).astype(int)
     apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
     assert apart.min() > least
-    # There are 16; without cameras there is no other reason.
-    hatches = [each.hatch for name, each in REASONS.items() if name != "no_cameras"]
+    hatches = [each.hatch for each in REASONS.values()]
     assert len(set(hatches)) == len(hatches)
     assert REASONS["covered"].hatch == 0
 
@@ -467,7 +465,7 @@ def network():
 def test_points_know_their_zone(network):
     points, face = points_on(MESH, 3_000, 0)
     truth = covers_points(MESH, CAMERA, POSES, TWICE, points, face).sum(axis=0)
-    zones = network.zones()
+    zones = network.zones(CAMERA, POSES)
     zone = zones_at(zones, face, points, 3)
     assert ((zone >= 0) == (truth < 2)).mean() > 0.999
     assert zone.max() == 3
@@ -486,7 +484,7 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
     network.add(rc.regions(mesh, camera, pose))
     summary = network.dead_zones(camera, pose)
     assert summary["dead_zones"][0]["reason"] == "back_facing"
-    picture = zones_picture(network.zones(), summary, pose, reasons=np.ones(1280, np.uint8))
+    picture = zones_picture(network.zones(camera, pose), summary, pose)
     assert share_of_hue(picture, REASONS["back_facing"].colour) > 0.05
     assert share_of_hue(picture, theme.COVERED) > 0.01
 
@@ -524,8 +522,8 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     network.add(rc.regions(mesh, CAMERA, poses))
     monkeypatch.setattr(overview, "framed", lambda pixels, title, keys: titles.append(title))
     summary = network.dead_zones(CAMERA, poses)
-    zones = network.zones()
-    zones_picture(zones, summary, poses, reasons=np.zeros(24, np.uint8))
+    zones = network.zones(CAMERA, poses)
+    zones_picture(zones, summary, poses)
     (core,) = np.unique(zones.zone[zones.face < 12])
     assert titles[0].endswith(f"; hidden from both sides: {core + 1}")
 

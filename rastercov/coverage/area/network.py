@@ -165,21 +165,44 @@ class AreaNetwork:
             doubtful, percent
         )
 
-    def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
-        """Add `covered_area` to the summary of a `Network`, and to its scored groups and parts."""
+    def add_to(
+        self,
+        summary: dict[str, Any],
+        camera: Cameras,
+        poses: ArrayLike | Poses,
+        views: Mapping[str, int] | None = None,
+    ) -> None:
+        """Add `covered_area` and reasons to the summary of a `Network`, its groups and parts.
+
+        Parameters are those of `dead_zones`.
+        """
         summary["covered_area"] = self.summary(views)
+        members = {id(summary): self.mesh.task_mask}
         for index, group in enumerate(summary["groups"]):
             if "covered" in group:
                 wanted = None if views is None else views.get(group["name"], 1)
-                members = self.mesh.face_group == index
-                group["covered_area"] = self.of_faces(members, wanted)
+                own = members[id(group)] = self.mesh.face_group == index
+                group["covered_area"] = self.of_faces(own, wanted)
         for part, rows in zip(summary["parts"], parts_of(self.mesh.groups).values(), strict=True):
             if "covered" in part:
+                members[id(part)] = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
                 part["covered_area"] = self.summary(views, rows)
+        zones = self.zones(camera, poses, views)
+        reasons = self._reasons(zones)
         for entry in (summary, *summary["groups"], *summary["parts"]):
             if "covered_area" in entry:
                 m2 = entry["covered_area"]["m2"]
                 entry["covered_of_seeable_percent"] = percent_of_seeable(m2, entry)
+                why = zones.by_reason(members[id(entry)], reasons)
+                if entry is summary:
+                    entry["not_covered_because"] = why
+                entry["seeable_not_covered_because"] = {
+                    name: each for name, each in why.items() if name != "unseeable"
+                }
+
+    def _reasons(self, zones: DeadZones) -> NDArray[np.uint8]:
+        """(N,) row of `REASONS` of each piece of zones."""
+        return zones.reason
 
     def of_time(self) -> dict[str, Any]:
         """Entries of a summary on time, whose figures are then the only ones; often none."""
@@ -197,15 +220,18 @@ class AreaNetwork:
         `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
         `views` as for `summary`. The result is kept until regions are added.
         """
-        zones = self.zones(views)
+        zones = self.zones(camera, poses, views)
         return self._once(zones, lambda: summary_of(zones, camera, self.task, poses))
 
-    def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
-        """Dead zones, kept like their summary; `views` as for `summary`."""
+    def zones(
+        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
+    ) -> DeadZones:
+        """Dead zones, kept like their summary; parameters as for it."""
         names = [group.name for group in self.mesh.groups]
         wanted = [self.views if views is None else views.get(name, 1) for name in names]
         of_face = np.clip(wanted, self.least, self.views)[self.mesh.face_group]
-        return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face))
+        network = camera, self.task, Poses.of(poses)
+        return self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face, network))
 
     def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.

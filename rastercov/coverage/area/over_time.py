@@ -20,7 +20,6 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of
-from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import (
@@ -38,10 +37,9 @@ from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, dead_zones, points_of
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.reasons import NAMES, TOO_FEW_VIEWS, Reason
+from rastercov.coverage.reasons import NAMES, RANK, TOO_FEW_VIEWS, Reason
 from rastercov.coverage.shards import regions_in_shards
 from rastercov.coverage.task import Task
-from rastercov.mesh.groups import parts_of
 from rastercov.mesh.motion import Motion
 from rastercov.shards import ALONE, Staff
 
@@ -233,9 +231,9 @@ class OverTime(InOneLine):
             )
             for _, found_reason, by in judged:
                 fails = np.where(found_reason == Reason.COVERED, IS_COVERED, found_reason)
-                better = fails >= best
+                better = RANK[fails] >= RANK[best]
                 hider[better] = np.where(fails == Reason.OCCLUDED, by, -1)[better]
-                best = np.maximum(best, fails)
+                best[better] = fails[better]
             weight = int(motion.units[row])
             missed = np.flatnonzero(best != IS_COVERED)
             np.add.at(reasons, (zone[there[missed]], best[missed]), weight)
@@ -339,8 +337,8 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
-    """Reason and advice of a zone, and the body that hides it, named by `before` in the advice."""
-    advice = general_advice(name, before)
+    """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
+    advice = f"{before} is between" if before else ""
     return {"reason": name, "advice": advice, "nearest": None, "hidden_by": hidden_by}
 
 
@@ -356,26 +354,11 @@ class TimeAreas(AreaNetwork):
         """As of `AreaNetwork`; views are counted at each time already."""
         return super().of_faces(members, 1)
 
-    def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
-        """As of `AreaNetwork`; reasons are those of dead zones, not of whole faces at rest."""
-        super().add_to(summary, views)
-        zones, mesh = self.over_time.zones, self.mesh
+    def _reasons(self, zones: DeadZones) -> NDArray[np.uint8]:
+        """As of `AreaNetwork`; those of zones in the frames, not of the rest."""
         why = [each["reason"] for each in self.over_time.dead_zones()["dead_zones"]]
-        of_piece = np.array([*map(NAMES.index, why), len(NAMES)])[np.minimum(zones.zone, len(why))]
-        group, parts = mesh.face_group, parts_of(mesh.groups).values()
-        members = [mesh.task_mask, *(group == row for row in range(len(mesh.groups)))]
-        members += [np.isin(group, rows) for rows in parts]
-        summary["not_covered_because"] = {}
-        for entry, own in zip(
-            (summary, *summary["groups"], *summary["parts"]), members, strict=True
-        ):
-            if "covered_area" in entry:
-                m2 = np.bincount(of_piece, zones.piece_area * own[zones.face], len(NAMES) + 1)
-                factor = 100 / max(entry["covered_area"]["of_m2"], np.finfo(float).tiny)
-                entry["seeable_not_covered_because"] = {
-                    NAMES[row]: {"m2": float(m2[row]), "area_percent": factor * float(m2[row])}
-                    for row in np.flatnonzero(m2[:-1])
-                }
+        rows = np.array([*map(NAMES.index, why), TOO_FEW_VIEWS], np.uint8)
+        return rows[np.minimum(zones.zone, len(why))]
 
     def of_time(self) -> dict[str, Any]:
         """As of `AreaNetwork`."""
@@ -391,7 +374,9 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime`."""
         return self.over_time.dead_zones()
 
-    def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
+    def zones(
+        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
+    ) -> DeadZones:
         """As of `OverTime`."""
         return self.over_time.zones
 

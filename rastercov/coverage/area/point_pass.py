@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, IntArray, read_only
+from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import frames_of
@@ -36,6 +37,38 @@ class Points(NamedTuple):
     own: IntArray
 
 
+class Hiders(NamedTuple):
+    """Faces that hide, in a scene of diagonal 1 about the origin: their tree, None without any.
+
+    Attributes
+    ----------
+    tree : TriangleTree or None
+    solid : (T,) int64
+        The faces, in the order of the mesh.
+    centre, diagonal : (3,) float64, float
+        Of the scene, metres.
+    """
+
+    tree: TriangleTree | None
+    solid: IntArray
+    centre: FloatArray
+    diagonal: float
+
+    def placed(self, points: FloatArray) -> FloatArray:
+        """Points (N, 3) in the scene of diagonal 1."""
+        return (points - self.centre) / self.diagonal
+
+
+@once_each
+def hiders_of(mesh: Mesh) -> Hiders:
+    """Faces of a mesh that hide; their tree is made at the first call."""
+    solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
+    found = Hiders(None, solid, mesh.bounds.mean(axis=0), mesh.diagonal or 1.0)
+    if not len(solid):
+        return found
+    return found._replace(tree=TriangleTree.over(found.placed(mesh.vertices), mesh.faces[solid]))
+
+
 class PointPass:
     """Points of faces, (N, 3) metres, held against the criteria of a task; for any threads.
 
@@ -57,14 +90,12 @@ class PointPass:
         from rastercov.coverage.records import lens_of
 
         self.cameras = cameras_of(camera)
-        self._centre = mesh.bounds.mean(axis=0)
-        self._diagonal = mesh.diagonal or 1.0
-        solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
+        hiders = hiders_of(mesh)
+        self._placed, self._diagonal = hiders.placed, hiders.diagonal
         self.faces, row = np.full(1, -1), np.full(mesh.n_faces, -1)
         corners, nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
-        if len(solid):
-            tree = TriangleTree.over(self._placed(mesh.vertices), mesh.faces[solid])
-            corners, nodes, self.faces = tree.corners, tree.nodes, solid[tree.order]
+        if (tree := hiders.tree) is not None:
+            corners, nodes, self.faces = tree.corners, tree.nodes, hiders.solid[tree.order]
             row[self.faces] = np.arange(len(self.faces))
         self._tree = read_only(corners, np.float64), read_only(nodes, np.float64)
         self._points = Points(
@@ -79,10 +110,6 @@ class PointPass:
             (lens_of(each), own.rules(each).in_units_of(self._diagonal), of_surface[own])
             for each, own in zip(self.cameras, tasks, strict=True)
         ]
-
-    def _placed(self, points: FloatArray) -> FloatArray:
-        """Points (N, 3) in a scene of diagonal 1 about the origin."""
-        return (points - self._centre) / self._diagonal
 
     def worker(
         self, poses: Poses, near: FloatArray, *, is_nearest: bool

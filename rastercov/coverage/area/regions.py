@@ -7,7 +7,7 @@ that the covered area does not depend on the triangles that the surface is cut i
 docs/area.md.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -34,7 +34,7 @@ from rastercov.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_
 from rastercov.coverage.observer import ExactObserver
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import Rules, Task
 from rastercov.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.mesh import Mesh
 from rastercov.native import engine_visibility
@@ -101,9 +101,10 @@ def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDAr
 class RegionPass(ExactPass):
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
-    Parameters are those of `rastercov.regions`, and `only_task`: occluders need no figures in
-    `find`. Where faces need neither regions nor figures, their visibility is not computed, which is
-    most of the work in a scene of many occluders.
+    Parameters are those of `rastercov.regions`; `relaxed`, values in place of some `Rules` of all
+    cameras, with which criteria of the surface itself are not asked; and `only_task`: occluders
+    need no figures in `find`. Where faces need neither regions nor figures, their visibility is not
+    computed, which is most of the work in a scene of many occluders.
     """
 
     def __init__(
@@ -115,6 +116,7 @@ class RegionPass(ExactPass):
         method: str | Engine = "certified",
         threads: int | None = None,
         only_task: bool = False,
+        relaxed: Mapping[str, float] | None = None,
     ) -> None:
         check_scene(mesh, camera)
         self.task = Task() if task is None else task
@@ -127,14 +129,13 @@ class RegionPass(ExactPass):
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
         cameras = cameras_of(camera)
-        self._least = np.array(
-            [
-                each.min_pixels_per_m2 * _has_closed_form(own)
-                for own, each in zip(cameras, tasks, strict=True)
-            ]
-        )
+        limits: Any = relaxed or {}
+        pairs = list(zip(cameras, tasks, strict=True))
+        self._rules = [each.rules(own)._replace(**limits) for own, each in pairs]
+        least = [own.min_pixels_per_m2 for own in self._rules]
+        self._least = np.array(least) * [_has_closed_form(each) for each in cameras]
         self._scales = np.array([each.fx * each.fy for each in cameras])
-        self._tasks = tasks
+        self._tasks, self._of_surface = tasks, relaxed is None
         super().__init__(mesh, camera, engine, keeps_pieces=True)
         self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
@@ -156,8 +157,9 @@ class RegionPass(ExactPass):
 
     def _look_at(self, mesh: Mesh) -> None:
         """Set the faces that the surface itself lets be covered: by some camera, and by each."""
-        is_left = {each: own_reasons(mesh, each) == Reason.COVERED for each in self._tasks}
-        self._is_left = np.array([is_left[each] for each in self._tasks])
+        tasks = self._tasks if self._of_surface else [None] * len(self._tasks)
+        is_left = {each: own_reasons(mesh, each) == Reason.COVERED for each in tasks}
+        self._is_left = np.array([is_left[each] for each in tasks])
         has_area = frames_of(mesh).areas > 0
         self._is_asked = mesh.task_mask & has_area & self._is_left.any(axis=0)
 
@@ -202,7 +204,7 @@ class RegionPass(ExactPass):
 
     def _set_camera(self, index: int) -> None:
         camera = self.cameras[index]
-        own = _criteria(camera, self._tasks[index])
+        own = _criteria(camera, self._rules[index])
         self._solvers.set_camera(index, engine_camera(camera), own)
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
@@ -255,11 +257,11 @@ def _has_closed_form(camera: Camera) -> bool:
     return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 
 
-def _criteria(camera: Camera, task: Task) -> Any:
+def _criteria(camera: Camera, rules: Rules) -> Any:
     """Pointwise criteria in a pinhole, or in each ideal plane of a camera, for the engine."""
     from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
 
-    own, rules = engine_visibility.CameraTask(), task.rules(camera)
+    own = engine_visibility.CameraTask()
     if _has_closed_form(camera):
         rules = rules._replace(min_pixels_per_m2=0.0)  # see `PixelDensity`
     if camera.is_pinhole:

@@ -4,14 +4,13 @@ The pieces of a partition with fewer cameras than wanted are connected where the
 their boundary: within a face, and across an edge of the mesh. Faces that meet along a part of an
 edge only, as where a vertex lies on the edge of another face, are connected, too.
 
-The reason of a zone is that of most of some points of it, spread evenly over its area: for a point,
-the criterion that fails last, in the order of `rastercov.Reason`, in any camera.
+A zone ends at creases, where groups end, and where the reason changes: for a point, the criterion
+that fails last in any camera, see `rastercov.coverage.area.stages`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,25 +20,31 @@ from rastercov.base.arguments import checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import distance as in_metres
 from rastercov.base.format import signed
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera
-from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of, rows_of_result
-from rastercov.camera.viewpoints import fibonacci_sphere, look_at
-from rastercov.coverage.advice import advice, figures_of_point, general_advice, short_of
+from rastercov.camera.rig import Cameras, gates_of, names_of, rows_of_result
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.failures import failures_of_rows, first_failures
+from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.rows import limit_advice, tasks_of
+from rastercov.coverage.area.remedies import Remedies, Spot
+from rastercov.coverage.area.rows import limit_advice
+from rastercov.coverage.area.stages import Parts, divided
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.reasons import BASELINE, NAMES, REASONS, UNCERTAIN, Reason
+from rastercov.coverage.reasons import (
+    BASELINE,
+    NAMES,
+    NO_CAMERAS,
+    REASONS,
+    TOO_FEW_VIEWS,
+    UNCERTAIN,
+    UNSEEABLE,
+    Reason,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.groups import body_of
 from rastercov.mesh.topology import components_of
 
@@ -52,6 +57,10 @@ tolerance, so that lines that cross at more than 0.01 rad are not one."""
 OPEN_TOLERANCE_REL = 1e-6
 """Distance of open edges that are one: files in float32 have vertices that far from the edge on
 which they lie."""
+CREASE_DEG = 30.0
+"""Angle between the normals of faces at an edge up to which a zone goes on across it."""
+MOST_AT_A_LINE = 16
+"""Faces that meet at a line up to which each is compared with all others; more are apart."""
 SWEEP = np.array([0.4794, 0.6367, 0.6040])
 """Direction of the sweep in space; the first two, in a plane."""
 MOST_ZONES = 100
@@ -74,6 +83,10 @@ class DeadZones(FacePolygons):
         m^2, descending.
     piece_area : (N,) float64
         m^2.
+    reason : (N,) uint8
+        Row of `REASONS` of each piece, the same all over a zone.
+    doubt : (F,) float64
+        m^2 of a face up to which the area of a reason is not certain.
 
     Examples
     --------
@@ -82,14 +95,16 @@ class DeadZones(FacePolygons):
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))))
     >>> zones = rc.dead_zones(covered)
-    >>> len(zones), round(zones.places(1)[0]["area_m2"], 6)  # five sides, in one piece
-    (1, 0.2)
+    >>> len(zones), round(zones.places(1)[0]["area_m2"], 6)  # five sides
+    (5, 0.04)
     """
 
     views: NDArray[np.int32]
     zone: IntArray
     area: FloatArray
     piece_area: FloatArray
+    reason: NDArray[np.uint8]
+    doubt: FloatArray
 
     def __len__(self) -> int:
         return len(self.area)
@@ -109,7 +124,7 @@ class DeadZones(FacePolygons):
         >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))))
         >>> place = rc.dead_zones(covered).places(1)[0]
         >>> place["groups"], round(place["area_m2"], 6), round(place["percent"], 3)
-        (['mesh'], 0.2, 83.333)
+        (['mesh'], 0.04, 16.667)
         """
         mesh, n = self.mesh, min(max(int(n), 0), len(self.area))
         names = [group.name for group in mesh.groups]
@@ -136,6 +151,34 @@ class DeadZones(FacePolygons):
             found.append(entry)
         return found
 
+    def reasons(self, n: int) -> NDArray[np.uint8]:
+        """(n,) row of `REASONS` of the first zones."""
+        found = np.full(max(n, 0), NO_CAMERAS, np.uint8)
+        own = self.zone < n
+        found[self.zone[own]] = self.reason[own]
+        return found
+
+    def by_reason(
+        self, members: BoolArray, reason: NDArray[np.uint8] | None = None
+    ) -> dict[str, dict[str, float]]:
+        """Area of some faces, (F,), by the name of the reason, and percentage of their area.
+
+        `reason` is that of pieces unless given. The area of each is certain to `bound_m2`.
+        """
+        own = self.piece_area * members[self.face]
+        m2 = np.bincount(self.reason if reason is None else reason, own, len(NAMES))
+        doubt, total = float(self.doubt[members].sum()), frames_of(self.mesh).areas[members].sum()
+        factor = 100 / max(float(total), np.finfo(float).tiny)
+        return {
+            NAMES[row]: {
+                "m2": float(m2[row]),
+                "bound_m2": min(doubt, float(total)),
+                "area_percent": factor * float(m2[row]),
+            }
+            for row in np.argsort(-m2, kind="stable").tolist()
+            if m2[row] > SLIVER_REL * total
+        }
+
     def count(self) -> int:
         """Number of zones without those that are rounding."""
         return int((self.area > SLIVER_REL * self.total()).sum())
@@ -155,10 +198,14 @@ class DeadZones(FacePolygons):
         return float(frames_of(self.mesh).areas[self.mesh.task_mask].sum())
 
 
-def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
+def dead_zones(
+    covered: Covered,
+    views: ArrayLike | None = None,
+    network: tuple[Cameras, Task, Poses] | None = None,
+) -> DeadZones:
     """Connected parts of the task surface that fewer than `views` cameras cover.
 
-    Faces that no camera can ever see, see `rastercov.mesh.unseeable`, are in none of them.
+    Zones end at creases of more than `CREASE_DEG`, where groups end, and where the reason changes.
 
     Parameters
     ----------
@@ -166,6 +213,8 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
         What `rastercov.unite` gives.
     views : int, or (F,) int array_like, optional
         Cameras wanted, of all faces or of each, 1 ... k; k of `covered` unless given.
+    network : (Camera or Rig, Task, Poses), optional
+        What `covered` is of. Without it the reason is "too_few_views" or "unseeable".
 
     Raises
     ------
@@ -196,17 +245,33 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     areas = polygons.polygon_areas(whole.xy, whole.starts)
     frames = frames_of(mesh)
     seen = covered.area[0] / np.maximum(frames.areas, np.finfo(float).tiny)
-    is_left = unseeable_where_seen(mesh, seen) == 0
-    kept = (whole.views < wanted[whole.face]) & (areas > 0) & is_left[whole.face]
-    xy, starts = polygons.chosen(whole.xy, whole.starts, np.flatnonzero(kept))
-    face, number, areas = whole.face[kept], whole.views[kept], areas[kept]
-    parent = np.arange(len(face))
-    if len(face):
-        _link(mesh, xy, starts, face, parent)
+    is_unseeable = unseeable_where_seen(mesh, seen) > 0
+    is_dead = (whole.views < wanted[whole.face]) & (areas > 0)
+    is_open = is_dead & (whole.views == 0) & ~is_unseeable[whole.face]
+
+    is_left = (whole.views == 0) & (network is not None)
+    known = np.where(is_left, NO_CAMERAS, TOO_FEW_VIEWS)
+    known[is_unseeable[whole.face]] = UNSEEABLE
+    doubt = np.zeros(mesh.n_faces)
+
+    def taken(chosen: BoolArray) -> Parts:
+        rows = np.flatnonzero(chosen)
+        cut = polygons.chosen(whole.xy, whole.starts, rows)
+        return Parts(*cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint8))
+
+    kept, divisible = taken(is_dead & ~is_open), taken(is_open)
+    if network is not None and len(network[2]):
+        divisible, doubt = divided(covered, divisible, *network)
+    parts = Parts.joined(kept, divisible)
+    parent = np.arange(len(parts.face))
+    if len(parent):
+        _link(mesh, parts, parent)
     root = np.empty_like(parent)
     kernels.find_roots(parent, root)
     _, zone = np.unique(root, return_inverse=True)
-    return DeadZones(mesh, xy, starts, face, number, *_largest_first(zone, areas), areas)
+    areas = polygons.polygon_areas(parts.xy, parts.starts)
+    ranked = _largest_first(zone, areas)
+    return DeadZones(mesh, *parts[:4], *ranked, areas, parts.reason, doubt)
 
 
 def face_zones(mesh: Mesh, why: IntArray, views: IntArray) -> DeadZones:
@@ -229,7 +294,8 @@ def face_zones(mesh: Mesh, why: IntArray, views: IntArray) -> DeadZones:
     areas = frames_of(mesh).areas[face]
     ranked = _largest_first(components_of(len(face), near), areas)
     xy, starts = frames_of(mesh).corners[face].reshape(-1, 2), 3 * np.arange(len(face) + 1)
-    return DeadZones(mesh, xy, starts, face, views[face].astype(np.int32), *ranked, areas)
+    own = views[face].astype(np.int32), *ranked, areas, why[face].astype(np.uint8)
+    return DeadZones(mesh, xy, starts, face, *own, np.zeros(mesh.n_faces))
 
 
 def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -257,28 +323,31 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> ND
     return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
 
-def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Int32Array, parent: IntArray) -> None:
+def _link(mesh: Mesh, parts: Parts, parent: IntArray) -> None:
     """Link the pieces that are connected, by their parents."""
     from rastercov.native import area_zone as kernels
 
-    frames = frames_of(mesh)
+    frames, (xy, starts, face, _, reason) = frames_of(mesh), parts
     scale = mesh.diagonal
     scale = max(scale, 2.0**-20 * float(np.abs(mesh.bounds).max()))
     tolerance, least = TOLERANCE_REL * scale, LEAST_REL * scale
     boxes = polygons.boxes(xy, starts)
     interval = np.stack(polygons.extents(xy @ SWEEP[:2], starts), axis=1)
-    order = np.lexsort((interval[:, 0], face))
-    kernels.link_in_faces(xy, starts, face, boxes, interval, order, tolerance, least, parent)
+    kind = mesh.face_group[face] * np.int64(len(NAMES)) + reason
+    own = _classes(face, kind).astype(np.int32)
+    order = np.lexsort((interval[:, 0], own))
+    kernels.link_in_faces(xy, starts, own, boxes, interval, order, tolerance, least, parent)
 
     side = np.empty(len(xy), np.int64)
     kernels.find_sides(xy, starts, face, np.array(frames.corners), tolerance, side)
     at = np.flatnonzero(side >= 0)
-    piece = np.repeat(np.arange(len(face)), np.diff(starts))
-    piece_of = piece[at]
+    piece_of = np.repeat(np.arange(len(face)), np.diff(starts))[at]
     faces, after = face[piece_of].astype(np.int64), polygons.following(starts)[at]
     points = np.stack([to_world(mesh, faces, xy[rows]) for rows in (at, after)], axis=1)
+    inward = np.cross(frames.normal[faces], points[:, 1] - points[:, 0])
+    inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
     one, other, is_open = _edges(mesh, faces, side[at])
-    edge = one * mesh.n_vertices + other
+    edge = _smooth(_classes(one * mesh.n_vertices + other, kind[piece_of]), faces, inward)
     start = mesh.vertices[one]
     away = mesh.vertices[other] - start
     away /= np.linalg.norm(away, axis=1)[:, None]
@@ -287,19 +356,58 @@ def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Int32Array, parent
     order = np.lexsort((interval[:, 0], edge))
     kernels.link_along_edges(edge[order], interval[order], piece_of[order], face, least, parent)
 
-    rows = np.flatnonzero(is_open)
-    ends_in_space = points[rows]
-    interval = np.sort(ends_in_space @ SWEEP, axis=1)
-    order = np.argsort(interval[:, 0], kind="stable")
-    kernels.link_in_space(
-        ends_in_space[order],
-        interval[order],
-        piece_of[rows][order],
-        face,
-        OPEN_TOLERANCE_REL * scale,
-        10 * OPEN_TOLERANCE_REL * scale,
-        parent,
-    )
+    if not len(rows := np.flatnonzero(is_open)):
+        return
+    ends = points[rows]
+    interval = np.sort(ends @ SWEEP, axis=1)
+    interval -= interval.min()
+    step, open_rel = interval.max() + scale, OPEN_TOLERANCE_REL * scale
+
+    def in_space(row: IntArray, faces: Int32Array, of_class: IntArray, forest: IntArray) -> None:
+        """Link rows of open sides of one class: each class has a stretch of its own to sweep."""
+        shifted = interval + (of_class * step)[:, None]
+        order = np.argsort(shifted[:, 0], kind="stable")
+        swept = ends[order], shifted[order], row[order], faces
+        kernels.link_in_space(*swept, open_rel, 10 * open_rel, forest)
+
+    some, contact, found = faces[rows].astype(np.int32), np.arange(len(rows)), np.empty_like(rows)
+    in_space(np.arange(len(rows)), some, _classes(kind[piece_of[rows]]), contact)
+    kernels.find_roots(contact, found)
+    in_space(piece_of[rows], face, _smooth(found, some, inward[rows]), parent)
+
+
+def _classes(*keys: NDArray[np.integer[Any]]) -> IntArray:
+    """(N,) number of each row of keys, from 0."""
+    found = np.zeros(len(keys[0]), np.int64)
+    for key in keys:
+        each = np.unique(key, return_inverse=True)[1]
+        found = found * (int(each.max(initial=0)) + 1) + each
+        found = np.unique(found, return_inverse=True)[1].astype(np.int64)
+    return found
+
+
+def _smooth(line: IntArray, face: NDArray[np.integer[Any]], inward: FloatArray) -> IntArray:
+    """(N,) class of sides on a line: those of faces that go on smoothly across it.
+
+    Parameters
+    ----------
+    line, face : (N,) int
+        Line on which a side lies, and face of which it is one.
+    inward : (N, 3) float64
+        Unit vector in the plane of the face, from the side into it.
+    """
+    _, first, own = np.unique(_classes(line, face), return_index=True, return_inverse=True)
+    of_line = np.argsort(line[first], kind="stable")
+    ends = np.flatnonzero(np.diff(line[first][of_line], append=-1)) + 1
+    counts, pairs = np.diff(ends, prepend=0), [np.zeros((0, 2), np.int64)]
+    for count in np.unique(counts[(counts > 1) & (counts <= MOST_AT_A_LINE)]).tolist():
+        rows = of_line[(ends - count)[counts == count][:, None] + np.arange(count)]
+        a, b = np.triu_indices(count, 1)
+        pairs.append(np.stack([rows[:, a], rows[:, b]], axis=2).reshape(-1, 2))
+    both = np.concatenate(pairs)
+    cosine = np.einsum("ni,ni->n", *(inward[first[row]] for row in both.T))
+    is_smooth = cosine <= -math.cos(math.radians(CREASE_DEG))
+    return components_of(len(first), both[is_smooth])[own]
 
 
 def _edges(mesh: Mesh, faces: IntArray, side: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
@@ -330,11 +438,10 @@ PAIRS = 4_000_000
 """Pairs of point and camera up to which there are more than `LEAST_POINTS`: a few seconds."""
 ZONES = ("dead_zones", "other_dead_zones")
 """Keys of `summary_of`."""
-MOST_NEAREST = 12
-"""Poses that are compared for the one that comes nearest to covering a zone."""
-PLACES, NEARER = 64, (1.0, 0.7, 0.4)
-"""Directions in which a camera is moved around what is hidden from it, and shares of its distance.
-"""
+CHECKED = 128
+"""Points of a zone against which advice is held."""
+TRIED_PERCENT = 1.0
+"""Part of the task, in percent, from which advice for a zone is tried, beyond the first."""
 MOST_LINES = 5
 """Zones that have a line for people."""
 LEAST_PERCENT = 1e-3
@@ -348,7 +455,8 @@ def summary_of(
 
     A zone has its area, centroid (which may lie off a bent surface), extent, groups by falling
     area, reason, and for "occluded" the group that hides it most often, or None; `nearest`, the
-    pose that comes nearest to covering a point of it with its figures, and `advice` for it. Of a
+    pose that comes nearest to covering it with its figures; `advice`, with the change that was
+    `tried` where one covers half of it, see `rastercov.coverage.area.remedies`. Of a
     rig with a rule, `device` is the camera that is missed most, and the pose one of it; of a reason
     of light, the nearest lamp, or the one that is mirrored.
 
@@ -405,201 +513,104 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
 def _reasons(
     zones: DeadZones, camera: Cameras, task: Task, poses: Poses, n: int
 ) -> list[dict[str, Any]]:
-    """Reason and hiding group of the first n zones."""
-    if not len(poses):
-        nothing = {"reason": "no_cameras", "hidden_by": None, "nearest": None}
-        return [nothing | {"advice": general_advice("no_cameras")}] * n
+    """Reason, what hides it, and advice, of the first n zones."""
     if not n:
         return []
-    each = int(np.clip(PAIRS // (n * len(poses)), LEAST_POINTS, MOST_POINTS))
-    points, piece = points_of(zones, n, each)
-    face = zones.face[piece].astype(np.int64)
-    is_seen = zones.views[piece] > 0
-    reason = np.where(is_seen, Reason.COVERED, Reason.DEGENERATE).astype(np.uint8)
-    in_pose = np.full((len(poses), len(points)), Reason.COVERED, np.uint8)
     mesh = zones.mesh
-    hidden = np.zeros((len(points), len(mesh.groups)), np.int32)
-    rows = np.flatnonzero(~is_seen)
-    judged = failures_of_rows(mesh, camera, task, poses, points[rows], face[rows])
-    for pose, fails, hidden_by in judged:
-        # No camera covers these points: where none of the criteria fails, it is a coincident
-        # surface in front, or rounding.
-        why = np.where(fails == Reason.COVERED, np.uint8(Reason.OCCLUDED), fails)
-        reason[rows] = np.maximum(reason[rows], why)
-        in_pose[pose, rows] = why
-        at = np.flatnonzero(hidden_by >= 0)
-        np.add.at(hidden, (rows[at], mesh.face_group[hidden_by[at]]), 1)
-    zone, found, gates, spaces = zones.zone[piece], [], gates_of(camera), _Spaces(mesh)
-    for row in range(n):
-        of_zone = zone == row
-        winner = int(np.bincount(reason[of_zone]).argmax())
-        counts = hidden[of_zone & (reason == Reason.OCCLUDED)].sum(axis=0)
-        hides = winner == Reason.OCCLUDED and counts.any()
-        name = "too_few_views" if winner == Reason.COVERED else NAMES[winner]
-        hider = mesh.groups[int(counts.argmax())].name if hides else None
-        entry = {"reason": name, "hidden_by": hider}
-        of_reason = np.flatnonzero(of_zone & (reason == winner))
-        away = points[of_reason] - points[of_reason].mean(axis=0)
-        at = of_reason[(away**2).sum(axis=1).argmin()]  # the one in the middle
-        failing = np.flatnonzero(in_pose[:, at] == winner)
-        if gates and len(failing) and winner < BASELINE:
-            of_camera = np.bincount(poses.camera[np.nonzero(in_pose[:, of_reason] == winner)[0]])
-            device = int(of_camera.argmax())
-            entry["device"] = names_of(camera)[device]
-            own_poses = failing[poses.camera[failing] == device]
-            failing = own_poses if len(own_poses) else failing
-        if name == "occluded" and row < MOST_LINES and len(failing) > 1:
-            eyes = poses.world_from_camera[failing, :3, 3]
-            failing = failing[spaces.nearest_in_one_space(eyes, points[at], int(face[at]))]
-        surface = points[at], frames_of(mesh).normal[face[at]]
+    shares = 100 * zones.area[:n] / max(zones.total(), np.finfo(float).tiny)
+    n_tried = max(min(n, MOST_LINES), int((shares >= TRIED_PERCENT).sum()))
+    judged = _Judged.of(zones, camera, task, poses, n)
+    is_single = not (zones.views > 0).any() and task.views == 1 and task.min_angle_deg == 0
+    covered = zones.total() - float(zones.area.sum()) if is_single else None
+    remedies, found = Remedies(mesh, camera, task, poses, covered), []
+    points, piece = points_of(zones, n_tried, CHECKED)
+    spots = [
+        Spot.of(points[own], zones.face[piece[own]].astype(np.int64))
+        for own in np.arange(len(points)).reshape(n_tried, CHECKED)
+    ]
+    for row, winner in enumerate(zones.reasons(n).tolist()):
+        hider, device, failing = judged.of_zone(row, winner)
+        name = NAMES[winner]
+        entry: dict[str, Any] = {"reason": name, "hidden_by": hider}
+        spot = spots[row] if row < n_tried else judged.spot(row)
+        surface = spot.at, frames_of(mesh).normal[spot.face[spot.middle]]
         if len(failing) and (name_of := device_of(camera, poses[failing[:1]], *surface, winner)):
-            entry["device"] = name_of
-        own = mesh.groups[mesh.face_group[face[at]]].name
+            device = name_of
+        if device:
+            entry["device"] = device
+        own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
         before = "" if hider is None else body_of(hider)
         before = "another part of it" if before == body_of(own) else before
-        said = _nearest(camera, task, poses[failing], *surface, name, before)
+        entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
         if winner in (BASELINE, UNCERTAIN) and row < MOST_LINES:
             rows = rows_of_result(camera, poses)
-            own_poses = poses[np.isin(rows, rows[failing])]
-            on = own_poses, points[of_reason], face[of_reason]
-            said["advice"] = (
-                limit_advice(failures_of_rows, mesh, camera, task, *on) or said["advice"]
-            )
-        if name == "occluded" and row < MOST_LINES and said["nearest"]:
-            best = poses[np.flatnonzero(poses.ids == said["nearest"]["pose"])]
-            sight = where_seen(mesh, camera, task, best, points[at], int(face[at]))
-            said["advice"] = sight.format(said["advice"], before or "a surface")
-        found.append(entry | said)
+            on = poses[np.isin(rows, rows[failing])], spot.points, spot.face
+            if said := limit_advice(failures_of_rows, mesh, camera, task, *on):
+                entry |= {"advice": said, "tried": None}
+        found.append(entry)
     return found
 
 
-def _nearest(
-    camera: Cameras,
-    task: Task,
-    poses: Poses,
-    point: FloatArray,
-    normal: FloatArray,
-    name: str,
-    hider: str,
-) -> dict[str, Any]:
-    """`advised` for a point, by the nearest `MOST_NEAREST` of poses that fail for one reason."""
-    if name.upper() not in Reason.__members__ or not len(poses):
-        return {"nearest": None, "advice": general_advice(name)}
-    some, cameras = nearest_to(poses, point), cameras_of(camera)
-    figures = [
-        figures_of_point(cameras[of], pose, point, normal)
-        for pose, of in zip(some.world_from_camera, some.camera, strict=True)
-    ]
-    own = tasks_of(camera, task)
-    # Thresholds are compared among poses of one camera, or of the same task.
-    row = nearest_row(name, figures, own[some.camera[0]])
-    task = own[some.camera[row]]
-    return advised(camera, task, some[row : row + 1], figures[row], point[None], name, hider)
-
-
-def nearest_to(poses: Poses, point: FloatArray) -> Poses:
-    """The nearest `MOST_NEAREST` of some poses to a point, in their own order."""
-    away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - point, axis=1)
-    return poses[np.sort(np.argsort(away, kind="stable")[:MOST_NEAREST])]
-
-
-def nearest_row(name: str, figures: Sequence[Mapping[str, float]], task: Task) -> int:
-    """Row of the figures of the pose that comes nearest to covering, of those of one reason.
-
-    That with the least missing factor, or seen least flatly; the first of equals.
-    """
-
-    def missing(row: int) -> float:
-        short = short_of(figures[row], task) if name == "too_coarse" else None
-        flat = figures[row]["incidence"] if name == "too_oblique" else 0.0
-        return short.factor if short else flat
-
-    return min(range(len(figures)), key=missing)
-
-
-def advised(
-    camera: Cameras,
-    task: Task,
-    pose: Poses,
-    figures: Mapping[str, float],
-    points: FloatArray,
-    name: str,
-    hider: str,
-) -> dict[str, Any]:
-    """`nearest`, a pose with its figures, and `advice` for it to cover points (N, 3)."""
-    depth, eye = to_camera(points, pose.world_from_camera[0])[:, 2], cameras_of(camera)
-    more = {key: each for key, each in figures.items() if key not in ("distance", "incidence")}
-    return {
-        "nearest": {
-            "pose": int(pose.ids[0]),
-            "distance_m": figures["distance"],
-            "incidence_deg": math.degrees(figures["incidence"]),
-            **more,
-        },
-        "advice": advice(name, figures, depth, task, eye[pose.camera[0]], hider),
-    }
-
-
 @dataclass(frozen=True, eq=False)
-class _Spaces:
-    """Spaces of a scene: a wall between two rooms divides them, a crate in a room does not."""
+class _Judged:
+    """Some points of zones, held against every camera, of N points by P poses.
 
-    mesh: Mesh
-
-    @cached_property
-    def _tree(self) -> tuple[TriangleTree, IntArray, FloatArray, float]:
-        """Tree of what hides, row of each face in it, and middle and size of the scene."""
-        mesh = self.mesh
-        solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-        middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
-        row = np.full(mesh.n_faces, -1)
-        row[solid] = np.arange(len(solid))
-        tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[solid])
-        return tree, row, middle, size
-
-    def nearest_in_one_space(self, eyes: FloatArray, point: FloatArray, face: int) -> IntArray:
-        """Rows of centres (P, 3) that see a place which sees a point of a face, or of all.
-
-        Of the `MOST_NEAREST` that are nearest to the point, at the places of `where_seen`.
-        """
-        tree, own, middle, size = self._tree
-        away = np.linalg.norm(eyes - point, axis=1)
-        near = np.argsort(away, kind="stable")[:MOST_NEAREST]
-        n = len(NEARER) * PLACES
-        reach = np.multiply.outer(away[near], np.array(NEARER))
-        places = point + np.multiply.outer(reach, fibonacci_sphere(PLACES)).reshape(-1, 3)
-        ends = np.concatenate([np.broadcast_to(point, places.shape), np.repeat(eyes[near], n, 0)])
-        starts = (np.concatenate([places, places]) - middle) / size
-        along = (ends - middle) / size - starts
-        length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
-        but = np.concatenate([np.full(len(places), own[face]), np.full(len(places), -1)])
-        hits = tree.first_hits(starts, along / length[:, None], length, but)
-        is_one = (hits.reshape(2, len(near), n).max(axis=0) < 0).any(axis=1)
-        return near[is_one] if is_one.any() else np.arange(len(eyes))
-
-
-def where_seen(
-    mesh: Mesh, camera: Cameras, task: Task, pose: Poses, point: FloatArray, face: int
-) -> str:
-    """Advice with the nearest place to which one camera is moved to cover a point that is hidden.
-
-    Of `PLACES` around the point, at each of `NEARER` of its distance, where it looks at the point.
-    The text wants what is known without it, and the name of what hides the point.
+    Attributes
+    ----------
+    points, face, zone : (N, 3) float64, (N,) int64, (N,) int64
+    in_pose : (P, N) uint8
+        `Reason` in each pose; `COVERED` for points that are in none of them.
+    hidden : (N, G) int32
+        Cameras from which each group hides a point.
     """
-    eye = pose.world_from_camera[0, :3, 3]
-    away = float(np.linalg.norm(eye - point))
-    around = np.multiply.outer(away * np.array(NEARER), fibonacci_sphere(PLACES))
-    places = point + around.reshape(-1, 3)
-    moves = np.linalg.norm(places - eye, axis=1)
-    order = np.argsort(moves, kind="stable")
-    poses = Poses.of(look_at(places[order], point), camera=pose.camera.repeat(len(order)))
-    judged = first_failures(mesh, camera, task, poses, point[None], np.array([face]))
-    for row, (reason, _) in zip(order.tolist(), judged, strict=True):
-        if reason[0] == Reason.COVERED:
-            digits = int(np.clip(2 - math.floor(math.log10(away)), 0, 9))
-            place = ", ".join(signed(value, digits) for value in places[row].tolist())
-            return f"{{0}}: by {in_metres(float(moves[row]))}, to ({place}) m"
-    return f"{{1}} is between, and none of {len(order)} places within {in_metres(away)} covers it"
+
+    zones: DeadZones
+    camera: Cameras
+    poses: Poses
+    points: FloatArray
+    face: IntArray
+    zone: IntArray
+    in_pose: NDArray[np.uint8]
+    hidden: Int32Array
+
+    @classmethod
+    def of(cls, zones: DeadZones, camera: Cameras, task: Task, poses: Poses, n: int) -> "_Judged":
+        """Points of the first n zones."""
+        each = int(np.clip(PAIRS // (n * max(1, len(poses))), LEAST_POINTS, MOST_POINTS))
+        points, piece = points_of(zones, n, each)
+        face, mesh = zones.face[piece].astype(np.int64), zones.mesh
+        in_pose = np.full((len(poses), len(points)), Reason.COVERED, np.uint8)
+        hidden = np.zeros((len(points), len(mesh.groups)), np.int32)
+        rows = np.flatnonzero((zones.views[piece] == 0) & (zones.reason[piece] != UNSEEABLE))
+        judged = failures_of_rows(mesh, camera, task, poses, points[rows], face[rows])
+        for pose, fails, hidden_by in judged if len(poses) else ():
+            # No camera covers these points: where none of the criteria fails, it is a coincident
+            # surface in front, or rounding.
+            why = np.where(fails == Reason.COVERED, np.uint8(Reason.OCCLUDED), fails)
+            in_pose[pose, rows] = why
+            at = np.flatnonzero(hidden_by >= 0)
+            np.add.at(hidden, (rows[at], mesh.face_group[hidden_by[at]]), 1)
+        return cls(zones, camera, poses, points, face, zones.zone[piece], in_pose, hidden)
+
+    def spot(self, row: int) -> Spot:
+        """Points of a zone."""
+        own = self.zone == row
+        return Spot.of(self.points[own], self.face[own])
+
+    def of_zone(self, row: int, winner: int) -> tuple[str | None, str, IntArray]:
+        """Group that hides most of a zone, camera of a rule that fails, and poses that fail so."""
+        own = np.flatnonzero(self.zone == row)
+        fails = self.in_pose[:, own] == winner
+        failing = np.flatnonzero(fails.any(axis=1))
+        failing = failing[np.argsort(-fails[failing].sum(axis=1), kind="stable")]
+        counts, device = self.hidden[own].sum(axis=0), ""
+        hides = winner == Reason.OCCLUDED and counts.any()
+        hider = self.zones.mesh.groups[int(counts.argmax())].name if hides else None
+        if gates_of(self.camera) and len(failing) and winner < BASELINE:
+            of_camera = np.bincount(self.poses.camera[np.nonzero(fails)[0]])
+            device = names_of(self.camera)[int(of_camera.argmax())]
+            failing = failing[self.poses.camera[failing] == of_camera.argmax()]
+        return hider, device, failing
 
 
 def points_of(zones: DeadZones, n: int, each: int) -> tuple[FloatArray, IntArray]:

@@ -72,7 +72,7 @@ class Parts {
         copy_polygon(polygon, n, (*this)[0]);
         counts[0] = n;
     }
-    exact::Pieces view() { return {{xy.data(), {room(), PIECE_ROOM}}, {counts.data(), {room()}}}; }
+    exact::Pieces view() { return {{xy.data(), {room(), PIECE_ROOM, 2}}, {counts.data(), {room()}}}; }
 
   private:
     std::vector<double> xy;

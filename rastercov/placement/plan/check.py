@@ -426,9 +426,11 @@ def record(checked: Checked) -> dict[str, Any]:
     zone, and the area of the face in it, m^2.
     """
     told = to_json(checked)
-    if checked.cameras.areas is None:
+    plan, cameras = checked.plan, checked.cameras
+    if cameras.areas is None:
         return told
-    zones = checked.cameras.areas.zones(views_by_group(checked.plan, checked.asked_views))
+    wanted = views_by_group(plan, checked.asked_views)
+    zones = cameras.areas.zones(plan.rig, cameras.placed, wanted)
     pairs, pieces = np.unique((zones.zone, zones.face), axis=1, return_inverse=True)
     square_metres = np.bincount(pieces.ravel(), zones.piece_area)
     rows = np.column_stack((checked.mesh.centroids[pairs[1]], pairs[0], square_metres))

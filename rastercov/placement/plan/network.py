@@ -471,7 +471,7 @@ def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
         by_group = views_by_group(plan, views)
-        cameras.areas.add_to(found, by_group)
+        cameras.areas.add_to(found, plan.rig, cameras.placed, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
         if of_time := cameras.areas.of_time():
             return found | of_time

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.files import suffix_of
 from rastercov.base.format import percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, check_memory
@@ -83,6 +84,8 @@ OF_A_MATRIX = (
     "sha256/*.sha256",
 )
 """Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
+STATES_UNIT = {".3mf", ".step", ".stp", ".ifc"}
+"""Files that state their unit; most .dae do."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""
 MOST_LISTED_PAIRS = 50_000_000
@@ -151,6 +154,8 @@ class Prepared:
         True where the pairs of the matrix are bits on the disk, not lists in the memory.
     tally : Tally
         Time of the workers that measured candidates, where there were any.
+    is_beyond : bool
+        True where it is proved that all candidates together do not reach the goal of the plan.
     permitted : mapping of str to (C,) float64
         Share that each candidate may cover of what a goal permits up to a limit, by its name.
     """
@@ -175,6 +180,7 @@ class Prepared:
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
     tally: Tally = field(default_factory=Tally)
+    is_beyond: bool = False
     permitted: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
@@ -273,7 +279,8 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         lines = _of_rules(objectives, plan.mounts, left)
         if not lines and not problem.reachable.any():
             what = "no face" if cells is None else "no cell"
-            lines = [_why_nothing(observer, some, task, what)]
+            see = ", see meshes.unit" if _has_open_unit(plan) else ""
+            lines = [_why_nothing(observer, some, task, what) + see]
         notes += lines
     # The lists of a matrix are freed here: the problem has their bits.
     return Prepared(
@@ -507,6 +514,8 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
 def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
     """End of a line about candidates that are all rejected: the unit, where it is in doubt."""
     reach = no_limit(plan.constraints.stand_off)[1]
+    if not _has_open_unit(plan):
+        return ""
     lines = unit_doubts(mesh, plan.rig, plan.mounts.cameras(proposed.placed)[0], reach)
     return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
@@ -543,7 +552,17 @@ def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:
     )
     return (
         f"{what} is covered, whichever candidates are chosen; of the faces before a camera: "
-        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}, see meshes.unit"
+        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}"
+    )
+
+
+def _has_open_unit(plan: Plan) -> bool:
+    """True where a mesh is of a file that may not state its unit."""
+    paths = [plan.folder / entry.path for entry in plan.meshes if entry.path is not None]
+    return any(
+        suffix_of(path) not in STATES_UNIT
+        and not (suffix_of(path) == ".dae" and b"meter=" in path.read_bytes())
+        for path in paths
     )
 
 

@@ -6,6 +6,7 @@ The selection is saved before any step that may improve it. Where the result is 
 are selected and moved on cells of the surface, and the network is measured by its exact area.
 """
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, InOneLine
+from rastercov.base.format import InNotebook, InOneLine, area, percent
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import own_place
 from rastercov.camera.formats import read_views
@@ -26,7 +27,9 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
+from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.coverage import in_batches
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import listed, rows_of
@@ -50,6 +53,7 @@ from rastercov.placement.plan.goals import (
 )
 from rastercov.placement.plan.lamps import LampChoice, Lighting
 from rastercov.placement.plan.network import (
+    FAILS,
     HOLDS,
     CellRequirement,
     Measured,
@@ -83,6 +87,9 @@ from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
 from rastercov.shards import Workers
 
+LOG = logging.getLogger("rastercov")
+MOST_MISSING = 3
+"""Reasons, and groups of each, in a line on a goal that is out of reach."""
 TURNS = 2
 """Times that cameras, and then lamps for these, are chosen."""
 RAISES = 8
@@ -288,6 +295,10 @@ class Run:
             prepared = prepare(job, objectives)
             if objectives.cells is not None and over_time is None:
                 prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
+                prepared = _with_shortfall(prepared, objectives.cells.finder, self.clock)
+            if _is_lowered(prepared):
+                for line in prepared.notes:
+                    LOG.warning(line)
             with self.clock("selection"):
                 chosen = _selected(prepared)
             placement = _placed(prepared, chosen, objectives, self.clock.seconds)
@@ -525,11 +536,17 @@ def _is_of_reachable(selection: SelectionSection) -> bool:
 
 def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
     """With the exact area of all candidates where shares are of it and it is affordable."""
+    if not _is_of_reachable(prepared.selection):
+        return prepared
+    return replace(prepared, reachable=_area_of_all(prepared, finder, clock))
+
+
+def _area_of_all(prepared: Prepared, finder: RegionPass, clock: Clock) -> AreaNetwork | None:
+    """Exact area that all candidates together cover; None where it is not affordable."""
     poses = prepared.measured
     is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
-    is_affordable &= not finder.task.min_angle_deg  # of all pairs of candidates
-    if not _is_of_reachable(prepared.selection) or not is_affordable:
-        return prepared
+    if not is_affordable or finder.task.min_angle_deg:  # of all pairs of candidates
+        return None
     areas = AreaNetwork(prepared.mesh, finder.task)
     rows, done = rows_of_result(finder.camera, poses), 0
     with clock("area of all candidates") as progress:
@@ -537,7 +554,54 @@ def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
             areas.add(gated(finder.find(some, closed=areas.closed), finder.camera, some))
             done += len(some)
             progress(done, len(poses))
-    return replace(prepared, reachable=areas)
+    return areas
+
+
+def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
+    """With lines on a goal that all candidates together do not reach, where that is proved."""
+    plan, poses = prepared.plan, prepared.measured
+    if not _is_lowered(prepared) or plan.task.weight_by != "area":
+        return prepared
+    areas = _area_of_all(prepared, finder, clock)
+    if areas is None:
+        return prepared
+    required = judge_areas(areas, limits_of(prepared.selection), plan.task.views)
+    failing = [each for each in required if each.status == FAILS]
+    if not failing:
+        return prepared
+    wanted = views_by_group(plan, None)
+    with clock("what candidates leave"):
+        zones = areas.zones(finder.camera, poses, wanted)
+        listed_zones = areas.dead_zones(finder.camera, poses, wanted)["dead_zones"]
+    mesh, lines = prepared.mesh, list[str]()
+    for each in failing:
+        names = [group.name for group in mesh.groups]
+        own = list(range(len(names))) if each.group is None else rows_of(names, each.group)
+        members = mesh.task_mask & np.isin(mesh.face_group, own)
+        missing = [
+            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
+            + _by_group(zones, own, NAMES.index(name))
+            for name, share in zones.by_reason(members).items()
+        ]
+        lines.append(
+            f"out of reach: {each.name}, of which all candidates together cover "
+            f"{percent(each.high)} at most, {percent(each.limit)} wanted; missing: "
+            f"{', '.join(missing)}"
+        )
+    tried = [zone for zone in listed_zones if zone["tried"]]
+    lines += [f"what would help most: {zone_line(zone)}; {zone['advice']}" for zone in tried[:1]]
+    return replace(prepared, notes=(*prepared.notes, *lines), is_beyond=True)
+
+
+def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
+    """The groups with most of what is missing for a reason, where there are several."""
+    mesh = zones.mesh
+    own = zones.piece_area * (zones.reason == reason)
+    m2 = np.bincount(mesh.face_group[zones.face], own, len(mesh.groups))[list(rows)]
+    if len(rows) < 2 or not m2.any():
+        return ""
+    order = [at for at in np.argsort(-m2, kind="stable")[:MOST_MISSING] if m2[at] > 0]
+    return f" ({', '.join(f'{mesh.groups[rows[at]].name} {area(m2[at])}' for at in order)})"
 
 
 def _is_short(placement: Placement) -> bool:
@@ -792,7 +856,8 @@ def _explain_uncovered(
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.over_time is not None:
         return replace(placement, leftover=found)
-    zones = areas.zones(views_by_group(prepared.plan, None))
+    network = prepared.plan.rig, placement.cameras.placed
+    zones = areas.zones(*network, views_by_group(prepared.plan, None))
     withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
     return replace(placement, leftover=found, withheld=withheld)
 
@@ -817,7 +882,11 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 STEPS: tuple[Improvement, ...] = (
     ("area", lambda found: found.prepared.cells is not None, _by_area),
     ("arm", lambda found: found.arm is not None and found.arm.is_hidden.any(), _seen_past_arm),
-    ("stricter selection", lambda found: found.cameras.areas and _is_short(found), _selected_anew),
+    (
+        "stricter selection",
+        lambda found: found.cameras.areas and _is_short(found) and not found.prepared.is_beyond,
+        _selected_anew,
+    ),
     ("limits of goals", _is_over, _within_limits),
     ("fewer cameras", _is_timed, _shortest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),

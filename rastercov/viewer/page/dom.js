@@ -137,15 +137,18 @@ export function keepingFocus(parent, rebuild) {
 /** CSS colour of [r, g, b], 0 to 255. */
 export const cssColour = ([r, g, b]) => `rgb(${r}, ${g}, ${b})`;
 
-/** Direction of the gradient of each line of a hatch: / has bit 1, its mirror image 2, | 4, - 8. */
-const HATCH_ANGLES = [135, 45, 90, 0];
+/** Backgrounds of a hatch: lines / have bit 1, their mirror image 2, | 4, - 8, and dots 16. */
+const HATCHES = [
+  ...[135, 45, 90, 0].map(
+    (angle) => `repeating-linear-gradient(${angle}deg, #ffffff73 0 1.5px, transparent 1.5px 5px)`,
+  ),
+  "radial-gradient(#ffffff73 1.5px, transparent 1.5px) 0 0 / 5px 5px",
+];
 
 /** Background of a colour under the paler lines of a hatch. */
 export const cssHatch = (colour, hatch = 0) =>
   [
-    ...HATCH_ANGLES.filter((_, bit) => (hatch >> bit) & 1).map(
-      (angle) => `repeating-linear-gradient(${angle}deg, #ffffff73 0 1.5px, transparent 1.5px 5px)`,
-    ),
+    ...HATCHES.filter((_, bit) => (hatch >> bit) & 1),
     `linear-gradient(${cssColour(colour)} 0 0)`,
   ].join(", ");
 

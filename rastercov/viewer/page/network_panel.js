@@ -23,7 +23,7 @@ function reasons(session) {
   const show = () => {
     const because = Object.entries(session.figures?.summary.not_covered_because ?? {});
     const rows = because
-      .filter(([, row]) => row.faces > 0)
+      .filter(([, row]) => (row.faces ?? row.m2) > 0)
       .sort((a, b) => b[1].area_percent - a[1].area_percent);
     fill(
       table,

@@ -1,0 +1,227 @@
+"""Attack on reasons: what is said of the zone of a point is true of the point.
+
+Points of random scenes are judged one by one, by `rastercov.reference.regions`: rooms, buildings
+and loose triangles, seen by pinholes, lenses, panoramas and rigs with a rule. At every point
+farther than `EDGE_REL` from a border the reason of its zone is that of the point, in whatever
+order the cameras come; areas by reason add up to what is not covered.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from rows import Report
+from scenes import joined
+
+import rastercov as rc
+from rastercov.coverage.area.frames import rows_at
+from rastercov.coverage.area.zones import DeadZones, dead_zones
+from rastercov.coverage.reasons import NAMES, UNSEEABLE
+from rastercov.reference.regions import points_on, reasons_of_points
+
+FloatArray = NDArray[np.float64]
+Reasons = NDArray[np.uint8]
+
+SCENES, POINTS = 200, 560
+EDGE_REL = 1e-4
+"""Distance from a border up to which a point is near it, relative to the diagonal: what lenses
+leave undecided is 2e-5 of it wide."""
+AROUND = 12
+"""Points around one that is off, of which one of another reason shows a border."""
+
+
+@dataclass
+class Score:
+    """Points compared, and the seeds of the scenes of those that were wrong."""
+
+    points: int = 0
+    dead: int = 0
+    near: int = 0
+    wrong: list[int] = field(default_factory=list)
+    unequal: int = 0
+    """Scenes in which another order of cameras has other areas."""
+    sums: float = 0.0
+    """Largest distance of the sum of areas by reason from what is missing, in its bound."""
+    kinds: dict[str, int] = field(default_factory=dict)
+
+
+def attack(report: Report, effort: float) -> None:
+    """Add the rows of this campaign; `effort` 1 is 200 scenes of 560 points."""
+    score = Score()
+    for seed in range(max(8, round(SCENES * effort))):
+        compare(seed, score)
+    report.add("reasons: points judged", score.points, "points")
+    report.add("reasons: points that no camera covers", score.dead, "points")
+    report.add("reasons: points near a border that differ", score.near, "points")
+    for name, n in sorted(score.kinds.items()):
+        report.add(f"reasons: {name}", n, "points")
+    report.add("reasons: wrong away from borders", len(score.wrong), "points", at_most=0)
+    report.add("reasons: scenes where the order of cameras matters", score.unequal, "", at_most=0)
+    report.add("reasons: sums of areas, in bounds", score.sums, "", at_most=1.0)
+
+
+def compare(seed: int, score: Score) -> None:
+    """Hold the zones of one scene against its points."""
+    rng = np.random.default_rng([seed, 58])
+    mesh, camera, poses, task = scene(rng)
+    size = mesh.diagonal
+    points, face = points_on(mesh, POINTS, seed)
+    truth = reasons_of_points(mesh, camera, poses, task, points, face)
+    zones, covered = zones_of(mesh, camera, poses, task)
+    found = at_points(zones, points, face)
+    is_proved = (found == UNSEEABLE) & (truth <= rc.Reason.OCCLUDED)  # by the points alone
+    off = np.flatnonzero((found != truth) & ~is_proved & mesh.task_mask[face])
+    near = np.zeros(len(points), np.bool_)
+    for row in off.tolist():
+        around = points[row] + EDGE_REL * size * _in_plane(mesh.normals[face[row]], rng)
+        of_face = np.repeat(face[row], AROUND)
+        is_in = _inside(mesh, around, of_face)
+        other = reasons_of_points(mesh, camera, poses, task, around, of_face)
+        near[row] = not is_in.all() or (other != truth[row]).any()
+    is_task = mesh.task_mask[face]
+    score.points += int(is_task.sum())
+    score.dead += int((is_task & (truth != rc.Reason.COVERED)).sum())
+    score.near += int(near.sum())
+    score.wrong += [seed] * int((~near[off]).sum())
+    for name in [NAMES[each] for each in truth[is_task]]:
+        score.kinds[name] = score.kinds.get(name, 0) + 1
+    missing = mesh.areas[mesh.task_mask].sum() - covered.area[0][mesh.task_mask].sum()
+    bound = covered.bound.sum() + 1e-9 * mesh.areas.sum()
+    total = sum(each["m2"] for each in zones.by_reason(mesh.task_mask).values())
+    score.sums = max(score.sums, abs(total - missing) / bound)
+    order = rng.permutation(len(poses))
+    other, _ = zones_of(mesh, camera, poses[order], task)
+    one, same = (_areas(each) for each in (zones, other))
+    score.unequal += not np.allclose(one, same, rtol=0, atol=2 * float(zones.doubt.sum()) + bound)
+
+
+def zones_of(mesh, camera, poses, task) -> tuple[DeadZones, rc.Covered]:
+    """Dead zones of a network, and what it covers."""
+    placed = camera.poses(poses) if isinstance(camera, rc.Rig) else rc.Poses.of(poses)
+    covered = rc.unite(rc.regions(mesh, camera, placed, task))
+    return dead_zones(covered, 1, (camera, task, placed)), covered
+
+
+def at_points(zones: DeadZones, points: FloatArray, face) -> Reasons:
+    """(N,) row of `REASONS` of the zones of points, `COVERED` for those of none."""
+    rows = rows_at(zones, zones.reason.astype(np.int32), len(NAMES), face, points)
+    none = np.uint8(rc.Reason.COVERED)
+    return np.where(rows.any(axis=1), rows.argmax(axis=1).astype(np.uint8), none)
+
+
+def _areas(zones: DeadZones) -> FloatArray:
+    return np.bincount(zones.reason, zones.piece_area, len(NAMES))
+
+
+def _in_plane(normal: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Unit vectors around, at right angles to a normal."""
+    away = rng.normal(size=(AROUND, 3))
+    away -= np.outer(away @ normal, normal)
+    return np.asarray(away / np.linalg.norm(away, axis=1)[:, None])
+
+
+def _inside(mesh: rc.Mesh, points: FloatArray, face) -> NDArray[np.bool_]:
+    """Points that are within their triangles."""
+    corners = mesh.vertices[mesh.faces[face]]
+    sides = [
+        np.cross(corners[:, (k + 1) % 3] - corners[:, k], points - corners[:, k]) for k in range(3)
+    ]
+    normals = mesh.normals[face]
+    return np.min([np.einsum("ni,ni->n", side, normals) for side in sides], axis=0) > 0
+
+
+# --- scenes ---------------------------------------------------------------------------------------
+
+
+def scene(rng: np.random.Generator):
+    """Mesh, camera or rig, its poses and a task."""
+    mesh, eyes, targets = (room, yard, soup)[rng.integers(3)](rng)
+    part = mesh.topology.components()
+    roles = [
+        rc.Group(f"part {row}", is_occluder=row > 0 and a < 0.2, is_two_sided=b < 0.2)
+        for row, (a, b) in enumerate(rng.random((int(part.max()) + 1, 2)))
+    ]
+    mesh = rc.Mesh(mesh.vertices, mesh.faces, roles, part)
+    reach = float(np.linalg.norm(eyes - targets, axis=1).mean())
+    camera, focal = a_camera(rng, reach)
+    density = focal / reach * rng.uniform(0.4, 1.2)
+    limits = {
+        "max_incidence_deg": float(rng.uniform(40, 85)),
+        "min_facing_density": density,
+        "min_pixels_per_m2": density**2 * rng.uniform(0.3, 1),
+    }
+    task = rc.Task(**{name: value for name, value in limits.items() if rng.random() < 0.5})
+    poses = rc.look_at(eyes, targets)
+    if rng.random() < 0.35:
+        return mesh, a_rig(rng, camera, reach), poses[:2], task
+    return mesh, camera, poses, task
+
+
+def room(rng: np.random.Generator):
+    """A room with crates, seen from below its ceiling."""
+    size = rng.uniform(3, 9, 3) * (1, 1, 0.5)
+    walls = rc.shapes.box(size, int(rng.integers(1, 4)))
+    crates = [
+        rc.shapes.box(rng.uniform(0.3, 1.5, 3), 1, (rng.uniform(-0.4, 0.4, 3)) * size)
+        for _ in range(rng.integers(1, 5))
+    ]
+    mesh = joined(rc.Mesh(walls.vertices, walls.faces[:, ::-1]), *crates)
+    n = int(rng.integers(1, 4))
+    eyes = rng.uniform(-0.48, 0.48, (n, 3)) * size
+    return mesh, eyes, rng.uniform(-0.4, 0.4, (n, 3)) * size
+
+
+def yard(rng: np.random.Generator):
+    """Solids on the ground, seen from around."""
+    ground = rc.shapes.box((20, 20, 0.2), int(rng.integers(1, 4)), (0, 0, -0.2))
+    solids = []
+    for _ in range(rng.integers(1, 5)):
+        low = rng.uniform(1, 5, 3)
+        place = np.array([*rng.uniform(-7, 7, 2), low[2] / 2 + rng.uniform(0, 0.5)])
+        solids.append(rc.shapes.box(low, 1, place))
+    n = int(rng.integers(1, 4))
+    turn = rng.uniform(0, 2 * np.pi, n)
+    eyes = np.stack([14 * np.cos(turn), 14 * np.sin(turn), rng.uniform(1, 9, n)], axis=1)
+    return joined(ground, *solids), eyes, rng.uniform(-3, 3, (n, 3)) * (1, 1, 0.3)
+
+
+def soup(rng: np.random.Generator):
+    """Loose triangles."""
+    n = int(rng.integers(12, 40))
+    corners = rng.uniform(-2, 2, (n, 1, 3)) + rng.uniform(-1.5, 1.5, (n, 3, 3))
+    mesh = rc.Mesh(corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3))
+    count = int(rng.integers(1, 4))
+    away = rng.normal(size=(count, 3))
+    eyes = away / np.linalg.norm(away, axis=1)[:, None] * rng.uniform(3, 8, (count, 1))
+    return mesh, eyes, rng.uniform(-1, 1, (count, 3))
+
+
+def a_camera(rng: np.random.Generator, reach: float) -> tuple[rc.Camera, float]:
+    """A camera and its focal length in pixels."""
+    focal = 400 * 10 ** rng.uniform(-0.3, 0.3)
+    own = {"width": 640, "height": 480, "fx": focal, "fy": focal}
+    if rng.random() < 0.5:
+        own["focus_range"] = (reach * rng.uniform(0.3, 0.8), reach * rng.uniform(1, 1.6))
+    kind = rng.random()
+    if kind < 0.2:
+        own |= {"model": "opencv", "distortion": (-0.1, 0.02, 0.001, 0.0, 0.0)}
+    elif kind < 0.35:
+        own |= {"model": "opencv_fisheye", "distortion": (0.01, 0.0, 0.0, 0.0)}
+    elif kind < 0.45:
+        focal = 640 / (2 * np.pi)
+        own |= {"model": "equirectangular", "height": 320, "fx": focal, "fy": focal}
+    return rc.Camera(**own), focal
+
+
+def a_rig(rng: np.random.Generator, camera: rc.Camera, reach: float) -> rc.Rig:
+    """Two cameras side by side, or three of which one is needed."""
+    n = int(rng.integers(2, 4))
+    places = np.repeat(np.eye(4)[None], n, axis=0)
+    places[:, 0, 3] = np.arange(n) * reach * rng.uniform(0.05, 0.3)
+    names = [f"eye {row}" for row in range(n)]
+    rules = [
+        rc.All(),
+        rc.All(min_baseline_deg=float(rng.uniform(1, 15))),
+        rc.AtLeast(2, [names[-1]]),
+    ]
+    return rc.Rig([camera] * n, names, places, rule=rules[rng.integers(3)])

@@ -1,0 +1,407 @@
+"""Advice for dead zones: the camera that comes nearest, what it misses, and a tried change.
+
+The nearest camera is one with a free line of sight to most of a zone where there is any, and of
+these the one that misses its criteria by the smallest factor. A change of it, turned, refocused,
+with a longer lens, or moved, is held against points of the zone, and said where it covers `SURE` of
+them, which is half of the zone for certain. It takes the place of the camera where all cameras
+together then cover no less, exactly; otherwise it is one of another camera of this kind.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.format import distance as in_metres
+from rastercov.base.format import percent, signed
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import to_camera, to_image, view_border
+from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, lamps_of
+from rastercov.camera.viewpoints import fibonacci_sphere, look_at
+from rastercov.coverage.advice import figures_of_point, general_advice, short_of
+from rastercov.coverage.area.failures import failures_of_rows
+from rastercov.coverage.area.frames import frames_of, in_front
+from rastercov.coverage.area.point_pass import MARGIN_REL, hiders_of
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.area.stages import united
+from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS, UNSEEABLE, Reason
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+SURE, SCREENED = 0.6, 12
+"""Part of the points of a zone that a change covers before it is said; points of a first look."""
+IN_SIGHT = 0.5
+"""Part of some points of a zone from which a line of sight to it counts as free."""
+PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (1.2, 2.0, 3.5)
+"""Directions around a zone of places that are tried; shares of the distance of the camera, and
+times the radius of the zone, at which they are."""
+LONGER = (1.05, 1.4)
+"""Times the focal length that is missing."""
+MOST_PAIRS = 1_000_000
+"""Pairs of camera and face up to which the area after a change is measured, of all zones."""
+
+
+class Spot(NamedTuple):
+    """Points of a zone, (N, 3), their faces, (N,), and the row of the one in the middle."""
+
+    points: FloatArray
+    face: IntArray
+    middle: int
+
+    @classmethod
+    def of(cls, points: FloatArray, face: IntArray) -> "Spot":
+        """With the point that is nearest to the mean."""
+        away: FloatArray = points - points.mean(axis=0)
+        return cls(points, face, int((away**2).sum(axis=1).argmin()))
+
+    @property
+    def at(self) -> FloatArray:
+        """The point in the middle."""
+        return self.points[self.middle]
+
+
+class Nearest(NamedTuple):
+    """A camera and what it misses of a zone.
+
+    Attributes
+    ----------
+    row : int
+        Of its pose.
+    figures : dict
+        Of the point in the middle, as of `figures_of_point`.
+    missed : dict
+        Factor by which each criterion is missed that is.
+    """
+
+    row: int
+    figures: dict[str, float]
+    missed: dict[Reason, float]
+
+
+class Change(NamedTuple):
+    """A camera that looks at a zone.
+
+    Attributes
+    ----------
+    words, other : str
+        What is done to the camera that is named, and to another one.
+    eye, target : (3,) float64
+    camera : Camera or None
+        In place of the camera.
+    more : dict
+        Entries on the camera.
+    """
+
+    words: str
+    other: str
+    eye: FloatArray
+    target: FloatArray
+    camera: Camera | None = None
+    more: dict[str, float] = {}  # noqa: RUF012 # never changed
+
+
+@dataclass
+class Remedies:
+    """Cameras, and changes of them that are tried for zones; one thread may use it.
+
+    Attributes
+    ----------
+    mesh, camera, task, poses
+        The network.
+    covered_m2 : float or None
+        What it covers; None where that is not by one camera a part.
+    pairs : int
+        Pairs of camera and face that were measured so far, see `MOST_PAIRS`.
+    most_judged : int
+        Nearest cameras of which one is named.
+    """
+
+    mesh: Mesh
+    camera: Cameras
+    task: Task
+    poses: Poses
+    covered_m2: float | None
+    pairs: int = 0
+    most_judged: ClassVar[int] = 64
+
+    def said(
+        self, spot: Spot, winner: int, failing: IntArray, hider: str, *, is_tried: bool
+    ) -> dict[str, Any]:
+        """`nearest`, a pose with its figures, `advice`, and what was `tried`, for a zone.
+
+        Parameters
+        ----------
+        spot : Spot
+            Points of the zone.
+        winner : int
+            Its reason, a row of `REASONS`.
+        failing : (K,) int
+            Rows of the poses that fail for it, those that fail most of it first.
+        hider : str
+            What hides it.
+        is_tried : bool
+            True where a change is looked for.
+        """
+        if winner == UNSEEABLE:
+            return {"nearest": None, "advice": general_advice("unseeable"), "tried": None}
+        is_alone = winner < Reason.COVERED and not gates_of(self.camera)
+        named, facts, row = None, [], 0
+        if is_alone and len(self.poses):
+            named = self.nearest(spot)
+        elif winner not in (TOO_FEW_VIEWS, NO_CAMERAS) and len(failing):
+            named = self._missed(int(failing[0]), spot)
+        if named is not None:
+            row, facts = named.row, [self._fact(named, hider)]
+        elif is_alone:
+            eyes = self.poses.world_from_camera[:, :3, 3]
+            row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
+            facts = ["no camera has a line of sight"]
+        words, entries = self.tried(named, row, spot) if is_tried else ("", None)
+        if named is None and is_alone and entries:
+            words = words.replace("another at", "a place that has:", 1)
+        said = None if named is None else self._figures(named)
+        text = "; ".join(each for each in (*facts, words) if each)
+        return {"nearest": said, "advice": text, "tried": entries or None}
+
+    def _figures(self, named: Nearest) -> dict[str, Any]:
+        """Entries of `nearest`."""
+        more = dict(named.figures)
+        distance, incidence = more.pop("distance"), more.pop("incidence")
+        own = {"distance_m": distance, "incidence_deg": math.degrees(incidence)}
+        return {"pose": int(self.poses.ids[named.row]), **own, **more}
+
+    def _fact(self, named: Nearest, hider: str) -> str:
+        """What a camera misses most of a zone."""
+        index = int(self.poses.camera[named.row])
+        camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
+        distance = in_metres(named.figures["distance"])
+        most = max(named.missed, key=lambda each: named.missed[each], default=Reason.OCCLUDED)
+        if most == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
+            return f"best {short.found} at {distance}, {short.wanted} wanted"
+        if most == Reason.OUT_OF_FOCUS:
+            near, far = camera.depth_of_field(task.max_blur)
+            to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
+            return f"it is {distance} away, and in focus is what is {in_metres(near)} {to} away"
+        if most == Reason.TOO_OBLIQUE:
+            angle = math.degrees(named.figures["incidence"])
+            return f"seen at {angle:.3g}°, of {task.max_incidence_deg:g}° at most"
+        if most == Reason.OUTSIDE:
+            return "it is outside the image"
+        return f"{hider} is between" if hider else ""
+
+    def nearest(self, spot: Spot) -> Nearest | None:
+        """The camera that comes nearest to covering a zone, of those with a line of sight."""
+        eyes = self.poses.world_from_camera[:, :3, 3]
+        away = np.linalg.norm(eyes - spot.at, axis=1)
+        near = np.sort(np.argsort(away, kind="stable")[: self.most_judged])
+        some = np.unique(np.append(np.linspace(0, len(spot.face) - 1, 8).astype(int), spot.middle))
+        free = self._sees(eyes[near], spot.points[some], spot.face[some])
+        return min(
+            (self._missed(int(row), spot) for row in near[free.mean(axis=1) >= IN_SIGHT]),
+            key=lambda each: max(each.missed.values(), default=1.0),
+            default=None,
+        )
+
+    def _more_figures(self, row: int, spot: Spot) -> dict[str, float]:
+        """Further figures of the middle of a zone in a pose."""
+        return {}
+
+    def _missed(self, row: int, spot: Spot) -> Nearest:
+        """What a camera misses at the middle of a zone but for what hides it."""
+        index, pose = int(self.poses.camera[row]), self.poses.world_from_camera[row]
+        camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
+        normal = frames_of(self.mesh).normal[spot.face[spot.middle]]
+        figures = figures_of_point(camera, pose, spot.at, normal) | self._more_figures(row, spot)
+        local, missed = to_camera(spot.at[None], pose)[0], dict[Reason, float]()
+        off = _off_image(camera, local)
+        if off > 0:
+            missed[Reason.OUTSIDE] = 1 + off
+        is_planar = camera.is_pinhole or MODELS[camera.model].is_planar
+        depth = float(local[2] if is_planar else figures["distance"])
+        near, far = camera.depth_of_field(task.max_blur)
+        if depth > 0 and not near <= depth <= far:
+            missed[Reason.OUT_OF_FOCUS] = max(near / depth, depth / far)
+        if short := short_of(figures, task):
+            missed[Reason.TOO_COARSE] = short.factor
+        angle = math.degrees(figures["incidence"])
+        if angle > task.max_incidence_deg:
+            missed[Reason.TOO_OBLIQUE] = angle / task.max_incidence_deg
+        return Nearest(row, figures, missed)
+
+    def _sees(self, eyes: FloatArray, points: FloatArray, face: IntArray) -> NDArray[np.bool_]:
+        """(P, N) free lines of sight from eyes to the sides of points that count."""
+        frames = frames_of(self.mesh)
+        found = in_front(eyes, points, frames.normal[face]) | self.mesh.two_sided_mask[face]
+        rows, columns = np.nonzero(found)
+        hiders = hiders_of(self.mesh)
+        if hiders.tree is None or not len(rows):
+            return found
+        own = np.full(self.mesh.n_faces, -1)
+        own[hiders.solid] = np.arange(len(hiders.solid))
+        starts, ends = hiders.placed(eyes[rows]), hiders.placed(points[columns])
+        along = ends - starts
+        length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
+        ways, own = along / length[:, None], own[face[columns]]
+        found[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
+        return found
+
+    def tried(self, name: Nearest | None, row: int, spot: Spot) -> tuple[str, dict[str, Any]]:
+        """Words on a change that covers half of a zone, and its entries; or on none, and {}.
+
+        `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
+        """
+        count, reach = 0, 0.0
+        changes = self._changes(name, row, spot)
+        rows = np.linspace(0, len(spot.face) - 1, SCREENED).astype(int)
+        few = Spot(spot.points[rows], spot.face[rows], 0)
+        for _, some in groupby(changes, lambda each: each.camera):
+            own = list(some)
+            for change, first in zip(own, self._shares(own, row, few), strict=True):
+                count += 1
+                reach = max(reach, float(np.linalg.norm(change.eye - spot.at)))
+                if first < SURE or (share := self._share(change, row, spot)) < SURE:
+                    continue
+                is_moved = name is not None and self._keeps_area(change, row)
+                entries = {
+                    "pose": int(self.poses.ids[row]) if is_moved else None,
+                    "position": change.eye.tolist(),
+                    "looking_at": change.target.tolist(),
+                    **change.more,
+                    "covers_percent": 100 * share,
+                }
+                words = change.words if is_moved else change.other
+                return f"{words}: {percent(share)} of it is covered", entries
+        return f"none of {count} places within {in_metres(reach)} lets it cover half", {}
+
+    def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
+        """Changes of a camera that may cover a zone, the smallest first."""
+        scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
+        target, to = _rounded(spot.at, scale)
+        is_one = not gates_of(self.camera) and lamps_of(self.camera) is None
+        index = int(self.poses.camera[row]) if len(self.poses) else 0
+        camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
+        origin = spot.at
+        if len(self.poses):
+            origin = self.poses.world_from_camera[row, :3, 3]
+            away = float(np.linalg.norm(origin - spot.at))
+        if name is not None:
+            yield Change(
+                f"turn it towards {to}", f"another at its place towards {to}", origin, target
+            )
+            depth = float(f"{name.figures['distance']:.3g}")
+            if is_one and Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None:
+                focused = replace(camera, focus_distance=depth)
+                yield Change(
+                    f"focus it at {in_metres(depth)}, towards {to}",
+                    f"another at its place, focused at {in_metres(depth)}, towards {to}",
+                    *(origin, target, focused, {"focus_distance_m": depth}),
+                )
+            factor = name.missed.get(Reason.TOO_COARSE, 0.0)
+            for times in (float(f"{factor * more:.3g}") for more in LONGER):
+                if is_one and camera.is_pinhole and 1 < times < 1e3:
+                    yield Change(
+                        f"give it {times:g} times the focal length, towards {to}",
+                        f"another at its place with {times:g} times the focal length, towards {to}",
+                        *(origin, target, _longer(camera, times), {"focal_length_times": times}),
+                    )
+        short = 1.0 if name is None else name.missed.get(Reason.TOO_COARSE, 1.0)
+        reaches = {away * part / more for part in NEARER for more in (1.0, short)}
+        reaches |= {scale * part for part in WIDER}
+        normal = frames_of(self.mesh).normal[spot.face]
+        ways = fibonacci_sphere(PLACES)
+        fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
+        ways = ways[fronts >= SURE]
+        places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
+        places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
+        for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
+            eye, text = _rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
+            moved = in_metres(float(np.linalg.norm(eye - origin)))
+            yield Change(
+                f"move it by {moved}, to {text}, towards {to}",
+                f"another at {text}, towards {to}",
+                *(eye, target),
+            )
+
+    def _placed(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
+        """A camera, or the rig of it, at changes with one camera, alone."""
+        eyes, targets = (
+            np.array(each) for each in zip(*((c.eye, c.target) for c in changes), strict=True)
+        )
+        poses = look_at(eyes, targets)
+        index = int(self.poses.camera[row]) if len(self.poses) else 0
+        if (camera := changes[0].camera) is not None:
+            return camera, tasks_of(self.camera, self.task)[index], Poses.of(poses)
+        for at, gate in gates_of(self.camera).items():
+            if at <= index < at + gate.n and isinstance(self.camera, Rig):
+                rows = np.tile(np.arange(at, at + gate.n), len(poses))
+                world = poses @ np.linalg.inv(self.camera.rig_from_camera[at])
+                placed = self.camera._placed(np.repeat(world, gate.n, axis=0), rows)
+                return self.camera, self.task, Poses.of(placed, camera=rows)
+        return self.camera, self.task, Poses.of(poses, camera=np.full(len(poses), index))
+
+    def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
+        """Share of the points of a zone that each of some changes covers."""
+        scene = self.mesh, *self._placed(changes, row)
+        for _, reason, _ in failures_of_rows(*scene, spot.points, spot.face):
+            yield float((reason == Reason.COVERED).mean())
+
+    def _share(self, change: Change, row: int, spot: Spot) -> float:
+        """The same of one change."""
+        return next(self._shares([change], row, spot))
+
+    def _keeps_area(self, change: Change, row: int) -> bool:
+        """True where all cameras together cover as much after a change, as far as that is known."""
+        n = len(self.poses) * self.mesh.n_faces
+        if self.covered_m2 is None or self.pairs + n > MOST_PAIRS or gates_of(self.camera):
+            return False
+        self.pairs += n
+        matrices, index = self.poses.world_from_camera.copy(), self.poses.camera.copy()
+        matrices[row] = look_at(change.eye, change.target)[0]
+        camera: Any = self.camera
+        if change.camera is not None:
+            if isinstance(camera, Rig) and camera.tasks:
+                return False
+            camera = (*cameras_of(camera), change.camera)
+            index[row] = len(camera) - 1
+        finder = RegionPass(self.mesh, camera, self.task, only_task=True)
+        found = united(finder, Poses.of(matrices, camera=index), self.mesh.task_mask)
+        return bool(found.area[0][self.mesh.task_mask].sum() >= self.covered_m2)
+
+
+def _off_image(camera: Camera, local: FloatArray) -> float:
+    """Half angles of view by which a point in camera axes is outside the image; 0 in it."""
+    with np.errstate(all="ignore"):
+        u, v = to_image(local[None], camera)[0]
+    if (
+        0 <= u <= camera.width
+        and 0 <= v <= camera.height
+        and (local[2] > 0 or not camera.is_pinhole)
+    ):
+        return 0.0
+    border = view_border(camera, 4)
+    half = np.arccos(np.clip(border[:, 2] / np.linalg.norm(border, axis=1), -1, 1)).min()
+    angle = math.acos(min(max(float(local[2]) / max(float(np.linalg.norm(local)), 1e-300), -1), 1))
+    return max(angle / max(float(half), 1e-9) - 1, 1e-9)
+
+
+def _longer(camera: Camera, times: float) -> Camera:
+    """A camera with a longer lens."""
+    own: dict[str, Any] = {"fx": camera.fx * times, "fy": camera.fy * times}
+    if camera.focal_length is not None:
+        own["focal_length"] = camera.focal_length * times
+    return replace(camera, **own)
+
+
+def _rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
+    """A point to three digits of a length, and its text."""
+    digits = int(np.clip(2 - math.floor(math.log10(scale)), 0, 9))
+    text = ", ".join(signed(value, digits) for value in point.tolist())
+    return np.array([float(each) for each in text.split(", ")]), f"({text})"

@@ -1,0 +1,95 @@
+"""Reasons of parts that no camera covers, held against points judged one by one."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov.coverage.area.frames import rows_at
+from rastercov.coverage.area.overlay import Overlay
+from rastercov.coverage.area.polygons import polygon_areas
+from rastercov.coverage.area.zones import dead_zones
+from rastercov.coverage.reasons import NAMES, ORDER, RANK, Reason
+from rastercov.reference.regions import points_on, reasons_of_points
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+
+@pytest.mark.parametrize("seed", [1, 4, 6, 21])
+def test_the_reason_of_a_zone_is_that_of_its_points(seed):
+    from attack_reasons import Score, compare
+
+    score = Score()
+    compare(seed, score)
+    assert score.points > 100
+    assert (score.wrong, score.unequal) == ([], 0)
+    assert score.sums <= 1
+
+
+def test_a_criterion_that_one_camera_meets_counts_for_all():
+    """Two cameras: the nearer is beside its image, the farther sees too few pixels."""
+    mesh = rc.Mesh([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2)])
+    camera = rc.Camera(width=100, height=100, fx=100, fy=100)
+    eyes = rc.look_at([(0, 0, 3), (0, 0, 30)], [(9, 0, 0), (0, 0, 0)])
+    task = rc.Task(min_facing_density=10)
+    for poses in (eyes, eyes[::-1]):
+        network = camera, task, rc.Poses.of(poses)
+        zones = dead_zones(rc.unite(rc.regions(mesh, camera, poses, task)), 1, network)
+        assert [NAMES[row] for row in zones.reasons(len(zones))] == ["too_coarse"]
+        truth = reasons_of_points(mesh, camera, poses, task, *points_on(mesh, 20))
+        assert (truth == Reason.TOO_COARSE).all()
+
+
+def test_every_reason_of_a_point_has_a_place_in_the_order():
+    assert RANK[list(ORDER)].tolist() == list(range(len(ORDER)))
+    assert {NAMES[row] for row in set(range(len(NAMES))) - set(ORDER)} == {
+        "too_few_views", "no_cameras", "unseeable"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_piece_of_many_corners_loses_nothing_as_others_are_laid_over_it(seed):
+    """A polygon of 20 corners without some of these: what is left has more than 20."""
+    rng = np.random.default_rng(seed)
+    turn = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+    round_ = np.stack([2 + np.cos(turn), 1.5 + np.sin(turn)], axis=1)
+    corners = np.array([[(0.0, 0.0), (9.0, 0.0), (4.0, 9.0)]])
+    area = polygon_areas(corners[0], np.array([0, 3]))
+    overlay, pair = Overlay(corners, area, 10.0), np.zeros(1, np.int32)
+
+    def add(number, xy):
+        own = polygon_areas(xy, np.array([0, len(xy)]))
+        pieces = xy, np.array([0, len(xy)]), pair, pair
+        overlay.add(pieces, (pair, pair, own, np.zeros(1), np.zeros(1)), np.array([number]))
+        return float(own[0])
+
+    whole = add(0, round_)
+    for k in rng.permutation(20)[:8].tolist():
+        before, corner, after = (round_[(k + step) % 20] for step in (-1, 0, 1))
+        share = rng.uniform(0.1, 0.4)
+        add(
+            1,
+            np.stack(
+                [corner + share * (before - corner), corner, corner + share * (after - corner)]
+            ),
+        )
+        found = overlay.partition()
+        assert found.area[found.tag & 1 > 0].sum() == pytest.approx(whole, rel=1e-12)
+
+
+def test_points_find_the_reason_of_their_zone():
+    mesh = rc.shapes.sphere(2)
+    camera, poses = rc.Camera(width=200, height=200, fx=60, fy=60), rc.look_at((0, 0, 4), (0, 0, 0))
+    zones = dead_zones(
+        rc.unite(rc.regions(mesh, camera, poses)), 1, (camera, rc.Task(), rc.Poses.of(poses))
+    )
+    points, face = points_on(mesh, 500)
+    truth = reasons_of_points(mesh, camera, poses, rc.Task(), points, face)
+    rows = rows_at(zones, zones.reason.astype(np.int32), len(NAMES), face, points)
+    found = np.where(rows.any(axis=1), rows.argmax(axis=1), Reason.COVERED)
+    assert (found == truth).mean() > 0.99
+    assert sum(each["m2"] for each in zones.by_reason(mesh.task_mask).values()) == pytest.approx(
+        float(zones.area.sum())
+    )
