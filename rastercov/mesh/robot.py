@@ -25,10 +25,10 @@ from rastercov.base.files import (
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
-from rastercov.mesh.arrays import frozen
+from rastercov.mesh.arrays import frozen, unit
 from rastercov.mesh.formats import FREE_FACES, MEMORY_BUDGET, urdf
 from rastercov.mesh.formats.polygons import LONGEST_NAME, PEAK_BYTES_PER_FACE, check_budget
-from rastercov.mesh.formats.urdf import Shape
+from rastercov.mesh.formats.urdf import Joint, Shape
 from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
@@ -190,6 +190,41 @@ class Robot(InOneLine):
                 f'try geometry="{other}"'
             )
         return cls(found, shapes, base, rest, name)
+
+    def on_turntable(
+        self, axis: ArrayLike, centre: ArrayLike = (0, 0, 0), degrees: float = 360.0
+    ) -> "Robot":
+        """The robot beside a turntable, seen from the table: it goes round what stands on it.
+
+        `turntable` is its last joint: the angle by which the table is turned.
+
+        Parameters
+        ----------
+        axis, centre : (3,) array_like
+            The table turns counter-clockwise seen against the axis; a point of it, metres.
+        degrees : float
+            Angle up to which it turns; from 360 on there is no limit.
+        """
+        to_centre, back = np.eye(4), np.eye(4)
+        to_centre[:3, 3] = finite_points("centre", centre, (3,), "three coordinates")
+        back[:3, 3] = -to_centre[:3, 3]
+        along = -finite_points("axis", axis, (3,), "a direction")
+        if not along.any() or not np.isfinite(finite_number(degrees)):
+            raise ConfigError(f"axis must be a direction and degrees finite, got {shown(degrees)}")
+        n, ends = len(self.joint_names), sorted((0.0, np.radians(degrees)))
+        is_free = abs(degrees) >= 360
+        limits = np.concatenate([self.limits, [(-np.inf, np.inf) if is_free else ends]])
+        kind = "continuous" if is_free else "revolute"
+        fixed = "turntable/platter", "turntable/floor"
+        joints = (
+            Joint("turntable", kind, *fixed, to_centre, unit(along), n),
+            Joint("stand", "fixed", fixed[1], self.links[0], back @ self.kinematics.base, along),
+            *self.kinematics.joints,
+        )
+        links: dict[str, list[Shape]] = {each: [] for each in (*fixed, *self.links)}
+        names = (*self.joint_names, "turntable")
+        found = urdf.Description(self.name, links, joints, names, limits, self.mesh.notes)
+        return Robot(found, self.shapes, rest=np.append(self.rest, 0.0))
 
     def frames(self, joints: ArrayLike) -> dict[str, FloatArray]:
         """world_from_link of all links, (T, 4, 4) each, in (T, J) or (J,) configurations.

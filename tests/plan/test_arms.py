@@ -308,6 +308,45 @@ def test_a_turntable_is_an_axis_of_the_robot():
     assert Path("out/joints.csv").read_text().startswith("pan,lift,elbow,bend,turn,roll,table\n")
 
 
+def test_a_turntable_of_the_motion_is_an_axis_of_the_arm():
+    """As if each camera had been placed by the arm in front of the part turned by its angle."""
+    of = AROUND | {"generator": "on_sphere", "count": 24, "distances": [0.35]}
+    plan = PLAN | {"candidates": [CANDIDATES | {"of": of}]}
+    without = rc.place(plan)
+    table = {"body": "mesh", "steps": 8, "centre": [0.5, 0.1, 0]}
+    placed = rc.place(plan | {"motion": {"turntable": table}}, out="out")
+    n_before, n_now = (len(each.prepared.pool.candidates) for each in (without, placed))
+    assert n_now > n_before
+    written = told("poses.json")
+    assert written["joint_names"][-1] == "turntable"
+    poses, robot = rc.read_poses("out/poses.json"), rc.Robot.load(ARM)
+    for pose, (*angles, turn) in zip(poses, written["joints"], strict=True):
+        turned = np.eye(4)
+        turned[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        there, back = np.eye(4), np.eye(4)
+        there[:3, 3], back[:3, 3] = (0.5, 0.1, 0), (-0.5, -0.1, 0)
+        seen = there @ turned @ back @ pose  # of the camera when the part is turned
+        assert np.abs(seen - poses_of(robot, angles)[0]).max() <= 1e-6
+        moved = part().moved(axis=(0, 0, 1), angle_deg=0)
+        corners = moved.vertices @ turned[:3, :3].T + (there @ turned @ back)[:3, 3]
+        cell = rc.Collisions(robot, [rc.Mesh(corners, moved.faces)])
+        assert cell.clearance(angles)[0] >= 0.004 - 1e-9
+    limited = rc.Robot.load(ARM).on_turntable((0, 0, 1), degrees=90)
+    assert limited.limits[-1].tolist() == [0, np.pi / 2]
+    table["body"] = "icosahedron"
+    beside = PLAN["meshes"] + [
+        {
+            "built_in": "box",
+            "role": "occluder",
+            "transform": {"scale": 0.1, "translation": [0, 1, 0]},
+        }
+    ]
+    with pytest.raises(rc.RastercovError, match="group box stands beside the turntable"):
+        rc.place(plan | {"motion": {"turntable": table}, "meshes": beside})
+    with pytest.raises(rc.RastercovError, match="no motion but a turntable"):
+        rc.place(plan | {"motion": {"turntable": table, "poses": "arm.urdf"}})
+
+
 REFUSED = {
     "others": ({"candidates": [CANDIDATES, AROUND]}, "on_arm goes with no other entry"),
     "no robot": ({"bodies": []}, "needs one body with urdf, of name 'arm'"),

@@ -161,6 +161,8 @@ OWN: dict[str, dict[str, Any]] = {
     "Collisions": {"robot": rc.Robot.load(FOLDER / "arm.urdf"), "scene": [MESH]}
     | {"allowed": [("hand", "base")]},
     "Collisions.clearance": {"joints": [[0.1]], "most": 1.0},
+    "Collisions.contacts": {"joints": [[0.1]]},
+    "Robot.on_turntable": {"axis": (0, 0, 1), "centre": (0, 0, 0), "degrees": 90.0},
     "Robot.frames": {"joints": [[0.1]]},
     "Robot.poses": {"joints": [0.1]},
     "Robot.is_moving": {"link": "hand"},

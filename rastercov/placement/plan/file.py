@@ -35,6 +35,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Jointed, Motion
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
 WORDS = {
@@ -337,9 +338,10 @@ class Plan(PlanModel):
     def build_motion(self, mesh: Mesh) -> Motion | None:
         """Motion of the bodies of a mesh, None where nothing moves; PlanError for one that is none.
 
+        A turntable below a part that an arm inspects is an axis of the arm, see `scene.arms_of`.
         Figures over time are by exact area.
         """
-        if self.motion is None:
+        if self.motion is None or any(isinstance(each, OnArm) for each in self.candidates):
             return None
         unit, reason = self.unit_of_result()
         if unit != "area":

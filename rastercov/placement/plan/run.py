@@ -854,7 +854,7 @@ def _explain_uncovered(
         covering[cells.source_face[is_covered]] = 1
         found = replace(found, n_covering=frozen(covering))
     areas, refused = placement.cameras.areas, prepared.pool.refused
-    if areas is None or prepared.over_time is not None:
+    if areas is None or prepared.over_time is not None or not prepared.plan.chooses_cameras:
         return replace(placement, leftover=found)
     network = prepared.plan.rig, placement.cameras.placed
     zones = areas.zones(*network, views_by_group(prepared.plan, None))

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import MeshError, RastercovError
+from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.formats.conventions import unique_names
@@ -452,8 +452,16 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     name, _, link = entry.body.partition("/")
     body = next(each for each in plan.bodies if each.name == name)
     pairs = [(one, other) for one, other in entry.allowed]
+    robot = body.robot(plan.folder)
+    if plan.motion is not None and (table := plan.motion.turntable) is not None:
+        if still := plan.motion.beside_turntable(mesh, plan.bodies):
+            raise ConfigError(
+                f"group {still[0]} stands beside the turntable; give it to body {table.body}, or "
+                "make it a shape of a link of the urdf"
+            )
+        robot = robot.on_turntable(table.axis, table.centre, table.degrees)
     return Arm(
-        body.robot(plan.folder),
+        robot,
         link,
         mesh,
         entry.mount.matrix(),

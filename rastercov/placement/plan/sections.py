@@ -638,6 +638,13 @@ class MotionSection(Entry):
             raise ConfigError("no body moves; give turntable, conveyor, poses, joints or animation")
         return Motion(mesh, tables, groups=groups, **others)
 
+    def beside_turntable(self, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
+        """Groups of a mesh that the turntable does not turn."""
+        assert self.turntable is not None
+        groups = {body.name: body.groups for body in bodies if body.groups}
+        body = Motion(mesh, {self.turntable.body: np.eye(4)}, groups=groups).body
+        return [mesh.groups[row].name for row in np.unique(mesh.face_group[body == 0])]
+
     def _animated(self, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]) -> dict[str, Any]:
         of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
         if len(of_gltf) != 1 or of_gltf[0].path is None:
@@ -1012,11 +1019,8 @@ class PlanModel(Entry):
         name = own[0].body.partition("/")[0]
         if [body.name for body in self.bodies if body.urdf is not None] != [name]:
             raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
-        if self.motion is not None:
-            raise ValueError(
-                "candidates: on_arm is of a still scene; leave out motion, and give a turntable as "
-                "a joint of the urdf"
-            )
+        if self.motion is not None and self.motion.model_fields_set != {"turntable"}:
+            raise ValueError("candidates: on_arm goes with no motion but a turntable; leave it out")
         self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
         return True
 
