@@ -29,7 +29,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_views_left_out_that_cover_half_of_a_zone_are_counted():
     found = placed(PLAN)
-    zones = found.cameras.areas.zones()
+    zones = found.cameras.areas.zones(found.prepared.plan.rig, found.cameras.placed)
     refused = found.prepared.pool.refused
     assert {each.reason for each in refused} == {"kept_out"}
     camera, task = rc.Camera.from_fov(320, 256, hfov_deg=40), rc.Task(max_incidence_deg=65)
