@@ -200,8 +200,9 @@ def _missed(gate: Gate, placed: FloatArray, points: FloatArray, why: int) -> tup
     """Factor by which a limit is missed at the best of some points, and words on it."""
     angle, deviation, lack = _lacks(gate, placed, points)
     if why == UNCERTAIN:
-        said = f"uncertainty {_metres(float(deviation.min()))} at best"
-        return float(lack.min()), f"{said}, {_metres(gate.most_deviation)} wanted"
+        best, limit = _metres(float(deviation.min())), _metres(gate.most_deviation)
+        best = f"just above {best}" if best == limit else best
+        return float(lack.min()), f"uncertainty {best} at best, {limit} wanted"
     is_less = angle.max() < gate.least_deg
     degrees = (
         f"{angle.max():.3g} degrees at most" if is_less else f"{angle.min():.3g} degrees or more"
