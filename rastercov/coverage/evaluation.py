@@ -197,8 +197,8 @@ class Evaluation(Coverage):
         >>> summary = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))).summary()
         >>> round(summary["covered_area"]["percent"], 2), summary["by"]
         (16.67, 'area')
-        >>> [zone["groups"] for zone in summary["dead_zones"]]
-        [['mesh']]
+        >>> {zone["reason"] for zone in summary["dead_zones"]}
+        {'back_facing'}
         """
         network, placed = self.network, self.poses
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}

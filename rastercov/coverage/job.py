@@ -119,8 +119,9 @@ def evaluate(
     [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
     >>> rc.Reason(found.reason[0, 0]).name  # of the first face in the first pose
     'BACK_FACING'
-    >>> [round(zone["area_m2"], 4) for zone in found.summary()["dead_zones"]]
-    [0.12]
+    >>> zones = found.summary()["dead_zones"]
+    >>> round(sum(zone["area_m2"] for zone in zones), 4), zones[0]["reason"]
+    (0.12, 'back_facing')
     """
     check_scene(mesh, camera)
     accepted, engine = Poses.of(poses, skip_bad=skip_bad_poses), Engine.of(method, threads)

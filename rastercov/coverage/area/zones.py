@@ -91,12 +91,13 @@ class DeadZones(FacePolygons):
     Examples
     --------
     >>> import rastercov as rc
-    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
-    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))))
+    >>> plate = rc.Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=90)
+    >>> pose = rc.look_at((0.5, 0.5, 0.25), (0.5, 0.5, 0))  # sees 0.5 m x 0.375 m
+    >>> covered = rc.unite(rc.regions(plate, camera, pose))
     >>> zones = rc.dead_zones(covered)
-    >>> len(zones), round(zones.places(1)[0]["area_m2"], 6)  # five sides
-    (5, 0.04)
+    >>> len(zones), zones.area.round(4).tolist()  # m^2
+    (1, [0.8125])
     """
 
     views: NDArray[np.int32]
@@ -119,12 +120,13 @@ class DeadZones(FacePolygons):
         Examples
         --------
         >>> import rastercov as rc
-        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
-        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-        >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))))
+        >>> plate = rc.Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=90)
+        >>> pose = rc.look_at((0.5, 0.5, 0.25), (0.5, 0.5, 0))  # sees 0.5 m x 0.375 m
+        >>> covered = rc.unite(rc.regions(plate, camera, pose))
         >>> place = rc.dead_zones(covered).places(1)[0]
-        >>> place["groups"], round(place["area_m2"], 6), round(place["percent"], 3)
-        (['mesh'], 0.04, 16.667)
+        >>> place["groups"], round(place["percent"], 2)
+        (['mesh'], 81.25)
         """
         mesh, n = self.mesh, min(max(int(n), 0), len(self.area))
         names = [group.name for group in mesh.groups]
@@ -224,12 +226,12 @@ def dead_zones(
     Examples
     --------
     >>> import rastercov as rc
-    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
-    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> eyes = [(0, 0, 0.6), (0.6, 0, 0), (-0.6, 0, 0)]
-    >>> covered = rc.unite(rc.regions(mesh, camera, rc.look_at(eyes, (0, 0, 0))))
+    >>> plate = rc.Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=90)
+    >>> pose = rc.look_at((0.5, 0.5, 0.25), (0.5, 0.5, 0))  # sees 0.5 m x 0.375 m
+    >>> covered = rc.unite(rc.regions(plate, camera, pose))
     >>> rc.dead_zones(covered).area.round(4).tolist()  # m^2 of what no camera covers
-    [0.12]
+    [0.8125]
     """
     from rastercov.mesh.unseeable import unseeable_where_seen
     from rastercov.native import area_zone as kernels
