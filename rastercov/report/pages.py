@@ -323,7 +323,8 @@ def figures_of(
     def share(part: FloatArray | None, row: int) -> float | None:
         return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
 
-    return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
+    names = ("covered", "covered_area", "by_face_because")
+    return {name: summary[name] for name in names if name in summary} | {
         "by_camera": [
             {
                 "station": station,
@@ -332,8 +333,7 @@ def figures_of(
                 "alone_percent": share(alone_m2, row),
             }
             for row, station in enumerate(stations or range(len(counts)))
-        ],
-        "exact_area_percent": summary.get("covered_area", {}).get("percent"),
+        ]
     }
 
 

@@ -503,12 +503,12 @@ def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
 
 
 def rule_notes(rig: Rig | None) -> tuple[str, ...]:
-    """A line on a rule of a rig, which the figures of the page are without."""
+    """A line on a rule of a rig, which the colours of the page are without."""
     if rig is None or not rig.gates:
         return ()
     return (
-        "figures count cameras one by one; the rule of their rig is in colours by missing device, "
-        "face by face, and in evaluate",
+        "colours are of single cameras, face by face, except those by missing device; the covered "
+        "area is by the rule of their rig",
     )
 
 

@@ -9,7 +9,7 @@ import json
 import secrets
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from io import BytesIO
 from threading import RLock
@@ -46,13 +46,10 @@ from rastercov.viewer.measurements import (
     MOST_BYTES,
     Measurements,
     NetworkFigures,
-    exact_area,
     why,
 )
 from rastercov.viewer.rig_state import History, RigState
 from rastercov.viewer.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, described_state
-
-Watch = Callable[[int, int], None]
 
 LEAST_SIDE, MOST_SIDE = 64, 2048
 MOST_MOMENTS = 64
@@ -72,7 +69,6 @@ class Moment:
         self.measurements = Measurements(self.mesh, method)
         self._shown: tuple[RigState, RigState] | None = None
         self._figures: NetworkFigures | None = None
-        self._areas: tuple[RigState, AreaNetwork] | None = None
 
     def shown(self, state: RigState) -> RigState:
         """The state with cameras where bodies carry them."""
@@ -96,19 +92,8 @@ class Moment:
         """Coverage by the cameras of a state."""
         shown = self.shown(state)
         if self._figures is None or self._figures.state is not shown:
-            rows = self.measurements.rows(shown, shown.on)
-            self._figures = NetworkFigures(self.mesh, shown, rows)
+            self._figures = NetworkFigures(self.measurements, shown)
         return self._figures
-
-    def known_areas(self, state: RigState) -> AreaNetwork | None:
-        """Exact area that they cover, where it is known."""
-        return self._areas[1] if self._areas and self._areas[0] is state else None
-
-    def areas(self, state: RigState, watch: Watch = lambda done, total: None) -> AreaNetwork:
-        """Exact area that they cover, kept for this state; ConfigError as `exact_area`."""
-        found = self.known_areas(state) or exact_area(self.mesh, self.shown(state), watch)
-        self._areas = state, found
-        return found
 
 
 class Session:
@@ -258,37 +243,25 @@ class Session:
             return self.moment.figures(self.state)
 
     def areas(self) -> AreaNetwork:
-        """Exact area that they cover, kept for the present state; ConfigError as `exact_area`."""
-        with self.lock:
-            return self.moment.areas(self.state)
+        """Exact area that they cover; ConfigError where the result is by face."""
+        figures = self.figures()
+        if figures.areas is None:
+            raise ConfigError(figures.by_face_because)
+        return figures.areas.network
 
     def pieces(self) -> bytes:
-        """Frame of the convex pieces that too few cameras cover.
+        """Frame of the convex pieces that too few cameras cover; ConfigError as `areas`.
 
         Number of pieces, face of each, and corners of each, uint32; then the corners, float32 from
-        the origin of the soup. It computes beside other answers.
-
-        Raises
-        ------
-        StaleError
-            Where the rig changes meanwhile.
-        ConfigError
-            As `exact_area`.
+        the origin of the soup.
         """
-        state, moment = self.state, self.moment
-
-        def watch(done: int, total: int) -> None:
-            if self.state is not state or self.moment is not moment:
-                raise StaleError("the rig has changed since; ask again")
-
-        found = moment.areas(state, watch)
-        watch(0, 0)
-        zones = found.zones(state.rig(), state.poses(), state.needed)
+        with self.lock:
+            state, moment, found = self.state, self.moment, self.areas()
+        zones = found.zones(state.needed)
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
         numbers = np.concatenate(([len(counts)], moment.kept[zones.face], counts)).astype("<u4")
-        head = {"percent": found.summary(state.needed)["percent"]}
-        return framed(head, numbers.tobytes() + corners.astype("<f4").tobytes())
+        return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:
         """Frame of a camera's own image, its distortion included: title, size, legend, then a PNG.
@@ -326,8 +299,7 @@ class Session:
             for first, *others in (key.colours,)
         ]
         image.save(buffer, "PNG", compress_level=1)
-        title = f"{own.name}: covers {int((mesh.task_mask & row.covers).sum()):,} whole faces"
-        head = {"width": image.width, "height": image.height, "title": title, "legend": legend}
+        head = {"width": image.width, "height": image.height, "title": own.name, "legend": legend}
         return framed(head, buffer.getvalue())
 
     def why(self, face: int) -> dict[str, Any]:
@@ -343,10 +315,8 @@ class Session:
         """Dead zones by exact area, the largest first, ready for JSON."""
         with self.lock:
             areas, state, moment = self.areas(), self.shown, self.moment
-            said = areas.dead_zones(state.rig(), state.poses(), state.needed)
-            found = zone_entries(
-                moment.mesh, areas.zones(state.rig(), state.poses(), state.needed), said
-            )
+            said = areas.dead_zones(state.whole, state.counted()[0], state.needed)
+            found = zone_entries(moment.mesh, areas.zones(state.needed), said)
             return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
 
     def space(self) -> PoseSpace:
@@ -377,7 +347,11 @@ class Session:
         name, known = action.name, self.variants
         if action.do == "keep_variant":
             figures = self._summary()
-            kept = {each: figures[each] for each in ("covered", "exact_area_percent", "cost")}
+            kept = {
+                each: figures[each]
+                for each in ("covered", "covered_area", "cost")
+                if each in figures
+            }
             known[name] = self.state, kept | {"cameras": len(self.state.on)}
         elif name not in known:
             raise ConfigError(f"there is no variant {shown(name)}; it may have been dropped")
@@ -405,11 +379,8 @@ class Session:
         return pose
 
     def _summary(self) -> dict[str, Any]:
-        """Figures of the network, with its exact area where that is known, and its cost."""
-        areas, state = self.moment.known_areas(self.state), self.state
-        exact = None if areas is None else areas.summary(state.needed)["percent"]
-        own = {"exact_area_percent": exact, "cost": self.scene.cost(state)}
-        return self.figures().summary() | own
+        """Figures of the network and its cost."""
+        return self.figures().summary() | {"cost": self.scene.cost(self.state)}
 
     def _values(
         self, figures: NetworkFigures, mode: str, options: Mapping[str, Any], station: int | None

@@ -54,7 +54,7 @@ function stationRows(session) {
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
       : element("span", { title: "of the task's area, covered by this camera" }, "covers"),
-    element("span", { title: "of the task's area, covered by no other camera" }, isAloneKnown ? "alone" : ""),
+    element("span", { title: "of the task's area, not covered without this camera" }, isAloneKnown ? "alone" : ""),
   );
   const rows = session.state.stations.map((station) => {
     const share = shares.get(station.id);

@@ -172,6 +172,9 @@ export const percent = (value) => {
   return value < 100 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
 };
 
+/** Covered part of a summary, percent: by area, or by whole faces where the result is. */
+export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
+
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");
 
