@@ -12,7 +12,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 import rastercov
 from rastercov.base.arguments import annotations_of, documented
@@ -404,7 +405,7 @@ def described_state(
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         judged = scene.space(state).judge(eyes)
-        places = [Place(code).name.lower().replace("_", " ") for code in judged.tolist()]
+        places = place_words(judged)
     return history | {
         "stations": [
             {
@@ -421,6 +422,11 @@ def described_state(
         "task": {name: getattr(state.task, name) for name in thresholds},
         "lamps": described_lamps(state.whole),
     }
+
+
+def place_words(judged: NDArray[np.uint8]) -> list[str]:
+    """Words on places as `PoseSpace.judge` has them: the constraint that each violates."""
+    return [Place(code).name.lower().replace("_", " ") for code in judged.tolist()]
 
 
 def described_lamps(rig: Rig) -> list[dict[str, Any]]:

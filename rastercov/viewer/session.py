@@ -21,6 +21,7 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import distance
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.area.features import FEATURES
@@ -49,9 +50,17 @@ from rastercov.viewer.measurements import (
     why,
 )
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, described_state
+from rastercov.viewer.scene import (
+    OF_A_RIG,
+    SEGMENT_OPTIONS,
+    Scene,
+    described_state,
+    place_words,
+)
 
 LEAST_SIDE, MOST_SIDE = 64, 2048
+LEAST_MOVED_REL = 1e-6
+"""Distance from which a place that the constraints change is said, in that of the mesh."""
 MOST_MOMENTS = 64
 """Times whose figures are kept."""
 
@@ -121,6 +130,7 @@ class Session:
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
         self._shares: tuple[RigState, FloatArray] | None = None  # of time
+        self._moved = ""  # what the constraints made of the last place
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
 
     @property
@@ -212,8 +222,10 @@ class Session:
         with self.lock:
             check_choice("mode", request.mode, OF_A_RIG)
             self.take_time(tuple(request.at))
+            self._moved = ""
             self._edit(request)
-            return self.frame(request.mode, request.options, request.station)
+            notice = "" if request.is_drag else self._moved
+            return self.frame(request.mode, request.options, request.station, notice)
 
     def take(self, state: RigState, words: str, of_revision: int) -> None:
         """Make the result of work the present state; StaleError where that has moved on."""
@@ -221,8 +233,10 @@ class Session:
             self._check_revision(of_revision)
             self.history.take(state, words)
 
-    def frame(self, mode: str, options: Mapping[str, Any], station: int | None = None) -> bytes:
-        """Frame of the present state: JSON, then the level of each face."""
+    def frame(
+        self, mode: str, options: Mapping[str, Any], station: int | None = None, notice: str = ""
+    ) -> bytes:
+        """Frame of the present state, with a line for the user: JSON, then levels of faces."""
         with self.lock:
             figures = self.figures()
             moment, mesh = self.moment, self.scene.mesh
@@ -231,7 +245,7 @@ class Session:
             levels = np.zeros(mesh.n_faces, np.uint8)  # of a body that is not there, too
             levels[moment.kept] = painted.levels
             head = described_frame(mode, painted) | {"summary": self._summary()}
-            head["state"] = self.described_state()
+            head |= {"state": self.described_state(), "notice": notice}
             if len(self.at) > 1:
                 poses = np.stack(list(moment.poses.values()))[:, :3]
                 head["bodies"] = base64.b64encode(np.ascontiguousarray(poses).data).decode()
@@ -371,11 +385,16 @@ class Session:
         """The pose at the nearest allowed place; the one before where there is none."""
         if not self.is_kept:
             return wanted
-        eyes, is_allowed = self.space().project_to_allowed(wanted[None, :3, 3])
-        if not is_allowed[0]:
-            return before
-        pose = wanted.copy()
-        pose[:3, 3] = eyes[0]
+        space = self.space()
+        eyes, is_allowed = space.project_to_allowed(wanted[None, :3, 3])
+        pose = wanted.copy() if is_allowed[0] else before
+        pose[:3, 3] = eyes[0] if is_allowed[0] else before[:3, 3]
+        away = float(np.linalg.norm(pose[:3, 3] - wanted[:3, 3]))
+        if away > LEAST_MOVED_REL * self.scene.mesh.diagonal:
+            why = place_words(space.judge(wanted[None, :3, 3]))[0]
+            moved = f"moved {distance(away, self.state.unit)} to the nearest allowed place"
+            done = moved if is_allowed[0] else "no allowed place is near, so it stays where it was"
+            self._moved = f"the plan does not allow this place ({why}): {done}"
         return pose
 
     def _summary(self) -> dict[str, Any]:

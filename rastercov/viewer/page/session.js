@@ -260,7 +260,7 @@ export class Session {
   }
 
   #adopt({ json, payload }, action) {
-    const { state, bodies, ...figures } = json;
+    const { state, bodies, notice, ...figures } = json;
     const isLater = this.#queue.some((item) => isMove(item.action));
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
@@ -282,6 +282,7 @@ export class Session {
     }
     this.emit("state", state);
     this.emit("frame", figures);
+    if (notice) this.emit("notice", `${this.device()?.name ?? "camera"}: ${notice}.`);
   }
 
   /** Takes the server's state, whatever this page showed. */
