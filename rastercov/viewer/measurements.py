@@ -119,7 +119,7 @@ class Areas:
         Those that count: cameras, and rigs with a rule all of whose cameras are on.
     seen, lost : (N,) float64, or None
         m^2 that each of them, or its rig, covers, and that is not covered without it, which is
-        not known of more than `MOST_PAIRS`.
+        not known of more than `MOST_PAIRS`, and with an angle between views.
     """
 
     network: AreaNetwork
@@ -131,11 +131,11 @@ class Areas:
 class Measurements:
     """Rows of cameras at their poses, measured on demand; one thread at a time may use it.
 
-    ConfigError for a method that does not exist.
+    `by` is the unit of results, as of `evaluate`. ConfigError for a method that does not exist.
     """
 
-    def __init__(self, mesh: Mesh, method: str = "certified") -> None:
-        self.mesh, self.method = mesh, method
+    def __init__(self, mesh: Mesh, method: str = "certified", by: str | None = None) -> None:
+        self.mesh, self.method, self.by = mesh, method, by
         self._engine = Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
@@ -180,15 +180,16 @@ class Measurements:
         ConfigError
             Where a result is by face: for a threshold of a face or of pairs of poses.
         """
-        if why := unit_of_result(None, state.task, self._engine)[1]:
-            raise ConfigError(why.partition(";")[0])
         poses, stations = state.counted()
+        unit, why = unit_of_result(self.by, state.task, self._engine, None, len(poses))
+        if unit == "face":
+            raise ConfigError(why.partition(";")[0] or "it was asked for by face")
         rig, task, n = state.whole, replace(state.task, views=state.most_views), len(poses)
         if self._finder is None or self._finder[0] is not rig or self._finder[1].task != task:
             self._finder = rig, RegionPass(self.mesh, rig, task, method=self._engine)
         finder, network = self._finder[1], AreaNetwork(self.mesh, task)
         rows = rows_of_result(rig, poses)
-        is_kept, done = n * self.mesh.n_faces <= MOST_PAIRS, 0
+        is_kept, done = n * self.mesh.n_faces <= MOST_PAIRS and not task.min_angle_deg, 0
         seen: list[FloatArray] = []
         parts: list[Regions] = []
         for part in in_batches(poses, self.mesh.n_faces, finder.threads, rows):
@@ -314,10 +315,16 @@ class NetworkFigures:
         Why it is by face, "" by area.
     """
 
-    def __init__(self, measurements: Measurements, state: RigState) -> None:
-        mesh, rows = measurements.mesh, measurements.rows(state, state.on)
+    def __init__(
+        self,
+        mesh: Mesh,
+        state: RigState,
+        rows: list[Row],
+        areas: Areas | None = None,
+        by_face_because: str = "",
+    ) -> None:
         self.mesh, self.state, self.rows = mesh, state, rows
-        self.areas, self.by_face_because = measurements.areas_or_why(state)
+        self.areas, self.by_face_because = areas, by_face_because
         n, task = mesh.n_faces, state.task
         self.views = np.zeros(n, np.int32)
         self.best = np.zeros(n, np.float32)

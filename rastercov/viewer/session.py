@@ -9,8 +9,8 @@ import json
 import secrets
 import struct
 from collections import OrderedDict
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from io import BytesIO
 from threading import RLock
 from typing import Any
@@ -25,12 +25,23 @@ from rastercov.base.format import distance
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
 from rastercov.coverage.area.features import FEATURES
+from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.mesh.groups import rows_of
+from rastercov.mesh.unseeable import unseeable_where_seen
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.plan.network import (
+    Requirement,
+    judge,
+    judge_areas,
+    limits_of,
+    views_by_group,
+)
+from rastercov.placement.select.problem import in_whole_numbers, weights_of
 from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
-from rastercov.report.modes import mode_of
+from rastercov.report.modes import OCCLUDER, OCCLUDER_OF_REASONS, mode_of
 from rastercov.report.pages import described_frame, soup_of, zone_entries
 from rastercov.viewer.actions import (
     Constrain,
@@ -70,22 +81,26 @@ class StaleError(ConfigError):
 
 
 class Moment:
-    """The scene at one time, see `Scene.placed`, and what is measured of it."""
+    """The scene at one time, for its task or a goal, see `Scene.placed`, and what is measured."""
 
-    def __init__(self, scene: Scene, at: tuple[float, ...], method: str) -> None:
-        self.scene = scene
-        self.mesh, self.kept, self.poses = scene.placed(at)
-        self.measurements = Measurements(self.mesh, method)
+    def __init__(self, scene: Scene, at: tuple[float, ...], method: str, goal: str = "") -> None:
+        self.scene, self.goal = scene, scene.goal(goal)
+        self.mesh, self.kept, self.poses = scene.placed(at, self.goal)
+        self.measurements = Measurements(self.mesh, method, scene.by)
         self._shown: tuple[RigState, RigState] | None = None
         self._figures: NetworkFigures | None = None
 
     def shown(self, state: RigState) -> RigState:
-        """The state with cameras where bodies carry them."""
+        """The state with cameras where bodies carry them, and the thresholds of the goal."""
         kept = self._shown  # which another thread may change
         if kept is None or kept[0] is not state:
             own = self.scene.carriers(state.cameras)
             bodies = {name: self.poses[body] for name, body in own.items()}
-            self._shown = kept = state, state.carried(bodies)
+            placed = state.carried(bodies)
+            if self.goal is not None:
+                plan = self.goal.plan
+                placed = replace(placed, task=plan.build_task(), needed=views_by_group(plan, None))
+            self._shown = kept = state, placed
         return kept[1]
 
     def at_rest(self, made: RigState, shown: RigState, state: RigState) -> RigState:
@@ -95,14 +110,47 @@ class Moment:
         rest = made.carried(back)
         same = dict(zip(shown.stations, state.stations, strict=True))
         pairs = zip(made.stations, rest.stations, strict=True)
-        return replace(rest, stations=tuple(same.get(one, other) for one, other in pairs))
+        stations = tuple(same.get(one, other) for one, other in pairs)
+        if self.goal is not None:
+            rest = replace(rest, task=state.task, needed=state.needed)
+        return replace(rest, stations=stations)
 
     def figures(self, state: RigState) -> NetworkFigures:
         """Coverage by the cameras of a state."""
         shown = self.shown(state)
         if self._figures is None or self._figures.state is not shown:
-            self._figures = NetworkFigures(self.measurements, shown)
+            rows = self.measurements.rows(shown, shown.on)
+            areas, because = self.measurements.areas_or_why(shown)
+            self._figures = NetworkFigures(self.mesh, shown, rows, areas, because)
         return self._figures
+
+    def required(self, state: RigState) -> list[dict[str, Any]]:
+        """What the plan asks of the task, or the goal, and its state, ready for JSON."""
+        figures, goal, plan = self.figures(state), self.goal, self.scene.plan
+        if plan is None or self.scene.moving is not None:
+            return []
+        limits = {None: goal.limit} if goal else limits_of(plan.selection)
+        limits = {
+            place: limit
+            for place, limit in limits.items()
+            if place is None or rows_of([group.name for group in self.mesh.groups], place)
+        }
+        wanted = figures.state.needed or figures.state.task.views
+        if figures.areas is not None:
+            network, is_seeable = figures.areas.network, plan.task.weight_by == "seeable"
+            share = network.covered.area[0] / np.maximum(self.mesh.areas, np.finfo(float).tiny)
+            left = self.mesh.areas - unseeable_where_seen(self.mesh, share) if is_seeable else None
+            found: Sequence[Requirement] = judge_areas(network, limits, wanted, seeable=left)
+        else:
+            weights = in_whole_numbers(weights_of(self.mesh, plan.task.weight_by))
+            found = judge(self.mesh, weights, limits, figures.covered)
+        own = found if goal is None else [goal.required(each) for each in found]
+        name, groups = (goal.name, _zone_of(plan.goals[goal.name].groups)) if goal else ("", "")
+        asked = groups + task_in_words(asdict(figures.state.task), figures.state.needed)
+        return [
+            {"goal": name, "status": each.status, "words": each.words(), "asked": asked}
+            for each in own
+        ]
 
 
 class Session:
@@ -123,7 +171,9 @@ class Session:
         for each in FEATURES:
             each.check(scene.start.whole, scene.start.task)
         self.at: tuple[float, ...] = ()
-        self._method, self._moments = method, OrderedDict[tuple[float, ...], Moment]()
+        self.goal = ""
+        """Name of the goal that is shown, "" for the task."""
+        self._method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
         self.take_time(())
         self.is_kept = scene.has_constraints
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
@@ -141,7 +191,7 @@ class Session:
     @property
     def moment(self) -> Moment:
         """The scene at the time that is shown."""
-        return self._moments[self.at]
+        return self._moments[self.at, self.goal]
 
     @property
     def measurements(self) -> Measurements:
@@ -153,19 +203,24 @@ class Session:
         """The present state with cameras where they are at that time."""
         return self.moment.shown(self.state)
 
-    def take_time(self, at: tuple[float, ...]) -> None:
-        """Show a time, the first frame for (); the last `MOST_MOMENTS` stay measured."""
+    def take_time(self, at: tuple[float, ...], goal: str = "") -> None:
+        """Show a time, the first frame for (), and the task or a goal of the plan."""
         at = (at or (0.0,)) if self.scene.moving else ()
-        if at not in self._moments:
-            made = Moment(self.scene, at, self._method)
-            if self.at in self._moments:
-                self.measurements.close()  # its rows stay
-            self._moments[at] = made
-        self._moments.move_to_end(at)
-        self.at = at
+        before = self._moments.get((self.at, self.goal))
+        if self._moment(at, goal) is not before and before is not None and at != self.at:
+            before.measurements.close()  # its rows stay
+        self.at, self.goal = at, goal
+
+    def _moment(self, at: tuple[float, ...], goal: str) -> Moment:
+        """The scene at a time for a goal; the last `MOST_MOMENTS` stay measured."""
+        if (at, goal) not in self._moments:
+            self._moments[at, goal] = Moment(self.scene, at, self._method, goal)
+        self._moments.move_to_end((at, goal))
         size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, len(self.state.stations))
-        while len(self._moments) > max(1, min(MOST_MOMENTS, MOST_BYTES // size)):
+        kept = max(1 + len(self.scene.goals), min(MOST_MOMENTS, MOST_BYTES // size))
+        while len(self._moments) > kept:
             self._moments.popitem(last=False)[1].measurements.close()
+        return self._moments[at, goal]
 
     def close(self, seconds: float = -1) -> None:
         """Give back what measures, unless an answer takes more than `seconds`; -1 waits for it."""
@@ -189,6 +244,7 @@ class Session:
             for name, (kept, figures) in self.variants.copy().items()
         ]
         own = {"session": self.name, "is_kept": self.is_kept, "variants": variants, "at": self.at}
+        own["goal"] = self.goal
         own["is_saved"] = entries["is_saved"] and self.is_drawing_saved
         return described_state(self.scene, state, self.moment.shown(state), entries | own)
 
@@ -221,7 +277,7 @@ class Session:
         request = request_of(entries)
         with self.lock:
             check_choice("mode", request.mode, OF_A_RIG)
-            self.take_time(tuple(request.at))
+            self.take_time(tuple(request.at), request.goal)
             self._moved = ""
             self._edit(request)
             notice = "" if request.is_drag else self._moved
@@ -242,7 +298,9 @@ class Session:
             moment, mesh = self.moment, self.scene.mesh
             values = self._values(figures, mode, options, station)
             painted = mode_of(mode).paint(moment.mesh, values)
-            levels = np.zeros(mesh.n_faces, np.uint8)  # of a body that is not there, too
+            of_others = OCCLUDER_OF_REASONS if mode == "reason" else OCCLUDER
+            away = 0 if self.scene.moving else of_others  # of a body, or of targets of other goals
+            levels = np.full(mesh.n_faces, away, np.uint8)
             levels[moment.kept] = painted.levels
             head = described_frame(mode, painted) | {"summary": self._summary()}
             head |= {"state": self.described_state(), "notice": notice}
@@ -352,6 +410,8 @@ class Session:
             self._vary(action)
         else:
             shown = self.shown
+            if self.goal and action.do == "task":
+                raise ConfigError("thresholds of a goal are of its plan; show the task for its own")
             made, words = applied(action, shown, self._settled)
             if words:
                 made = self.moment.at_rest(made, shown, self.state)
@@ -398,8 +458,11 @@ class Session:
         return pose
 
     def _summary(self) -> dict[str, Any]:
-        """Figures of the network and its cost."""
-        return self.figures().summary() | {"cost": self.scene.cost(self.state)}
+        """Figures of the network, its cost, and what the plan asks for."""
+        moments = [self._moment(self.at, name) for name in self.scene.goal_names]
+        required = [each for moment in moments for each in moment.required(self.state)]
+        own = {"cost": self.scene.cost(self.state), "required": required}
+        return self.figures().summary() | own
 
     def _values(
         self, figures: NetworkFigures, mode: str, options: Mapping[str, Any], station: int | None
@@ -439,6 +502,11 @@ class Session:
         if self._segments is None or self._segments[0] != (alpha, beta):
             self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
         return self._segments[1]
+
+
+def _zone_of(groups: Sequence[str] | None) -> str:
+    """Start of a sentence on the groups of a goal."""
+    return f"Of {', '.join(groups)}: " if groups else ""
 
 
 def framed(head: Mapping[str, Any], payload: bytes) -> bytes:

@@ -93,7 +93,7 @@ def worth_of(own: Measurements, state: RigState) -> tuple[float, float]:
     mesh, needed, (areas, _) = own.mesh, state.need(own.mesh), own.areas_or_why(state)
     task = mesh.task_mask
     if areas is None:
-        found, sizes = NetworkFigures(own, state), np.asarray(mesh.areas)
+        found, sizes = _by_face(own, state), np.asarray(mesh.areas)
         views = np.minimum(found.views, needed)
         return float(sizes[found.covered & task].sum()), float((views * sizes)[task].sum())
     network = areas.network
@@ -267,11 +267,15 @@ def tries(
     return space.composed(eyes[is_allowed], (targets - eyes)[is_allowed], rolls)
 
 
+def _by_face(own: Measurements, state: RigState) -> NetworkFigures:
+    return NetworkFigures(own.mesh, state, own.rows(state, state.on))
+
+
 def _open_parts(own: Measurements, state: RigState) -> tuple[FloatArray, IntArray, FloatArray]:
     """Points in what is not covered, (N, 3), their faces, and areas: of pieces, or whole faces."""
     mesh, (areas, _) = own.mesh, own.areas_or_why(state)
     if areas is None:
-        faces = np.flatnonzero(mesh.task_mask & ~NetworkFigures(own, state).covered)
+        faces = np.flatnonzero(mesh.task_mask & ~_by_face(own, state).covered)
         return np.asarray(mesh.centroids)[faces], faces, np.asarray(mesh.areas)[faces]
     zones = areas.network.zones(state.needed)
     middle = polygons.centroids(zones.xy, zones.starts, zones.piece_area)
@@ -422,7 +426,10 @@ class Work:
             revision, moment, before = session.history.revision, session.moment, session.state
             state = session.shown
         gain: float | None
-        own = Measurements(moment.mesh, moment.measurements.method)
+        if moment.goal is not None and moment.goal.is_most and not isinstance(asked, Place):
+            name = moment.goal.name
+            raise ConfigError(f"goal {name} is to be covered at most; show the task to cover more")
+        own = Measurements(moment.mesh, moment.measurements.method, moment.measurements.by)
         try:
             if isinstance(asked, Refine):
                 words = f"refine {state.station(asked.station).name}"

@@ -88,7 +88,7 @@ export function summary(session) {
   const main = element("strong.covered");
   const change = element("span.change");
   const rest = element("span.soft");
-  let first = null;
+  const firsts = {}; // of the task and of goals
   let timer = 0;
   const root = element(
     "div.summary",
@@ -121,14 +121,14 @@ export function summary(session) {
   session.on("frame", ({ summary: now }) => {
     const covered = coveredPercent(now);
     main.textContent = percent(covered);
-    first ??= covered;
-    const by = covered - first;
+    const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
     change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)}`;
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;
     const why = now.by_face_because ? `: ${now.by_face_because}` : "";
-    rest.textContent = exact ? "of the area" : `of the area in whole faces${why}`;
+    const of = `of the area${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
+    rest.textContent = exact ? of : `${of} in whole faces${why}`;
     root.title = exact ? `${exact.percent.toFixed(4)} ± ${figure(exact.bound_percent, 2)} %` : rest.textContent;
   });
   return root;

@@ -1,6 +1,6 @@
 /** Panel "Network": all cameras together by the model of choice, and the thresholds of the task. */
 
-import { element, section } from "rastercov/dom.js";
+import { button, element, fill, keepingFocus, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
 import { jointsPanel } from "rastercov/time.js";
@@ -11,9 +11,39 @@ export function networkPanel(session) {
     "div",
     {},
     jointsPanel(session),
+    goals(session),
     section("All cameras together", [modes]),
-    session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
+    session.canEdit ? thresholds(session) : null,
   );
+}
+
+/** What the plan asks of its task and its goals; a goal is shown by its button. Null without any. */
+function goals(session) {
+  const list = element("ul.goals");
+  const root = section("Goals", [list]);
+  const row = ({ goal, status, words, asked }) =>
+    element(
+      `li.${status}`,
+      {},
+      element("strong", {}, status),
+      button(words, () => session.setGoal(goal), {
+        kind: "link",
+        "aria-current": String(goal === (session.state.goal ?? "")),
+        disabled: !session.canEdit,
+        title: goal ? `show ${goal}` : "show the task",
+      }),
+      element("span.soft", {}, asked),
+    );
+  const show = () => {
+    const required = session.figures?.summary.required ?? [];
+    const isTask = required.some(({ goal }) => !goal);
+    const task = isTask ? [] : [{ goal: "", status: "task", words: "task, without the goals", asked: "" }];
+    root.hidden = !required.length;
+    keepingFocus(list, () => fill(list, [...task, ...required].map(row)));
+  };
+  session.on("frame", show);
+  show();
+  return root;
 }
 
 /** Sliders of the task. */
@@ -27,11 +57,10 @@ function thresholds(session) {
     }),
   }));
   session.on("state", (state) => {
+    root.hidden = Boolean(state.goal);
     for (const { field, control: made } of controls) made.set(state.task[field.name] ?? null);
   });
-  return element(
-    "div",
-    {},
-    controls.map(({ control: made }) => made.root),
-  );
+  const rows = controls.map(({ control: made }) => made.root);
+  const root = section("What counts as covered", [element("div", {}, rows)]);
+  return root;
 }
