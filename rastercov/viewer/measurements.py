@@ -63,8 +63,12 @@ MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
 MOST_LIT = 1_000
 """Poses of cameras whose light is kept."""
-MOST_PAIRS = 8_000_000
-"""Pairs of a face and a camera whose regions are kept, about 50 bytes each."""
+MOST_PAIRS = 4_000_000
+"""Pairs of a face and a camera whose regions are kept: 1 GB with their union."""
+LIVE_PAIRS = 1_000_000
+"""Pairs up to which the exact area follows a drag: half a second."""
+MOVING = "exact at rest"
+"""Why figures are of whole faces during a drag."""
 NOTHING_FAILS = np.uint8(255)
 """In place of `Reason.COVERED` where reasons of light, which are greater, are compared with it."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")

@@ -55,7 +55,9 @@ from rastercov.viewer.actions import (
 )
 from rastercov.viewer.measurements import (
     BYTES_A_FACE,
+    LIVE_PAIRS,
     MOST_BYTES,
+    MOVING,
     Measurements,
     NetworkFigures,
     why,
@@ -115,19 +117,24 @@ class Moment:
             rest = replace(rest, task=state.task, needed=state.needed)
         return replace(rest, stations=stations)
 
-    def figures(self, state: RigState) -> NetworkFigures:
-        """Coverage by the cameras of a state."""
-        shown = self.shown(state)
-        if self._figures is None or self._figures.state is not shown:
+    def figures(self, state: RigState, *, is_drag: bool = False) -> NetworkFigures:
+        """Coverage by the cameras of a state; during a drag of many pairs by whole faces."""
+        shown, kept = self.shown(state), self._figures
+        if kept is None or kept.state is not shown or kept.by_face_because == MOVING:
             rows = self.measurements.rows(shown, shown.on)
-            areas, because = self.measurements.areas_or_why(shown)
-            self._figures = NetworkFigures(self.mesh, shown, rows, areas, because)
-        return self._figures
+            is_late = is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS
+            late = None, MOVING
+            areas, because = late if is_late else self.measurements.areas_or_why(shown)
+            self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
+        return kept
 
-    def required(self, state: RigState) -> list[dict[str, Any]]:
+    def required(self, state: RigState, *, is_drag: bool) -> list[dict[str, Any]]:
         """What the plan asks of the task, or the goal, and its state, ready for JSON."""
-        figures, goal, plan = self.figures(state), self.goal, self.scene.plan
+        goal, plan = self.goal, self.scene.plan
         if plan is None or self.scene.moving is not None:
+            return []
+        figures = self.figures(state, is_drag=is_drag)
+        if figures.by_face_because == MOVING:
             return []
         limits = {None: goal.limit} if goal else limits_of(plan.selection)
         limits = {
@@ -180,6 +187,7 @@ class Session:
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
         self._shares: tuple[RigState, FloatArray] | None = None  # of time
+        self._is_drag = False
         self._moved = ""  # what the constraints made of the last place
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
 
@@ -279,6 +287,7 @@ class Session:
             check_choice("mode", request.mode, OF_A_RIG)
             self.take_time(tuple(request.at), request.goal)
             self._moved = ""
+            self._is_drag = request.is_drag
             self._edit(request)
             notice = "" if request.is_drag else self._moved
             return self.frame(request.mode, request.options, request.station, notice)
@@ -312,7 +321,7 @@ class Session:
     def figures(self) -> NetworkFigures:
         """Coverage by the cameras of the present state."""
         with self.lock:
-            return self.moment.figures(self.state)
+            return self.moment.figures(self.state, is_drag=self._is_drag)
 
     def areas(self) -> AreaNetwork:
         """Exact area that they cover; ConfigError where the result is by face."""
@@ -460,7 +469,8 @@ class Session:
     def _summary(self) -> dict[str, Any]:
         """Figures of the network, its cost, and what the plan asks for."""
         moments = [self._moment(self.at, name) for name in self.scene.goal_names]
-        required = [each for moment in moments for each in moment.required(self.state)]
+        found = [moment.required(self.state, is_drag=self._is_drag) for moment in moments]
+        required = [each for of_one in found for each in of_one]
         own = {"cost": self.scene.cost(self.state), "required": required}
         return self.figures().summary() | own
 

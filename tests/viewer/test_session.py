@@ -220,6 +220,18 @@ def test_headline_and_shares_are_those_of_evaluate(thresholds, off, has_rule):
             assert entry["area_percent"] == pytest.approx(own["covered_area"]["percent"], abs=1e-9)
 
 
+def test_a_drag_of_many_pairs_is_by_whole_faces_until_it_ends(session, monkeypatch):
+    monkeypatch.setattr("rastercov.viewer.session.LIVE_PAIRS", MESH.n_faces)
+    pose = moved(POSES[0], (0.01, 0, 0))
+    head, _ = acted(session, do="pose", station=0, pose=pose, drag=True)
+    assert head["summary"]["by_face_because"] == "exact at rest"
+    assert "covered_area" not in head["summary"]
+    for action in ({"do": "none"}, {"do": "pose", "station": 0, "pose": pose}):
+        exact = acted(session, **action)[0]["summary"]["covered_area"]
+        whole = of_evaluate(session.state, rc.Task())["covered_area"]
+        assert exact["percent"] == pytest.approx(whole["percent"], abs=1e-9)
+
+
 def test_regions_that_do_not_fit_leave_out_what_is_lost_alone(session, monkeypatch):
     before = acted(session)[0]["summary"]
     monkeypatch.setattr(measurements, "MOST_PAIRS", 2 * MESH.n_faces)

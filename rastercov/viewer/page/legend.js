@@ -107,8 +107,8 @@ export function summary(session) {
       const [done, total] = await session.measured().catch(() => []);
       if (timer !== mine) return;
       const seconds = Math.round((performance.now() - began) / 1000);
-      const which = total ? ` ${count(done)} of ${count(total)} cameras` : "";
-      rest.textContent = `measuring${which}, ${seconds} s`;
+      const which = total ? ` by ${count(done)} of ${count(total)} cameras` : "";
+      rest.textContent = `measuring ${count(session.scene.n_faces)} faces${which}, ${seconds} s`;
       timer = setTimeout(say, BUSY_EVERY);
     };
     timer = setTimeout(say, BUSY_AFTER);

@@ -57,7 +57,8 @@ const areMany = ({ scene, state }) =>
 /** Why faces have one colour each in the picture by reason, and whether their pieces are offered. */
 export function whyNoPieces(session, view) {
   const { scene, state, mode, figures } = session;
-  if (mode !== "reason" || !session.canEdit || !state.stations.length) return { words: "" };
+  if (mode !== "reason" || !state.stations.length) return { words: "" };
+  if (!session.canEdit) return { words: figures.summary.covered_area ? "Whole faces." : "" };
   if (figures.summary.by_face_because) return { words: `Whole faces: ${figures.summary.by_face_because}.` };
   if (!view.options.hasPieces) return { words: "Whole faces." };
   if (!areMany(session)) return { words: "" }; // they come
