@@ -226,7 +226,7 @@ class Measurements:
             keys.append((state.cameras[name], pose.tobytes(), state.task_of(name)))
         new = [row for row, key in enumerate(keys) if key not in self._regions]
         if new:
-            found = replace(finder.find(poses[np.array(new)]), light=None)
+            found = replace(finder.find(poses[np.array(new)]), conditions=())
             for at, row in enumerate(new):
                 self._regions[keys[row]] = taken(found, np.array([at]))
         for key in keys:
@@ -236,7 +236,7 @@ class Measurements:
         if not keys:
             return finder.find(poses)
         every = joined([self._regions[key] for key in keys])
-        every = replace(every, camera=finder.camera, task=finder.task, light=finder.light)
+        every = replace(every, camera=finder.camera, task=finder.task, conditions=finder.conditions)
         return replace(every, pose_ids=poses.ids)
 
     def light(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:

@@ -24,8 +24,8 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import distance
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
-from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.advice import task_in_words
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh.groups import rows_of

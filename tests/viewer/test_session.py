@@ -190,7 +190,7 @@ def test_headline_and_shares_are_those_of_evaluate(thresholds, off, has_rule):
     rig, index = Rig([CAMERA], ["eye"]), None
     if has_rule:
         rig, index = Rig([CAMERA, CAMERA], ["left", "right"], rule=rc.All()), [0, 1] * 2
-    if has_rule and thresholds["min_angle_deg"]:
+    if has_rule and (thresholds["min_angle_deg"] or thresholds["min_pixels"] > 1):
         return  # refused by evaluate
     task, poses = rc.Task(**thresholds), Poses.of(POSES, camera=index)
     session = Session(Scene("part", MESH, RigState.of(rig, poses, task=task)))
