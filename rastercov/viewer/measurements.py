@@ -30,6 +30,7 @@ from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import deviations_of, gated, gated_reasons
 from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.zones import DeadZones
 from rastercov.coverage.coverage import evaluate_batches, in_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.engine import Engine
@@ -119,7 +120,8 @@ class Areas:
     Attributes
     ----------
     network : AreaNetwork
-    stations : tuple of Station
+    state : RigState
+    poses, stations : Poses, tuple of Station
         Those that count: cameras, and rigs with a rule all of whose cameras are on.
     seen, lost : (N,) float64, or None
         m^2 that each of them, or its rig, covers, and that is not covered without it, which is
@@ -127,9 +129,24 @@ class Areas:
     """
 
     network: AreaNetwork
+    state: RigState
+    poses: Poses
     stations: tuple[Station, ...]
     seen: FloatArray | None = None
     lost: FloatArray | None = None
+
+    @property
+    def zones(self) -> DeadZones:
+        """What too few cameras cover."""
+        return self.network.zones(self.state.needed)
+
+    def dead_zones(self) -> dict[str, Any]:
+        """The same with reasons, ready for JSON."""
+        return self.network.dead_zones(self.state.whole, self.poses, self.state.needed)
+
+    def summary(self) -> dict[str, Any]:
+        """Covered area, ready for JSON."""
+        return self.network.summary(self.state.needed)
 
 
 class Measurements:
@@ -207,9 +224,9 @@ class Measurements:
             done += len(part)
         self.progress = [0, 0]
         if not n:
-            return Areas(network, stations)
+            return Areas(network, state, poses, stations)
         lost = lost_without(joined(parts), state.need(self.mesh))[rows] if is_kept else None
-        return Areas(network, stations, np.concatenate(seen)[rows], lost)
+        return Areas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
 
     def areas_or_why(self, state: RigState) -> tuple[Areas | None, str]:
         """As `areas`, and ""; or None where a result is by face, and why."""
@@ -451,7 +468,7 @@ class NetworkFigures:
         }
         total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
         if (exact := self.areas) is not None:
-            network["covered_area"] = exact.network.summary(self.state.needed)
+            network["covered_area"] = exact.summary()
             stations, nothing = exact.stations, np.zeros(len(exact.stations))
             ids = [each.id for each in stations]
             return figures_of(network, nothing, exact.seen, exact.lost, total, ids)

@@ -27,7 +27,6 @@ from rastercov.camera.pose import inverse
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh.groups import rows_of
 from rastercov.mesh.unseeable import unseeable_where_seen
 from rastercov.placement.candidates.segments import Segmentation, segment
@@ -58,6 +57,7 @@ from rastercov.viewer.measurements import (
     LIVE_PAIRS,
     MOST_BYTES,
     MOVING,
+    Areas,
     Measurements,
     NetworkFigures,
     why,
@@ -323,12 +323,12 @@ class Session:
         with self.lock:
             return self.moment.figures(self.state, is_drag=self._is_drag)
 
-    def areas(self) -> AreaNetwork:
+    def areas(self) -> Areas:
         """Exact area that they cover; ConfigError where the result is by face."""
         figures = self.figures()
         if figures.areas is None:
             raise ConfigError(figures.by_face_because)
-        return figures.areas.network
+        return figures.areas
 
     def pieces(self) -> bytes:
         """Frame of the convex pieces that too few cameras cover; ConfigError as `areas`.
@@ -337,8 +337,8 @@ class Session:
         the origin of the soup.
         """
         with self.lock:
-            state, moment, found = self.state, self.moment, self.areas()
-        zones = found.zones(state.needed)
+            moment, found = self.moment, self.areas()
+        zones = found.zones
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
         numbers = np.concatenate(([len(counts)], moment.kept[zones.face], counts)).astype("<u4")
@@ -395,9 +395,8 @@ class Session:
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
         with self.lock:
-            areas, state, moment = self.areas(), self.shown, self.moment
-            said = areas.dead_zones(state.whole, state.counted()[0], state.needed)
-            found = zone_entries(moment.mesh, areas.zones(state.needed), said)
+            areas, moment = self.areas(), self.moment
+            found = zone_entries(moment.mesh, areas.zones, areas.dead_zones())
             return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
 
     def space(self) -> PoseSpace:
@@ -483,7 +482,7 @@ class Session:
             return figures.values[mode]()
         if mode == "area":
             rows = np.minimum(figures.need, state.most_views) - 1
-            covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
+            covered = self.areas().network.covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
         if mode == "time":
             return self._share_of_time()[self.moment.kept]

@@ -99,7 +99,7 @@ def worth_of(own: Measurements, state: RigState) -> tuple[float, float]:
     network = areas.network
     rows = np.arange(network.views)[:, None] < needed
     views_m2 = float((network.covered.area * rows)[:, task].sum())
-    return float(network.summary(state.needed)["m2"]), views_m2
+    return float(areas.summary()["m2"]), views_m2
 
 
 def refined(
@@ -277,7 +277,7 @@ def _open_parts(own: Measurements, state: RigState) -> tuple[FloatArray, IntArra
     if areas is None:
         faces = np.flatnonzero(mesh.task_mask & ~_by_face(own, state).covered)
         return np.asarray(mesh.centroids)[faces], faces, np.asarray(mesh.areas)[faces]
-    zones = areas.network.zones(state.needed)
+    zones = areas.zones
     middle = polygons.centroids(zones.xy, zones.starts, zones.piece_area)
     faces = zones.face.astype(np.int64)
     return to_world(mesh, faces, middle), faces, zones.piece_area

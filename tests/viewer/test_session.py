@@ -359,7 +359,7 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
         np.linalg.norm(np.cross(c[1:-1] - c[0], c[2:] - c[0]).sum(axis=0)) / 2 for c in corners
     ]
     dead = np.bincount(faces, sizes, MESH.n_faces)
-    found = session.areas()
+    found = session.areas().network
     np.testing.assert_allclose(
         dead, MESH.areas - found.covered.area[0], atol=1e-5 * MESH.areas.max()
     )
