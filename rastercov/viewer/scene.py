@@ -88,6 +88,15 @@ OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
 """Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
+PLACES = {
+    Place.ALLOWED: "allowed",
+    Place.TOO_FAR: "too far from the surface",
+    Place.TOO_NEAR: "too near a surface",
+    Place.KEPT_OUT: "in a keep-out",
+    Place.IN_SOLID: "inside a body",
+    Place.OUTSIDE: "outside the mounting places",
+}
+"""Words on places of cameras."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
 LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
@@ -447,7 +456,7 @@ def described_state(
 
 def place_words(judged: NDArray[np.uint8]) -> list[str]:
     """Words on places as `PoseSpace.judge` has them: the constraint that each violates."""
-    return [Place(code).name.lower().replace("_", " ") for code in judged.tolist()]
+    return [PLACES[code] for code in judged.tolist()]
 
 
 def described_lamps(rig: Rig) -> list[dict[str, Any]]:
