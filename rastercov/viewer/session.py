@@ -419,7 +419,9 @@ class Session:
         else:
             shown = self.shown
             if self.goal and action.do == "task":
-                raise ConfigError("thresholds of a goal are of its plan; show the task for its own")
+                raise ConfigError(
+                    "a goal has the thresholds of its plan; show the task to change its own"
+                )
             made, words = applied(action, shown, self._settled)
             if words:
                 made = self.moment.at_rest(made, shown, self.state)

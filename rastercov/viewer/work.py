@@ -66,7 +66,7 @@ def _open(
     """
     (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
     if areas is None and state.lamps is not None:
-        raise ConfigError(f"with lamps the search is by area, but {because}")
+        raise ConfigError(f"with lamps cameras are sought by area, and {because}; leave it out")
     task, done = replace(state.task, views=state.most_views), 0
     views: Any = state.task.views if state.needed is None else state.needed
 

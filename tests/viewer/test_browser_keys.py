@@ -226,6 +226,16 @@ def test_the_page_is_downloaded_by_keys_with_what_was_just_typed(tab, context, t
     assert page.state()["task"]["max_incidence_deg"] == 50
 
 
+def test_a_menu_goes_by_keys(tab):
+    head = tab.page.locator(".menu > summary").filter(has_text="Save")
+    head.focus()
+    tab.keys("Enter", "Tab")
+    assert tab.js("document.activeElement.textContent") == "Save rig"
+    tab.keys("Escape")
+    assert tab.page.get_by_role("button", name="Save rig").is_hidden()
+    assert tab.js("document.activeElement.tagName") == "SUMMARY"
+
+
 def test_frames_are_stepped_by_keys(live):  # noqa: F811
     page = live[0]
     for key, frame in ((".", 1), (".", 2), (",", 1), (",", 0), (",", 0)):

@@ -60,10 +60,16 @@ export function choice(label, choices, value, onChange, { title = "" } = {}) {
   return menu;
 }
 
-/** Menu that opens below a button, and closes at a press elsewhere; `root.open = false` closes it. */
+/** Menu that opens below a button, and closes at Esc and at a press elsewhere; `root.open = false` closes it. */
 export function menu(text, title, items) {
   const root = element("details.menu", {}, element("summary", { title }, text), element("div.items", {}, items));
   document.addEventListener("pointerdown", (event) => root.contains(event.target) || (root.open = false));
+  root.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" || !root.open) return;
+    root.open = false;
+    root.firstChild.focus();
+    event.stopPropagation();
+  });
   return root;
 }
 
