@@ -138,7 +138,7 @@ class Areas:
     @property
     def zones(self) -> DeadZones:
         """What too few cameras cover."""
-        return self.network.zones(self.state.needed)
+        return self.network.zones(self.state.whole, self.poses, self.state.needed)
 
     def dead_zones(self) -> dict[str, Any]:
         """The same with reasons, ready for JSON."""

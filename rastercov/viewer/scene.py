@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 import rastercov
 from rastercov.base.arguments import annotations_of, check_choice, documented
@@ -134,6 +134,8 @@ class Scene:
         What was read and could not be kept.
     moving : PlanMotion or None
         Motion of its bodies, and its question.
+    sheet, constraints : SheetSection, Constraints
+        Title block and limits of the plan, or of that of a result.
     task_mesh : Mesh or None
         The mesh without the groups of goals, where the plan has goals.
     goals : tuple of OwnGoal
@@ -149,6 +151,8 @@ class Scene:
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
     moving: PlanMotion | None = None
+    sheet: SheetSection = field(default_factory=SheetSection)
+    constraints: Constraints = field(default_factory=Constraints)
     task_mesh: Mesh | None = None
     goals: tuple[OwnGoal, ...] = ()
     by: str | None = None
@@ -522,6 +526,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
+    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints}
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving, **of_plan)
 
 
@@ -602,7 +607,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    start = state_of(read_views(rig_file), task, _cameras(run)).lit(lamps)
+    start = state_of(read_views(rig_file), task, _cameras(run))
+    start = replace(start, whole=start.whole._lit(lamps))
     told = _read(folder / name)
     by = "face" if told.get("by") == "face" and not told.get("by_face_because") else None
     needed = (told.get("covered_area") or {}).get("views")
@@ -611,8 +617,24 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
     notes += (LAMPS_ASKED,) if lamps is None and "light" in told else ()
-    title = folder.resolve().name
-    return Scene(title, mesh, start, result=result, notes=notes, moving=moving, by=by)
+    title, own = folder.resolve().name, told.get("plan")
+    own = own if isinstance(own, Mapping) else {}
+    try:
+        sheet = SheetSection.model_validate(own.get("sheet") or {})
+        limits = Constraints.model_validate(own.get("constraints") or {})
+    except ValidationError as error:
+        raise TypeError from error
+    return Scene(
+        title,
+        mesh,
+        start,
+        result=result,
+        notes=notes,
+        moving=moving,
+        sheet=sheet,
+        constraints=limits,
+        by=by,
+    )
 
 
 def scene_of_place(folder: Path) -> Shown | None:

@@ -65,7 +65,7 @@ def _open(
     Elements are cells by area and faces by face. The objective reports poses done of `count`.
     """
     (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
-    if areas is None and state.lamps is not None:
+    if areas is None and state.whole.lamps is not None:
         raise ConfigError(f"with lamps cameras are sought by area, and {because}; leave it out")
     task, done = replace(state.task, views=state.most_views), 0
     views: Any = state.task.views if state.needed is None else state.needed
