@@ -156,6 +156,10 @@ MOST_STATIONS = 5_000
 """Cameras that a page shows."""
 MOST_FACES_OF_ZONE = 5_000
 """Faces of a dead zone that a page highlights."""
+CUT_AT = 0.6
+"""Height at which a floor plan is cut, as a part of that of its storey."""
+FLOOR_COSINE, LEAST_STOREY, LEAST_FLOOR = 0.94, 1.5, 0.25
+"""Least cosine of the slope of a floor, height of a storey, m, and part of the largest floor."""
 PARTS_OF_BORDER = 8
 """Rays of the border of a field of view along each side of the image."""
 _IMPORT = re.compile(r'^import (\{.*?\}) from "rastercov/(\w+)\.js";$', re.DOTALL | re.MULTILINE)
@@ -323,7 +327,8 @@ def figures_of(
     def share(part: FloatArray | None, row: int) -> float | None:
         return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
 
-    return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
+    names = ("covered", "covered_area", "by_face_because")
+    return {name: summary[name] for name in names if name in summary} | {
         "by_camera": [
             {
                 "station": station,
@@ -332,8 +337,7 @@ def figures_of(
                 "alone_percent": share(alone_m2, row),
             }
             for row, station in enumerate(stations or range(len(counts)))
-        ],
-        "exact_area_percent": summary.get("covered_area", {}).get("percent"),
+        ]
     }
 
 
@@ -350,6 +354,7 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
         "bounds": np.asarray(mesh.bounds).tolist(),
         "frame": scene_box(mesh).tolist(),
         "up": upwards(poses).tolist(),
+        "cut": plan_cut(mesh, poses),
         "towards": towards,
         "groups": [
             {
@@ -363,6 +368,41 @@ def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> dict[str, Any]:
         ],
         "reasons": {name: words.label for name, words in REASONS.items()},
     }
+
+
+def plan_cut(mesh: Mesh, poses: ArrayLike = ()) -> float:
+    """Coordinate along the axis of up at which a floor plan is cut: above a floor of the task.
+
+    Of several floors it is the one with most cameras of `poses` above it and below the next, and of
+    equals the largest. The cut is at `CUT_AT` of the height up to the next floor, or the top.
+    """
+    up, task = upwards(poses), mesh.task_mask
+    if not task.any():
+        task = np.ones_like(task)
+    heights = np.asarray(mesh.vertices @ up)[mesh.faces[task]]
+    top, is_floor = float(heights.max()), mesh.normals[task] @ up > FLOOR_COSINE
+    levels, areas = heights.mean(axis=1)[is_floor], np.asarray(mesh.areas)[task][is_floor]
+    floors, sizes = _floors(levels, areas)
+    if not len(floors):
+        return float(up.sum()) * float((1 - CUT_AT) * heights.min() + CUT_AT * top)
+    eyes = np.asarray(poses, np.float64).reshape(-1, 4, 4)[:, :3, 3] @ up
+    above = np.bincount(np.searchsorted(floors, eyes, "right"), minlength=len(floors) + 1)[1:]
+    own = int(np.lexsort((sizes, above))[-1])
+    ceiling = floors[own + 1] if own + 1 < len(floors) else max(top, floors[own])
+    return float(up.sum()) * float((1 - CUT_AT) * floors[own] + CUT_AT * ceiling)
+
+
+def _floors(levels: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Heights of floors, rising, and their areas, of the heights and areas of level faces."""
+    bins, own = np.unique(np.floor(levels / LEAST_STOREY * 4), return_inverse=True)
+    sizes = np.bincount(own, areas, len(bins)).astype(np.float64)
+    lowest = np.full(len(bins), np.inf)
+    np.minimum.at(lowest, own, levels)
+    kept: list[int] = []
+    for row in np.flatnonzero(sizes >= LEAST_FLOOR * sizes.max(initial=0.0)).tolist():
+        if not kept or lowest[row] - lowest[kept[-1]] >= LEAST_STOREY:
+            kept.append(row)
+    return lowest[kept], sizes[kept]
 
 
 def described_mode(name: str, mode: Mode) -> dict[str, Any]:

@@ -225,7 +225,7 @@ class OfVariant(Action):
 class Request(Action):
     """An edit, and the faces to give back after it.
 
-    `at` is the time that is shown, see `Scene.placed`.
+    `at` is the time that is shown, see `Scene.placed`, and `goal` the goal.
     """
 
     revision: int
@@ -234,6 +234,7 @@ class Request(Action):
     station: int | None = None
     is_drag: bool = False
     at: list[Number] = []
+    goal: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
     # mypy reads no union that is made from a table.
     action: Annotated[Union[(*_FORMS, Step, Constrain, OfVariant)], Field(discriminator="do")]  # type: ignore[valid-type]
 

@@ -1,14 +1,15 @@
 """Coverage of faces by each camera of a viewer, measured once and kept while there is room.
 
 Only a camera that moved, or whose lens changed, is measured again; another threshold measures all
-of them. `NetworkFigures` adds up what the stations of a state cover. `why` is the reason of one
-face: what each camera gets of it, what hides it, and what would help.
+of them. `NetworkFigures` adds up what the stations of a state cover, with the exact area where the
+thresholds are of points. `why` is the reason of one face: what each camera gets of it, what hides
+it, and what would help.
 """
 
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,17 +22,19 @@ from rastercov.base.format import area, percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import led_by
+from rastercov.camera.rig import Rig, led_by, rows_of_result
 from rastercov.coverage.advice import advice, depth_in_words, general_advice
 from rastercov.coverage.area.feature import PointCondition
 from rastercov.coverage.area.features import FEATURES, conditions_at, device_of, values_of
-from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import deviations_of, gated_reasons
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.area.rows import deviations_of, gated, gated_reasons
+from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.coverage import evaluate_batches, in_batches
 from rastercov.coverage.densities import density_text
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import ViewSpread, share_of_faces, shares_by_reason
+from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import (
     BASELINE,
@@ -48,6 +51,7 @@ from rastercov.mesh import Mesh
 from rastercov.native.coverage_spread import widest_angles
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OfCameras, OfLight, OfUnit, of_devices, rounded
+from rastercov.report.network_page import lost_without
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
@@ -60,6 +64,12 @@ MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
 MOST_LIT = 1_000
 """Poses of cameras whose light is kept."""
+MOST_PAIRS = 4_000_000
+"""Pairs of a face and a camera whose regions are kept: 1 GB with their union."""
+LIVE_PAIRS = 1_000_000
+"""Pairs up to which the exact area follows a drag: half a second."""
+MOVING = "exact at rest"
+"""Why figures are of whole faces during a drag."""
 NOTHING_FAILS = np.uint8(255)
 """In place of `Reason.COVERED` where reasons of light, which are greater, are compared with it."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
@@ -103,17 +113,55 @@ class Row:
         return np.where(self.reason == Reason.COVERED, self.light, self.reason)
 
 
+@dataclass(frozen=True, eq=False)
+class Areas:
+    """Exact area that the stations of a state cover together.
+
+    Attributes
+    ----------
+    network : AreaNetwork
+    state : RigState
+    poses, stations : Poses, tuple of Station
+        Those that count: cameras, and rigs with a rule all of whose cameras are on.
+    seen, lost : (N,) float64, or None
+        m^2 that each of them, or its rig, covers, and that is not covered without it, which is
+        not known of more than `MOST_PAIRS`, and with an angle between views.
+    """
+
+    network: AreaNetwork
+    state: RigState
+    poses: Poses
+    stations: tuple[Station, ...]
+    seen: FloatArray | None = None
+    lost: FloatArray | None = None
+
+    @property
+    def zones(self) -> DeadZones:
+        """What too few cameras cover."""
+        return self.network.zones(self.state.whole, self.poses, self.state.needed)
+
+    def dead_zones(self) -> dict[str, Any]:
+        """The same with reasons, ready for JSON."""
+        return self.network.dead_zones(self.state.whole, self.poses, self.state.needed)
+
+    def summary(self) -> dict[str, Any]:
+        """Covered area, ready for JSON."""
+        return self.network.summary(self.state.needed)
+
+
 class Measurements:
     """Rows of cameras at their poses, measured on demand; one thread at a time may use it.
 
-    ConfigError for a method that does not exist.
+    `by` is the unit of results, as of `evaluate`. ConfigError for a method that does not exist.
     """
 
-    def __init__(self, mesh: Mesh, method: str = "certified") -> None:
-        self.mesh, self.method = mesh, method
-        Engine.of(method)  # refuses what is no method before anything is served
+    def __init__(self, mesh: Mesh, method: str = "certified", by: str | None = None) -> None:
+        self.mesh, self.method, self.by = mesh, method, by
+        self._engine = Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
+        self._regions: OrderedDict[Key, Regions] = OrderedDict()
+        self._finder: tuple[Rig, RegionPass] | None = None
         self._light: tuple[Any, list[PointCondition], dict[Any, NDArray[np.uint8]]] | None = None
         self.progress = [0, 0]  # poses measured of those that an answer needs now, and their number
 
@@ -144,6 +192,69 @@ class Measurements:
             for row, station in zip(found, stations, strict=True)
             for light in [self.light(state, station.camera, station.pose)]
         ]
+
+    def areas(self, state: RigState) -> Areas:
+        """Exact area that the stations of a state that are on cover.
+
+        Raises
+        ------
+        ConfigError
+            Where a result is by face: for a threshold of a face or of pairs of poses.
+        """
+        poses, stations = state.counted()
+        unit, why = unit_of_result(self.by, state.task, self._engine, None, len(poses))
+        if unit == "face":
+            raise ConfigError(why.partition(";")[0] or "it was asked for by face")
+        rig, task, n = state.whole, replace(state.task, views=state.most_views), len(poses)
+        if self._finder is None or self._finder[0] is not rig or self._finder[1].task != task:
+            self._finder = rig, RegionPass(self.mesh, rig, task, method=self._engine)
+        finder, network = self._finder[1], AreaNetwork(self.mesh, task)
+        rows = rows_of_result(rig, poses)
+        is_kept, done = n * self.mesh.n_faces <= MOST_PAIRS and not task.min_angle_deg, 0
+        seen: list[FloatArray] = []
+        parts: list[Regions] = []
+        for part in in_batches(poses, self.mesh.n_faces, finder.threads, rows):
+            self.progress = [done, n]
+            own = self._kept_regions(finder, state, part) if is_kept else finder.find(part)
+            found = gated(own, rig, part)
+            network.add(found)
+            own_m2 = np.bincount(found.pair_pose, found.area, len(found.pose_ids))
+            seen.append(own_m2.astype(np.float64))
+            parts += [found] if is_kept else []
+            done += len(part)
+        self.progress = [0, 0]
+        if not n:
+            return Areas(network, state, poses, stations)
+        lost = lost_without(joined(parts), state.need(self.mesh))[rows] if is_kept else None
+        return Areas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
+
+    def areas_or_why(self, state: RigState) -> tuple[Areas | None, str]:
+        """As `areas`, and ""; or None where a result is by face, and why."""
+        try:
+            return self.areas(state), ""
+        except ConfigError as error:
+            return None, str(error)
+
+    def _kept_regions(self, finder: RegionPass, state: RigState, poses: Poses) -> Regions:
+        """Regions of poses of the cameras of a state, each found once."""
+        keys: list[Key] = []
+        for row, pose in zip(poses.camera.tolist(), poses.world_from_camera, strict=True):
+            name = state.whole.names[row]
+            keys.append((state.cameras[name], pose.tobytes(), state.task_of(name)))
+        new = [row for row, key in enumerate(keys) if key not in self._regions]
+        if new:
+            found = replace(finder.find(poses[np.array(new)]), conditions=())
+            for at, row in enumerate(new):
+                self._regions[keys[row]] = taken(found, np.array([at]))
+        for key in keys:
+            self._regions.move_to_end(key)
+        while len(self._regions) > MOST_PAIRS // self.mesh.n_faces:
+            self._regions.popitem(last=False)
+        if not keys:
+            return finder.find(poses)
+        every = joined([self._regions[key] for key in keys])
+        every = replace(every, camera=finder.camera, task=finder.task, conditions=finder.conditions)
+        return replace(every, pose_ids=poses.ids)
 
     def light(self, state: RigState, camera: str, pose: FloatArray) -> NDArray[np.uint8]:
         """(F,) reason of light of what a camera sees at a pose, `COVERED` where it is lit."""
@@ -180,9 +291,12 @@ class Measurements:
     def close(self) -> None:
         """Give back the observers."""
         with ExitStack() as closing:
+            if self._finder is not None:
+                closing.callback(self._finder[1].close)
             for each in self._observers.values():
                 closing.callback(each.close)
             self._observers.clear()
+            self._finder = None
 
     def _measure(self, camera: Camera, task: Task, poses: dict[Key, FloatArray]) -> None:
         keys = iter(poses)
@@ -216,10 +330,22 @@ class NetworkFigures:
         `Reason` of the camera that came nearest to covering the face.
     covered : bool
         Faces that enough cameras cover, from directions that differ as asked.
+    areas : Areas or None
+        Exact area, where the result is by area.
+    by_face_because : str
+        Why it is by face, "" by area.
     """
 
-    def __init__(self, mesh: Mesh, state: RigState, rows: list[Row]) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        state: RigState,
+        rows: list[Row],
+        areas: Areas | None = None,
+        by_face_because: str = "",
+    ) -> None:
         self.mesh, self.state, self.rows = mesh, state, rows
+        self.areas, self.by_face_because = areas, by_face_because
         n, task = mesh.n_faces, state.task
         self.views = np.zeros(n, np.int32)
         self.best = np.zeros(n, np.float32)
@@ -336,39 +462,21 @@ class NetworkFigures:
     def summary(self) -> dict[str, Any]:
         """Figures of the network and of its stations, ready for JSON; see `pages.figures_of`."""
         mesh, task_faces, areas = self.mesh, self.mesh.task_mask, np.asarray(self.mesh.areas)
-        unseen = task_faces & ~self.covered
-        network = {
+        network: dict[str, Any] = {
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
-            "task_faces": int(task_faces.sum()),
-            "not_covered_because": shares_by_reason(mesh, self.reasons, unseen, task_faces),
+            "by_face_because": self.by_face_because,
         }
         total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
+        if (exact := self.areas) is not None:
+            network["covered_area"] = exact.summary()
+            stations, nothing = exact.stations, np.zeros(len(exact.stations))
+            ids = [each.id for each in stations]
+            return figures_of(network, nothing, exact.seen, exact.lost, total, ids)
         single = self.views == 1
         covers = (row.covers & task_faces for row in self.rows)
         own = [(each.sum(), areas[each].sum(), areas[each & single].sum()) for each in covers]
-        faces, seen, alone = np.array(own).reshape(-1, 3).T
-        return figures_of(network, faces, seen, alone, total, [each.id for each in self.state.on])
-
-
-def exact_area(
-    mesh: Mesh, state: RigState, progress: Callable[[int, int], None] = lambda done, total: None
-) -> AreaNetwork:
-    """Exact area that the stations that are on cover; `progress` gets poses done and the total.
-
-    Raises
-    ------
-    ConfigError
-        For a threshold that is of a face.
-    """
-    poses, task = state.poses(), replace(state.task, views=state.most_views, min_angle_deg=0.0)
-    found = AreaNetwork(mesh, task)
-    done = 0
-    with closing(RegionPass(mesh, state.rig(), task)) as finder:
-        for regions in finder.batches(poses):
-            found.add(regions)
-            done += len(regions.pose_ids)
-            progress(done, len(poses))
-    return found
+        faces, seen, lost = np.array(own).reshape(-1, 3).T
+        return figures_of(network, faces, seen, lost, total, [each.id for each in self.state.on])
 
 
 OF_A_FACE = (

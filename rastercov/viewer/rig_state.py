@@ -132,6 +132,17 @@ class RigState:
                     found += some
         return rig, _placed(rig, found), found
 
+    def counted(self) -> tuple[Poses, tuple[Station, ...]]:
+        """Stations that are on and count, with their poses; `Poses.camera` counts those of `whole`.
+
+        A camera of a rig with a rule counts where all cameras of the rig are on.
+        """
+        ruled = {at + row for at, gate in self.whole.gates.items() for row in range(gate.n)}
+        of_rule = {self.whole.names[at] for at in ruled}
+        whole = {each.id for each in self.of_rules()[2]} if ruled else set()
+        found = tuple(e for e in self.on if e.camera not in of_rule or e.id in whole)
+        return _placed(self.whole, found), found
+
     @cached_property
     def cameras(self) -> Mapping[str, Camera]:
         """Cameras by name."""

@@ -195,7 +195,7 @@ def exported(session: Session, modes: Sequence[str] = MODES) -> str:
     times: list[tuple[float, ...]] = [(frame,) for frame in range(n)] or [()]
     known = set()
     with session.lock:
-        before = session.at
+        before = session.at, session.goal
         for at, mode in product(times, (each["id"] for each in own)):
             session.take_time(at)
             try:
@@ -207,7 +207,7 @@ def exported(session: Session, modes: Sequence[str] = MODES) -> str:
         session.take_time(times[0])
         zones: list[Any] = session.zones() if "area" in frames else []
         state = session.described_state()
-        session.take_time(before)
+        session.take_time(*before)
     scene["modes"] = [each for each in own if each["id"] in known]
     data = {"scene": scene, "state": state, "frames": frames, "zones": zones}
     return embedded(session.scene.mesh, data)

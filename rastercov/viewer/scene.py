@@ -12,10 +12,11 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 import rastercov
-from rastercov.base.arguments import annotations_of, documented
+from rastercov.base.arguments import annotations_of, check_choice, documented
 from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
 from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.base.format import percent
@@ -36,6 +37,7 @@ from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.file import plan_of, read_plan
+from rastercov.placement.plan.goals import OwnGoal, goals_apart
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
@@ -86,6 +88,15 @@ OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
 """Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
+PLACES = {
+    Place.ALLOWED: "allowed",
+    Place.TOO_FAR: "too far from the surface",
+    Place.TOO_NEAR: "too near a surface",
+    Place.KEPT_OUT: "in a keep-out",
+    Place.IN_SOLID: "inside a body",
+    Place.OUTSIDE: "outside the mounting places",
+}
+"""Words on places of cameras."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
 LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
@@ -125,6 +136,11 @@ class Scene:
         Motion of its bodies, and its question.
     sheet, constraints : SheetSection, Constraints
         Title block and limits of the plan, or of that of a result.
+    task_mesh : Mesh or None
+        The mesh without the groups of goals, where the plan has goals.
+    goals : tuple of OwnGoal
+    by : {"area", "face"} or None
+        Unit of results that was asked for.
     """
 
     title: str
@@ -137,6 +153,20 @@ class Scene:
     moving: PlanMotion | None = None
     sheet: SheetSection = field(default_factory=SheetSection)
     constraints: Constraints = field(default_factory=Constraints)
+    task_mesh: Mesh | None = None
+    goals: tuple[OwnGoal, ...] = ()
+    by: str | None = None
+
+    @property
+    def goal_names(self) -> tuple[str, ...]:
+        """Names of what may be shown: "" for the task, and the goals."""
+        return ("", *(each.name for each in self.goals))
+
+    def goal(self, name: str) -> OwnGoal | None:
+        """A goal by its name, None for ""; ConfigError where there is none."""
+        if name:
+            check_choice("goal", name, self.goal_names[1:])
+        return next((each for each in self.goals if each.name == name), None)
 
     def lit_by(self, path: Path) -> "Scene":
         """The same with lamps of a file; ConfigError for those of a plan, and for another unit."""
@@ -149,10 +179,13 @@ class Scene:
         notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
         return replace(self, start=start, notes=notes)
 
-    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+    def placed(
+        self, at: Sequence[float], goal: OwnGoal | None = None
+    ) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
 
         A time is a frame, and perhaps the joints of robots in place of those that they have there.
+        Of a goal, and of the task beside goals, its groups alone are to cover.
 
         Raises
         ------
@@ -160,7 +193,9 @@ class Scene:
             For a frame that is none, and joints outside their limits.
         """
         if self.moving is None:
-            return self.mesh, np.arange(self.mesh.n_faces), {}
+            mesh = goal.mesh if goal else self.task_mesh or self.mesh
+            is_there = np.isin(self.mesh.face_group, np.unique(mesh.face_group))
+            return mesh, np.flatnonzero(is_there), {}
         motion, (frame, *joints) = self.moving.motion, at or (0.0,)
         number: Any = frame  # whole, or refused
         mesh, kept = motion.frame(number)
@@ -404,7 +439,7 @@ def described_state(
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         judged = scene.space(state).judge(eyes)
-        places = [Place(code).name.lower().replace("_", " ") for code in judged.tolist()]
+        places = place_words(judged)
     return history | {
         "stations": [
             {
@@ -421,6 +456,11 @@ def described_state(
         "task": {name: getattr(state.task, name) for name in thresholds},
         "lamps": described_lamps(state.whole),
     }
+
+
+def place_words(judged: NDArray[np.uint8]) -> list[str]:
+    """Words on places as `PoseSpace.judge` has them: the constraint that each violates."""
+    return [PLACES[code] for code in judged.tolist()]
 
 
 def described_lamps(rig: Rig) -> list[dict[str, Any]]:
@@ -483,17 +523,11 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         start = replace(start, needed=dict(plan.task.views))
     notes += rule_notes(cameras or (rig.rig if rig is not None else None))
     moving = PlanMotion.of(plan, mesh)
-    return Scene(
-        plan.name,
-        mesh,
-        start,
-        plan,
-        pool,
-        notes=notes,
-        moving=moving,
-        sheet=plan.sheet,
-        constraints=plan.constraints,
-    )
+    task_mesh, goals = goals_apart(plan, mesh)
+    by = "face" if plan.task.weight_by == "count" else plan.task.by
+    of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
+    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints}
+    return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving, **of_plan)
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
@@ -503,12 +537,12 @@ def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
 
 
 def rule_notes(rig: Rig | None) -> tuple[str, ...]:
-    """A line on a rule of a rig, which the figures of the page are without."""
+    """A line on a rule of a rig, which the colours of the page are without."""
     if rig is None or not rig.gates:
         return ()
     return (
-        "figures count cameras one by one; the rule of their rig is in colours by missing device, "
-        "face by face, and in evaluate",
+        "colours are of single cameras, face by face, except those by missing device; the covered "
+        "area is by the rule of their rig",
     )
 
 
@@ -575,14 +609,16 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = state_of(read_views(rig_file), task, _cameras(run))
     start = replace(start, whole=start.whole._lit(lamps))
-    needed = (_read(folder / name).get("covered_area") or {}).get("views")
+    told = _read(folder / name)
+    by = "face" if told.get("by") == "face" and not told.get("by_face_because") else None
+    needed = (told.get("covered_area") or {}).get("views")
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
-    notes += (LAMPS_ASKED,) if lamps is None and "light" in _read(folder / name) else ()
-    title, told = folder.resolve().name, _read(folder / name).get("plan")
-    own = told if isinstance(told, Mapping) else {}
+    notes += (LAMPS_ASKED,) if lamps is None and "light" in told else ()
+    title, own = folder.resolve().name, told.get("plan")
+    own = own if isinstance(own, Mapping) else {}
     try:
         sheet = SheetSection.model_validate(own.get("sheet") or {})
         limits = Constraints.model_validate(own.get("constraints") or {})
@@ -597,6 +633,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         moving=moving,
         sheet=sheet,
         constraints=limits,
+        by=by,
     )
 
 

@@ -196,7 +196,8 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
 
     def ping(query: Query, body: Body) -> dict[str, Any]:
         measured = session.measurements.progress
-        return {"revision": session.history.revision, "at": session.at, "measured": measured}
+        shown = {"at": session.at, "goal": session.goal}
+        return {"revision": session.history.revision, "measured": measured} | shown
 
     def image(query: Query, body: Body) -> bytes:
         side = _whole(query, "side") if "side" in query else 720

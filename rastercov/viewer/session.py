@@ -9,8 +9,8 @@ import json
 import secrets
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from io import BytesIO
 from threading import RLock
 from typing import Any
@@ -21,15 +21,26 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import distance
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import inverse
+from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.network import AreaNetwork
+from rastercov.mesh.groups import rows_of
+from rastercov.mesh.unseeable import unseeable_where_seen
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.plan.network import (
+    Requirement,
+    judge,
+    judge_areas,
+    limits_of,
+    views_by_group,
+)
+from rastercov.placement.select.problem import in_whole_numbers, weights_of
 from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
-from rastercov.report.modes import mode_of
+from rastercov.report.modes import OCCLUDER, OCCLUDER_OF_REASONS, mode_of
 from rastercov.report.pages import described_frame, soup_of, zone_entries
 from rastercov.viewer.actions import (
     Constrain,
@@ -43,18 +54,26 @@ from rastercov.viewer.actions import (
 )
 from rastercov.viewer.measurements import (
     BYTES_A_FACE,
+    LIVE_PAIRS,
     MOST_BYTES,
+    MOVING,
+    Areas,
     Measurements,
     NetworkFigures,
-    exact_area,
     why,
 )
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, described_state
-
-Watch = Callable[[int, int], None]
+from rastercov.viewer.scene import (
+    OF_A_RIG,
+    SEGMENT_OPTIONS,
+    Scene,
+    described_state,
+    place_words,
+)
 
 LEAST_SIDE, MOST_SIDE = 64, 2048
+LEAST_MOVED_REL = 1e-6
+"""Distance from which a place that the constraints change is said, in that of the mesh."""
 MOST_MOMENTS = 64
 """Times whose figures are kept."""
 
@@ -64,23 +83,26 @@ class StaleError(ConfigError):
 
 
 class Moment:
-    """The scene at one time, see `Scene.placed`, and what is measured of it."""
+    """The scene at one time, for its task or a goal, see `Scene.placed`, and what is measured."""
 
-    def __init__(self, scene: Scene, at: tuple[float, ...], method: str) -> None:
-        self.scene = scene
-        self.mesh, self.kept, self.poses = scene.placed(at)
-        self.measurements = Measurements(self.mesh, method)
+    def __init__(self, scene: Scene, at: tuple[float, ...], method: str, goal: str = "") -> None:
+        self.scene, self.goal = scene, scene.goal(goal)
+        self.mesh, self.kept, self.poses = scene.placed(at, self.goal)
+        self.measurements = Measurements(self.mesh, method, scene.by)
         self._shown: tuple[RigState, RigState] | None = None
         self._figures: NetworkFigures | None = None
-        self._areas: tuple[RigState, AreaNetwork] | None = None
 
     def shown(self, state: RigState) -> RigState:
-        """The state with cameras where bodies carry them."""
+        """The state with cameras where bodies carry them, and the thresholds of the goal."""
         kept = self._shown  # which another thread may change
         if kept is None or kept[0] is not state:
             own = self.scene.carriers(state.cameras)
             bodies = {name: self.poses[body] for name, body in own.items()}
-            self._shown = kept = state, state.carried(bodies)
+            placed = state.carried(bodies)
+            if self.goal is not None:
+                plan = self.goal.plan
+                placed = replace(placed, task=plan.build_task(), needed=views_by_group(plan, None))
+            self._shown = kept = state, placed
         return kept[1]
 
     def at_rest(self, made: RigState, shown: RigState, state: RigState) -> RigState:
@@ -90,25 +112,52 @@ class Moment:
         rest = made.carried(back)
         same = dict(zip(shown.stations, state.stations, strict=True))
         pairs = zip(made.stations, rest.stations, strict=True)
-        return replace(rest, stations=tuple(same.get(one, other) for one, other in pairs))
+        stations = tuple(same.get(one, other) for one, other in pairs)
+        if self.goal is not None:
+            rest = replace(rest, task=state.task, needed=state.needed)
+        return replace(rest, stations=stations)
 
-    def figures(self, state: RigState) -> NetworkFigures:
-        """Coverage by the cameras of a state."""
-        shown = self.shown(state)
-        if self._figures is None or self._figures.state is not shown:
+    def figures(self, state: RigState, *, is_drag: bool = False) -> NetworkFigures:
+        """Coverage by the cameras of a state; during a drag of many pairs by whole faces."""
+        shown, kept = self.shown(state), self._figures
+        if kept is None or kept.state is not shown or kept.by_face_because == MOVING:
             rows = self.measurements.rows(shown, shown.on)
-            self._figures = NetworkFigures(self.mesh, shown, rows)
-        return self._figures
+            is_late = is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS
+            late = None, MOVING
+            areas, because = late if is_late else self.measurements.areas_or_why(shown)
+            self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
+        return kept
 
-    def known_areas(self, state: RigState) -> AreaNetwork | None:
-        """Exact area that they cover, where it is known."""
-        return self._areas[1] if self._areas and self._areas[0] is state else None
-
-    def areas(self, state: RigState, watch: Watch = lambda done, total: None) -> AreaNetwork:
-        """Exact area that they cover, kept for this state; ConfigError as `exact_area`."""
-        found = self.known_areas(state) or exact_area(self.mesh, self.shown(state), watch)
-        self._areas = state, found
-        return found
+    def required(self, state: RigState, *, is_drag: bool) -> list[dict[str, Any]]:
+        """What the plan asks of the task, or the goal, and its state, ready for JSON."""
+        goal, plan = self.goal, self.scene.plan
+        if plan is None or self.scene.moving is not None:
+            return []
+        figures = self.figures(state, is_drag=is_drag)
+        if figures.by_face_because == MOVING:
+            return []
+        limits = {None: goal.limit} if goal else limits_of(plan.selection)
+        limits = {
+            place: limit
+            for place, limit in limits.items()
+            if place is None or rows_of([group.name for group in self.mesh.groups], place)
+        }
+        wanted = figures.state.needed or figures.state.task.views
+        if figures.areas is not None:
+            network, is_seeable = figures.areas.network, plan.task.weight_by == "seeable"
+            share = network.covered.area[0] / np.maximum(self.mesh.areas, np.finfo(float).tiny)
+            left = self.mesh.areas - unseeable_where_seen(self.mesh, share) if is_seeable else None
+            found: Sequence[Requirement] = judge_areas(network, limits, wanted, seeable=left)
+        else:
+            weights = in_whole_numbers(weights_of(self.mesh, plan.task.weight_by))
+            found = judge(self.mesh, weights, limits, figures.covered)
+        own = found if goal is None else [goal.required(each) for each in found]
+        name, groups = (goal.name, _zone_of(plan.goals[goal.name].groups)) if goal else ("", "")
+        asked = groups + task_in_words(asdict(figures.state.task), figures.state.needed)
+        return [
+            {"goal": name, "status": each.status, "words": each.words(), "asked": asked}
+            for each in own
+        ]
 
 
 class Session:
@@ -129,13 +178,17 @@ class Session:
         for each in FEATURES:
             each.check(scene.start.whole, scene.start.task)
         self.at: tuple[float, ...] = ()
-        self._method, self._moments = method, OrderedDict[tuple[float, ...], Moment]()
+        self.goal = ""
+        """Name of the goal that is shown, "" for the task."""
+        self._method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
         self.take_time(())
         self.is_kept = scene.has_constraints
         self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self.drawing: Drawing | None = None  # under the floor plan
         self.is_drawing_saved = True
         self._shares: tuple[RigState, FloatArray] | None = None  # of time
+        self._is_drag = False
+        self._moved = ""  # what the constraints made of the last place
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
 
     @property
@@ -146,7 +199,7 @@ class Session:
     @property
     def moment(self) -> Moment:
         """The scene at the time that is shown."""
-        return self._moments[self.at]
+        return self._moments[self.at, self.goal]
 
     @property
     def measurements(self) -> Measurements:
@@ -158,19 +211,24 @@ class Session:
         """The present state with cameras where they are at that time."""
         return self.moment.shown(self.state)
 
-    def take_time(self, at: tuple[float, ...]) -> None:
-        """Show a time, the first frame for (); the last `MOST_MOMENTS` stay measured."""
+    def take_time(self, at: tuple[float, ...], goal: str = "") -> None:
+        """Show a time, the first frame for (), and the task or a goal of the plan."""
         at = (at or (0.0,)) if self.scene.moving else ()
-        if at not in self._moments:
-            made = Moment(self.scene, at, self._method)
-            if self.at in self._moments:
-                self.measurements.close()  # its rows stay
-            self._moments[at] = made
-        self._moments.move_to_end(at)
-        self.at = at
+        before = self._moments.get((self.at, self.goal))
+        if self._moment(at, goal) is not before and before is not None and at != self.at:
+            before.measurements.close()  # its rows stay
+        self.at, self.goal = at, goal
+
+    def _moment(self, at: tuple[float, ...], goal: str) -> Moment:
+        """The scene at a time for a goal; the last `MOST_MOMENTS` stay measured."""
+        if (at, goal) not in self._moments:
+            self._moments[at, goal] = Moment(self.scene, at, self._method, goal)
+        self._moments.move_to_end((at, goal))
         size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, len(self.state.stations))
-        while len(self._moments) > max(1, min(MOST_MOMENTS, MOST_BYTES // size)):
+        kept = max(1 + len(self.scene.goals), min(MOST_MOMENTS, MOST_BYTES // size))
+        while len(self._moments) > kept:
             self._moments.popitem(last=False)[1].measurements.close()
+        return self._moments[at, goal]
 
     def close(self, seconds: float = -1) -> None:
         """Give back what measures, unless an answer takes more than `seconds`; -1 waits for it."""
@@ -194,6 +252,7 @@ class Session:
             for name, (kept, figures) in self.variants.copy().items()
         ]
         own = {"session": self.name, "is_kept": self.is_kept, "variants": variants, "at": self.at}
+        own["goal"] = self.goal
         own["is_saved"] = entries["is_saved"] and self.is_drawing_saved
         return described_state(self.scene, state, self.moment.shown(state), entries | own)
 
@@ -226,9 +285,12 @@ class Session:
         request = request_of(entries)
         with self.lock:
             check_choice("mode", request.mode, OF_A_RIG)
-            self.take_time(tuple(request.at))
+            self.take_time(tuple(request.at), request.goal)
+            self._moved = ""
+            self._is_drag = request.is_drag
             self._edit(request)
-            return self.frame(request.mode, request.options, request.station)
+            notice = "" if request.is_drag else self._moved
+            return self.frame(request.mode, request.options, request.station, notice)
 
     def take(self, state: RigState, words: str, of_revision: int) -> None:
         """Make the result of work the present state; StaleError where that has moved on."""
@@ -236,17 +298,21 @@ class Session:
             self._check_revision(of_revision)
             self.history.take(state, words)
 
-    def frame(self, mode: str, options: Mapping[str, Any], station: int | None = None) -> bytes:
-        """Frame of the present state: JSON, then the level of each face."""
+    def frame(
+        self, mode: str, options: Mapping[str, Any], station: int | None = None, notice: str = ""
+    ) -> bytes:
+        """Frame of the present state, with a line for the user: JSON, then levels of faces."""
         with self.lock:
             figures = self.figures()
             moment, mesh = self.moment, self.scene.mesh
             values = self._values(figures, mode, options, station)
             painted = mode_of(mode).paint(moment.mesh, values)
-            levels = np.zeros(mesh.n_faces, np.uint8)  # of a body that is not there, too
+            of_others = OCCLUDER_OF_REASONS if mode == "reason" else OCCLUDER
+            away = 0 if self.scene.moving else of_others  # of a body, or of targets of other goals
+            levels = np.full(mesh.n_faces, away, np.uint8)
             levels[moment.kept] = painted.levels
             head = described_frame(mode, painted) | {"summary": self._summary()}
-            head["state"] = self.described_state()
+            head |= {"state": self.described_state(), "notice": notice}
             if len(self.at) > 1:
                 poses = np.stack(list(moment.poses.values()))[:, :3]
                 head["bodies"] = base64.b64encode(np.ascontiguousarray(poses).data).decode()
@@ -255,40 +321,28 @@ class Session:
     def figures(self) -> NetworkFigures:
         """Coverage by the cameras of the present state."""
         with self.lock:
-            return self.moment.figures(self.state)
+            return self.moment.figures(self.state, is_drag=self._is_drag)
 
-    def areas(self) -> AreaNetwork:
-        """Exact area that they cover, kept for the present state; ConfigError as `exact_area`."""
-        with self.lock:
-            return self.moment.areas(self.state)
+    def areas(self) -> Areas:
+        """Exact area that they cover; ConfigError where the result is by face."""
+        figures = self.figures()
+        if figures.areas is None:
+            raise ConfigError(figures.by_face_because)
+        return figures.areas
 
     def pieces(self) -> bytes:
-        """Frame of the convex pieces that too few cameras cover.
+        """Frame of the convex pieces that too few cameras cover; ConfigError as `areas`.
 
         Number of pieces, face of each, and corners of each, uint32; then the corners, float32 from
-        the origin of the soup. It computes beside other answers.
-
-        Raises
-        ------
-        StaleError
-            Where the rig changes meanwhile.
-        ConfigError
-            As `exact_area`.
+        the origin of the soup.
         """
-        state, moment = self.state, self.moment
-
-        def watch(done: int, total: int) -> None:
-            if self.state is not state or self.moment is not moment:
-                raise StaleError("the rig has changed since; ask again")
-
-        found = moment.areas(state, watch)
-        watch(0, 0)
-        zones = found.zones(state.rig(), state.poses(), state.needed)
+        with self.lock:
+            moment, found = self.moment, self.areas()
+        zones = found.zones
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
         numbers = np.concatenate(([len(counts)], moment.kept[zones.face], counts)).astype("<u4")
-        head = {"percent": found.summary(state.needed)["percent"]}
-        return framed(head, numbers.tobytes() + corners.astype("<f4").tobytes())
+        return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:
         """Frame of a camera's own image, its distortion included: title, size, legend, then a PNG.
@@ -326,8 +380,7 @@ class Session:
             for first, *others in (key.colours,)
         ]
         image.save(buffer, "PNG", compress_level=1)
-        title = f"{own.name}: covers {int((mesh.task_mask & row.covers).sum()):,} whole faces"
-        head = {"width": image.width, "height": image.height, "title": title, "legend": legend}
+        head = {"width": image.width, "height": image.height, "title": own.name, "legend": legend}
         return framed(head, buffer.getvalue())
 
     def why(self, face: int) -> dict[str, Any]:
@@ -342,11 +395,8 @@ class Session:
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
         with self.lock:
-            areas, state, moment = self.areas(), self.shown, self.moment
-            said = areas.dead_zones(state.rig(), state.poses(), state.needed)
-            found = zone_entries(
-                moment.mesh, areas.zones(state.rig(), state.poses(), state.needed), said
-            )
+            areas, moment = self.areas(), self.moment
+            found = zone_entries(moment.mesh, areas.zones, areas.dead_zones())
             return [each | {"faces": moment.kept[each["faces"]].tolist()} for each in found]
 
     def space(self) -> PoseSpace:
@@ -368,6 +418,10 @@ class Session:
             self._vary(action)
         else:
             shown = self.shown
+            if self.goal and action.do == "task":
+                raise ConfigError(
+                    "a goal has the thresholds of its plan; show the task to change its own"
+                )
             made, words = applied(action, shown, self._settled)
             if words:
                 made = self.moment.at_rest(made, shown, self.state)
@@ -377,7 +431,11 @@ class Session:
         name, known = action.name, self.variants
         if action.do == "keep_variant":
             figures = self._summary()
-            kept = {each: figures[each] for each in ("covered", "exact_area_percent", "cost")}
+            kept = {
+                each: figures[each]
+                for each in ("covered", "covered_area", "cost")
+                if each in figures
+            }
             known[name] = self.state, kept | {"cameras": len(self.state.on)}
         elif name not in known:
             raise ConfigError(f"there is no variant {shown(name)}; it may have been dropped")
@@ -397,18 +455,24 @@ class Session:
         """The pose at the nearest allowed place; the one before where there is none."""
         if not self.is_kept:
             return wanted
-        eyes, is_allowed = self.space().project_to_allowed(wanted[None, :3, 3])
-        if not is_allowed[0]:
-            return before
-        pose = wanted.copy()
-        pose[:3, 3] = eyes[0]
+        space = self.space()
+        eyes, is_allowed = space.project_to_allowed(wanted[None, :3, 3])
+        pose = wanted.copy() if is_allowed[0] else before
+        pose[:3, 3] = eyes[0] if is_allowed[0] else before[:3, 3]
+        away = float(np.linalg.norm(pose[:3, 3] - wanted[:3, 3]))
+        if away > LEAST_MOVED_REL * self.scene.mesh.diagonal:
+            why = place_words(space.judge(wanted[None, :3, 3]))[0]
+            moved = f"moved {distance(away, self.state.unit)} to the nearest allowed place"
+            done = moved if is_allowed[0] else "no allowed place is near, so it stays where it was"
+            self._moved = f"the plan does not allow this place ({why}): {done}"
         return pose
 
     def _summary(self) -> dict[str, Any]:
-        """Figures of the network, with its exact area where that is known, and its cost."""
-        areas, state = self.moment.known_areas(self.state), self.state
-        exact = None if areas is None else areas.summary(state.needed)["percent"]
-        own = {"exact_area_percent": exact, "cost": self.scene.cost(state)}
+        """Figures of the network, its cost, and what the plan asks for."""
+        moments = [self._moment(self.at, name) for name in self.scene.goal_names]
+        found = [moment.required(self.state, is_drag=self._is_drag) for moment in moments]
+        required = [each for of_one in found for each in of_one]
+        own = {"cost": self.scene.cost(self.state), "required": required}
         return self.figures().summary() | own
 
     def _values(
@@ -420,7 +484,7 @@ class Session:
             return figures.values[mode]()
         if mode == "area":
             rows = np.minimum(figures.need, state.most_views) - 1
-            covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
+            covered = self.areas().network.covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
         if mode == "time":
             return self._share_of_time()[self.moment.kept]
@@ -449,6 +513,11 @@ class Session:
         if self._segments is None or self._segments[0] != (alpha, beta):
             self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
         return self._segments[1]
+
+
+def _zone_of(groups: Sequence[str] | None) -> str:
+    """Start of a sentence on the groups of a goal."""
+    return f"Of {', '.join(groups)}: " if groups else ""
 
 
 def framed(head: Mapping[str, Any], payload: bytes) -> bytes:

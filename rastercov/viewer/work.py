@@ -1,14 +1,14 @@
 """Work of a viewer that takes long: one at a time, in a thread, with progress and cancelling.
 
-One camera refined, or the best next one added: both count what the cameras that are on cover
-together, by the area of whole faces. Cameras are placed by the plan, as `rastercov place` does, or
-one after another. All report progress after every few poses, and end where `Progress` raises
-`Cancelled`.
+One camera refined, or the best next one added: both try poses on cells of the surface, as
+`rastercov place` does, and are judged by the exact area that all cameras cover together; by whole
+faces where the result is. Cameras are placed by the plan, or one after another. All report progress
+after every few poses, and end where `Progress` raises `Cancelled`.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from threading import Event, Lock, Thread
 from typing import Annotated, Any, Literal
@@ -19,11 +19,15 @@ from pydantic import Field
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import area, plural
 from rastercov.base.interrupts import ABANDONED
-from rastercov.base.memory import FloatArray
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.camera.pose import Poses
+from rastercov.coverage.area import polygons
+from rastercov.coverage.area.cells import cells, usual_size
+from rastercov.coverage.area.frames import to_world
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.network import least_cosine
-from rastercov.coverage.reasons import Reason
-from rastercov.placement.improve.objective import Objective
+from rastercov.coverage.observer import open_observer
+from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan.prepare import Step
@@ -31,7 +35,7 @@ from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.viewer.actions import Action, checked
 from rastercov.viewer.measurements import Measurements, NetworkFigures
-from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
+from rastercov.viewer.rig_state import MOST_STATIONS, RigState
 from rastercov.viewer.scene import Scene, distances
 from rastercov.viewer.session import Moment, Session, StaleError
 
@@ -42,6 +46,8 @@ BUDGET = 2_000
 """Poses that a refinement of one camera measures at most."""
 TRIES = 600
 """Poses that are tried for the next camera where the plan has no candidates."""
+MOST_EXACT = 16
+"""Candidates whose exact area is computed: the best by cells."""
 SPREAD = 0.7
 """Largest component across the normal of a face of the direction in which a camera is tried."""
 
@@ -50,8 +56,54 @@ class Cancelled(Exception):  # noqa: N818 - no error: someone asked for it
     """The work was to end."""
 
 
+@contextmanager
+def _open(
+    own: Measurements, state: RigState, count: int, progress: Progress
+) -> Iterator[tuple[Objective, BoolArray, IntArray]]:
+    """Objective of the cameras of a state; elements that its stations cover, and their views.
+
+    Elements are cells by area and faces by face. The objective reports poses done of `count`.
+    """
+    (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
+    if areas is None and state.whole.lamps is not None:
+        raise ConfigError(f"with lamps cameras are sought by area, and {because}; leave it out")
+    task, done = replace(state.task, views=state.most_views), 0
+    views: Any = state.task.views if state.needed is None else state.needed
+
+    def watch(more: int) -> None:
+        nonlocal done
+        done += more
+        progress(min(done, count), count)
+
+    with open_observer(mesh, rig, own.method) as observer, ExitStack() as opened:
+        found = Objective.of(observer, task, views=views)
+        if areas is not None:
+            finder = RegionPass(mesh, rig, task, method=own.method)
+            opened.callback(finder.close)
+            on = cells(mesh, usual_size(mesh))
+            found = CellObjective.of_cells(observer, finder, on, views=views)
+        rest = state.poses()
+        covers = found.covers(rest)
+        covered = found.covered(covers, found.eyes(rest))
+        yield replace(found, watch=watch), covered, covers.sum(axis=0)
+
+
+def worth_of(own: Measurements, state: RigState) -> tuple[float, float]:
+    """Area that enough cameras cover, and that summed over the views that are needed, m^2."""
+    mesh, needed, (areas, _) = own.mesh, state.need(own.mesh), own.areas_or_why(state)
+    task = mesh.task_mask
+    if areas is None:
+        found, sizes = _by_face(own, state), np.asarray(mesh.areas)
+        views = np.minimum(found.views, needed)
+        return float(sizes[found.covered & task].sum()), float((views * sizes)[task].sum())
+    network = areas.network
+    rows = np.arange(network.views)[:, None] < needed
+    views_m2 = float((network.covered.area * rows)[:, task].sum())
+    return float(areas.summary()["m2"]), views_m2
+
+
 def refined(
-    measurements: Measurements,
+    own: Measurements,
     state: RigState,
     station: int,
     space: PoseSpace,
@@ -67,51 +119,39 @@ def refined(
     Cancelled
         As `progress` does.
     """
-    own = state.station(station)
-    if not own.is_on:
-        raise ConfigError(f"{own.name} is off; switch it on to refine it")
-    mesh, camera, task = measurements.mesh, state.camera_of(own), state.task_of(own.camera)
-    others = [each for each in state.on if each.id != station]
-    rest = _figures(measurements, state, others)
-    need = np.ones(mesh.n_faces, np.int64)
-    is_open = ~rest.covered & mesh.task_mask & (rest.views >= rest.need - 1)
-    if (
-        state.whole.lamps is not None
-    ):  # by the light where it begins: the gain is measured with all of it
-        is_open &= measurements.light(state, own.camera, own.pose) == Reason.COVERED
-    done = 0
-
-    def watch(count: int) -> None:
-        nonlocal done
-        done += count
-        progress(min(done, budget), budget)
-
-    whole = Objective.of(measurements.observer(camera), task)
-    weights = np.where(is_open, whole.integer_weights, 0)
-    objective = replace(
-        whole, integer_weights=weights, need=need, min_cosine=least_cosine(0.0), watch=watch
-    )
-    progress(0, budget)
-    start = own.pose.copy()
+    moving = state.station(station)
+    if not moving.is_on:
+        raise ConfigError(f"{moving.name} is off; switch it on to refine it")
+    start = moving.pose.copy()
     eyes, is_allowed = space.project_to_allowed(start[None, :3, 3])
     if not is_allowed[0]:
-        raise ConfigError(f"{own.name} is far from any allowed place; move it to one to refine it")
+        where = f"{moving.name} is far from any allowed place"
+        raise ConfigError(f"{where}; move it to one to refine it")
     start[:3, 3] = eyes[0]
-    found = refine(objective, space, start[None], budget=budget)
+    rest = state.with_station(replace(moving, is_on=False))
+    progress(0, budget)
+    with _open(own, rest, budget, progress) as (whole, covered, views):
+        is_open = ~covered & (views >= whole.need - 1)
+        lone: dict[str, Any] = {"need": np.ones_like(whole.need), "min_cosine": least_cosine(0.0)}
+        weights = np.where(is_open, whole.integer_weights, 0)
+        objective = replace(whole, integer_weights=weights, **lone)
+        row = rest.rig().names.index(moving.camera)
+        found = refine(objective, space, Poses.of(start[None], camera=[row]), budget=budget)
     moved = state.with_pose(station, found.poses[0])
-    figures = (_figures(measurements, each, list(each.on)) for each in (state, moved))
-    before, after = (float(mesh.areas[each.covered & mesh.task_mask].sum()) for each in figures)
+    before, after = (worth_of(own, each)[0] for each in (state, moved))
     return (moved, after - before) if after > before else (state, 0.0)
 
 
 def with_next(
-    measurements: Measurements,
+    own: Measurements,
     state: RigState,
     camera: str,
     candidates: FloatArray,
     progress: Progress = lambda done, total: None,
 ) -> tuple[RigState, float]:
     """With the candidate of a camera that covers most of what is not covered; and that area, m^2.
+
+    Of a task of several views, each further view of a part that lacks some counts.
 
     Parameters
     ----------
@@ -127,28 +167,28 @@ def with_next(
     Cancelled
         As `progress` does.
     """
-    mesh, task = measurements.mesh, state.task_of(camera)
-    rest = _figures(measurements, state, list(state.on))
-    # Each further view of a face that lacks some counts.
-    is_open = mesh.task_mask & (rest.views < rest.need)
-    worth = np.where(is_open, np.asarray(mesh.areas), 0.0)
-    observer = measurements.observer(state.cameras[camera])
-    best, gain = -1, 0.0
     progress(0, len(candidates))
-    for batch in evaluate_batches(observer, candidates, task, fields=("reason",)):
-        covers = batch.reason == Reason.COVERED
-        for row, pose in enumerate(batch.pose_ids if state.whole.lamps is not None else ()):
-            covers[row] &= measurements.light(state, camera, candidates[pose]) == Reason.COVERED
-        gains = covers @ worth
-        top = int(gains.argmax())
-        if gains[top] > gain:
-            best, gain = int(batch.pose_ids[top]), float(gains[top])
-        progress(int(batch.pose_ids[-1]) + 1, len(candidates))
-    if best < 0:
+    # With the camera among those of the rig, and without it among those that are on.
+    rest = state.with_new(camera, np.eye(4))
+    rest = rest.with_station(replace(rest.stations[-1], is_on=False))
+    with _open(own, rest, len(candidates), progress) as (objective, _, views):
+        worth = np.where(views < objective.need, objective.integer_weights, 0)
+        row = rest.rig().names.index(camera)
+        found = objective.estimated(Poses.of(candidates, camera=np.full(len(candidates), row)))
+        sums = np.append(0, np.cumsum(worth[found.items]))
+        gains = np.diff(sums[found.starts])
+    most = MOST_EXACT if objective.is_estimated else 1
+    order = np.argsort(-gains, kind="stable")[:most]
+    made, best = state, before = state, worth_of(own, state)[1]
+    for at in np.sort(order).tolist():
+        tried = state.with_new(camera, candidates[at])
+        if (area_m2 := worth_of(own, tried)[1]) > best:
+            made, best = tried, area_m2
+    if made is state:
         raise ConfigError(
             f"none of {len(candidates)} poses tried covers more; change the lens or the thresholds"
         )
-    return state.with_new(camera, candidates[best]), gain
+    return made, best - before
 
 
 def placed(
@@ -194,10 +234,10 @@ def tries(
     count: int = TRIES,
     seed: int = 0,
 ) -> FloatArray:
-    """Poses that look at faces which are not covered, (C, 4, 4), at allowed places.
+    """Poses that look at what is not covered, (C, 4, 4), at allowed places.
 
-    Faces are drawn by their area, and places in the directions around their normals, at distances
-    from which the lens shows a fraction to all of the part.
+    Parts are drawn by their area, and places in the directions around their normals, at distances
+    from which the lens shows a fraction to all of the surface.
 
     Raises
     ------
@@ -205,12 +245,12 @@ def tries(
         Where all is covered, or no place is allowed.
     """
     mesh = measurements.mesh
-    rest = _figures(measurements, state, list(state.on))
-    weight = np.where(mesh.task_mask & ~rest.covered, np.asarray(mesh.areas), 0.0)
+    targets, faces, weight = _open_parts(measurements, state)
     if not weight.sum() > 0:
-        raise ConfigError("every face is covered; there is nothing for a further camera")
+        raise ConfigError("all of the area is covered; there is nothing for a further camera")
     rng = np.random.default_rng(seed)
-    faces = rng.choice(mesh.n_faces, count, p=weight / weight.sum())
+    drawn = rng.choice(len(faces), count, p=weight / weight.sum())
+    targets, faces = targets[drawn], faces[drawn]
     normals = np.asarray(mesh.normals)[faces]
     flips = mesh.two_sided_mask[faces] & (rng.random(count) < 0.5)
     normals = np.where(flips[:, None], -normals, normals)
@@ -219,7 +259,6 @@ def tries(
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     near, far = distances(mesh, state.cameras[camera])
     reach = np.exp(rng.uniform(np.log(near), np.log(far), count))
-    targets = np.asarray(mesh.centroids)[faces]
     eyes, is_allowed = space.project_to_allowed(targets + reach[:, None] * directions)
     is_allowed &= np.linalg.norm(eyes - targets, axis=1) > 1e-9
     if not is_allowed.any():
@@ -228,12 +267,20 @@ def tries(
     return space.composed(eyes[is_allowed], (targets - eyes)[is_allowed], rolls)
 
 
-def _figures(
-    measurements: Measurements, state: RigState, stations: Sequence[Station]
-) -> NetworkFigures:
-    """Figures of some of the stations."""
-    some = replace(state, stations=tuple(stations))
-    return NetworkFigures(measurements.mesh, some, measurements.rows(state, stations))
+def _by_face(own: Measurements, state: RigState) -> NetworkFigures:
+    return NetworkFigures(own.mesh, state, own.rows(state, state.on))
+
+
+def _open_parts(own: Measurements, state: RigState) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Points in what is not covered, (N, 3), their faces, and areas: of pieces, or whole faces."""
+    mesh, (areas, _) = own.mesh, own.areas_or_why(state)
+    if areas is None:
+        faces = np.flatnonzero(mesh.task_mask & ~_by_face(own, state).covered)
+        return np.asarray(mesh.centroids)[faces], faces, np.asarray(mesh.areas)[faces]
+    zones = areas.zones
+    middle = polygons.centroids(zones.xy, zones.starts, zones.piece_area)
+    faces = zones.face.astype(np.int64)
+    return to_world(mesh, faces, middle), faces, zones.piece_area
 
 
 class Refine(Action):
@@ -379,7 +426,10 @@ class Work:
             revision, moment, before = session.history.revision, session.moment, session.state
             state = session.shown
         gain: float | None
-        own = Measurements(moment.mesh, moment.measurements.method)
+        if moment.goal is not None and moment.goal.is_most and not isinstance(asked, Place):
+            name = moment.goal.name
+            raise ConfigError(f"goal {name} is to be covered at most; show the task to cover more")
+        own = Measurements(moment.mesh, moment.measurements.method, moment.measurements.by)
         try:
             if isinstance(asked, Refine):
                 words = f"refine {state.station(asked.station).name}"

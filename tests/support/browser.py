@@ -105,7 +105,8 @@ class Tab:
         self.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
     def area_percent(self):
-        return self.js("rastercov.summary().covered.area_percent")
+        """Covered part of the task's area."""
+        return self.js("rastercov.summary().covered_area.percent")
 
     def open(self, panel):
         """Open a panel by its tab."""

@@ -6,7 +6,6 @@ import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
@@ -51,9 +50,8 @@ def session_of_room():
 def percent_covered(state, **thresholds):
     """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
     poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
-    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=("reason",), by="face")
-    is_covered = (found.reason == Reason.COVERED).any(axis=0)
-    return 100 * float(ROOM.areas[is_covered].sum() / ROOM.areas.sum())
+    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=())
+    return found.summary()["covered_area"]["percent"]
 
 
 def acted(session, mode="reason", *, drag=False, shown=None, options=None, **action):

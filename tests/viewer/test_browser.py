@@ -192,7 +192,7 @@ def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
     found = tab.js(pick, pixels)
     read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
     shown = (np.array(tab.js(read, pixels)) == REASONS["covered"].colour).all(axis=1)
-    zones = program.session.areas().zones(CAMERA, POSES)
+    zones = program.session.areas().zones
     faces, points = (np.array([each[name] for each in found]) for name in ("face", "point"))
     is_covered = zones_at(zones, faces, points, 1) < 0
     levels = np.frombuffer(tab.levels(), np.uint8)[faces]

@@ -35,38 +35,46 @@ def measurements():
 
 
 def covered_area(state):
-    network = rc.Network(MESH, state.task)
-    network.add(rc.evaluate(MESH, CAMERA, state.poses(), state.task, by="face"))
-    return float(MESH.areas[network.covered].sum())
+    """Area that `rc.evaluate` finds covered, and summed over the views that are wanted, m^2."""
+    found = rc.evaluate(MESH, CAMERA, state.poses(), state.task, fields=()).summary()
+    if "covered_area" not in found:
+        network = rc.Network(MESH, state.task)
+        network.add(rc.evaluate(MESH, CAMERA, state.poses(), state.task, by="face"))
+        views = np.minimum(network.views, state.task.views)
+        return float(MESH.areas[network.covered].sum()), float(views @ MESH.areas)
+    area = found["covered_area"]
+    return area["m2"], sum(each["m2"] for each in area["by_views"])
+
+
+TASKS = [rc.Task(), rc.Task(views=2), rc.Task(min_pixels=4), rc.Task(views=2, min_pixels=4)]
+"""By area and by face."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("views", [1, 2])
-def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
-    state = state_of(MESH, 3, task=rc.Task(views=views, min_pixels=4))
-    candidates = around(MESH, 40)
+@pytest.mark.parametrize("task", TASKS)
+def test_the_next_camera_is_the_best_of_all_tried(measurements, task):
+    state, candidates = state_of(MESH, 3, task=task), around(MESH, 40)
     made, gain = with_next(measurements, state, "eye", candidates)
-    covers, own = (
-        rc.evaluate(MESH, CAMERA, poses, state.task, by="face").reason == Reason.COVERED
-        for poses in (candidates, state.poses())
-    )
-    gains = covers @ np.where(own.sum(axis=0) < views, MESH.areas, 0.0)
-    assert gain == pytest.approx(gains.max())
+    before = covered_area(state)[1]
+    gains = [covered_area(state.with_new("eye", pose))[1] - before for pose in candidates]
     assert len(made.stations) == 4
-    assert np.array_equal(made.stations[-1].pose, candidates[gains.argmax()])
-    assert views > 1 or covered_area(made) - covered_area(state) == pytest.approx(gain)
+    assert gain == pytest.approx(covered_area(made)[1] - before)
+    assert gain >= 0.99 * max(gains)  # the best by cells are compared by area
+    assert task.min_pixels == 1 or gain == pytest.approx(max(gains))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 2, 3])
-def test_refinement_never_loses_and_the_others_stay(measurements, views):
-    state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
+@pytest.mark.parametrize("by_face", [{}, {"min_pixels": 4}])
+def test_refinement_never_loses_and_the_others_stay(measurements, views, by_face):
+    angle = 30.0 * (views > 1 and bool(by_face))
+    state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=angle, **by_face))
     if views == 1:  # aside, so that there is something to gain
         aside = state.station(2).pose.copy()
         aside[:3, :3] = aside[:3, :3] @ [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
         state = state.with_pose(2, aside)
     made, gain = refined(measurements, state, 2, default_space(MESH, state), budget=250)
-    gained = covered_area(made) - covered_area(state)
+    gained = covered_area(made)[0] - covered_area(state)[0]
     assert gained >= 0
     assert (gain > 0) == (made is not state)
     assert views > 1 or 0 < gain == pytest.approx(gained)
@@ -89,7 +97,7 @@ def test_nothing_is_left_to_cover(measurements):
     with pytest.raises(rc.ConfigError, match="covers more"):
         with_next(measurements, state, "eye", state.poses().world_from_camera)
     cube = Measurements(CUBE)
-    with closing(cube), pytest.raises(rc.ConfigError, match="every face is covered"):
+    with closing(cube), pytest.raises(rc.ConfigError, match="all of the area is covered"):
         tries(cube, whole, "eye", default_space(CUBE, whole))
 
 

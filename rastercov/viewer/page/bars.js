@@ -4,9 +4,12 @@ import { button, choice, element, menu, metres, toggle } from "rastercov/dom.js"
 import { offerFile } from "rastercov/status.js";
 import { sectionOf } from "rastercov/tools.js";
 
+/** A sign that is not read out. */
+const sign = (text) => element("span", { "aria-hidden": "true" }, text);
+
 export function topBar(session, { summary, help }) {
-  const undo = button("↶ Undo", () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
-  const redo = button("↷ Redo", () => session.act({ do: "redo" }), { title: "Ctrl+Shift+Z" });
+  const undo = button([sign("↶"), " Undo"], () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
+  const redo = button([sign("↷"), " Redo"], () => session.act({ do: "redo" }), { title: "Ctrl+Shift+Z" });
   const unsaved = element("span.unsaved", { title: "the rig has changes that are not saved" });
   const show = (state) => {
     undo.disabled = !state.can_undo;
@@ -57,12 +60,13 @@ function saveMenu(session) {
       session.emit("fault", error.message);
     }
   };
-  const root = menu("Save", "Ctrl+S saves the rig", [
+  const root = menu("Save", "Ctrl+S saves the rig, Ctrl+Shift+S downloads the page", [
     SAVES.map(([what, text, title]) => button(text, () => save(what), { title })),
     element("hr"),
     DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name))),
   ]);
   session.saveRig = () => save("rig");
+  session.downloadPage = () => download("page", "rastercov.html");
   return root;
 }
 
@@ -192,10 +196,12 @@ function sectionControls(session, view) {
   const setPlan = (next) => {
     isPlan = next;
     if (isPlan) {
-      const { up } = session.scene;
+      const { up, cut: height, bounds } = session.scene;
       cut.axis = up.map(Math.abs).indexOf(Math.max(...up.map(Math.abs)));
       cut.isFlipped = up[cut.axis] < 0;
       axis.value = String(cut.axis);
+      const [low, high] = bounds.map((corner) => corner[cut.axis]);
+      cut.at = place.value = (height - low) / (high - low || 1); // in the storey of the task
     }
     axis.hidden = flip.hidden = isPlan;
     more.hidden = !isOn && !isPlan;

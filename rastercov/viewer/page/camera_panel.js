@@ -51,9 +51,9 @@ function coverageSection(session, view) {
         ? []
         : [
             element("dt", {}, "Covers"),
-            element("dd", {}, `${percent(row.area_percent)} of the area, ${count(row.faces)} faces`),
+            element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
             element("dt", {}, "Alone"),
-            element("dd", {}, `${percent(row.alone_percent)} that no other camera covers`),
+            element("dd", {}, `${percent(row.alone_percent)} that is not covered without it`),
           ],
     );
   };

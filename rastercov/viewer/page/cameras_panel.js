@@ -4,7 +4,7 @@ import { button, choice, count, element, figure, fill, keepingFocus, metres, per
 import { finder } from "rastercov/finder.js";
 import { anglesOf, centreOf, distance, poseFromAngles, scale } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";
-import { control, labelOf, numberBox } from "rastercov/fields.js";
+import { control, labelOf, numberBox, ofRig } from "rastercov/fields.js";
 
 export function camerasPanel(session, { view, tools, jobs }) {
   const list = element("div.cameras", { role: "group", "aria-label": "Cameras" });
@@ -54,7 +54,7 @@ function stationRows(session) {
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
       : element("span", { title: "of the task's area, covered by this camera" }, "covers"),
-    element("span", { title: "of the task's area, covered by no other camera" }, isAloneKnown ? "alone" : ""),
+    element("span", { title: "of the task's area, not covered without this camera" }, isAloneKnown ? "alone" : ""),
   );
   const rows = session.state.stations.map((station) => {
     const share = shares.get(station.id);
@@ -77,7 +77,7 @@ function stationRows(session) {
       },
       station.name,
     );
-    const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station) }, "⚠");
+    const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station), role: "img", "aria-label": placeWords(station) }, "⚠");
     return element(
       isChosen ? "div.row.chosen" : "div.row",
       {},
@@ -140,9 +140,9 @@ function rigButtons(session, view, jobs) {
 function poseSection(session, { view, tools, jobs }) {
   const { up } = session.scene;
   const name = element("input.text", { type: "text", "aria-label": "Name of the camera", maxlength: "80" });
-  name.addEventListener("change", () => {
-    if (name.value.trim()) session.act({ do: "rename", station: session.chosen, name: name.value.trim() });
-    else name.value = session.station()?.name ?? "";
+  const writeName = ofRig(name, (text) => {
+    if (text.trim()) session.act({ do: "rename", station: session.chosen, name: text.trim() });
+    return Boolean(text.trim());
   });
   const [low, high] = session.scene.bounds;
   const size = distance(low, high);
@@ -216,7 +216,7 @@ function poseSection(session, { view, tools, jobs }) {
     const station = session.station();
     root.hidden = !station;
     if (!station) return;
-    if (document.activeElement !== name) name.value = station.name;
+    writeName(station.name);
     warning.textContent = isAllowed(station) ? "" : `Its place is not allowed by the plan: ${station.place}.`;
     const now = values();
     // Typed poses keep all digits of what is not typed; these are for reading.

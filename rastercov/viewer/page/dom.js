@@ -60,10 +60,16 @@ export function choice(label, choices, value, onChange, { title = "" } = {}) {
   return menu;
 }
 
-/** Menu that opens below a button, and closes at a press elsewhere; `root.open = false` closes it. */
+/** Menu that opens below a button, and closes at Esc and at a press elsewhere; `root.open = false` closes it. */
 export function menu(text, title, items) {
   const root = element("details.menu", {}, element("summary", { title }, text), element("div.items", {}, items));
   document.addEventListener("pointerdown", (event) => root.contains(event.target) || (root.open = false));
+  root.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" || !root.open) return;
+    root.open = false;
+    root.firstChild.focus();
+    event.stopPropagation();
+  });
   return root;
 }
 
@@ -171,6 +177,9 @@ export const percent = (value) => {
   if (value > 0 && value < 0.05) return "< 0.1 %";
   return value < 100 && value >= 99.95 ? "> 99.9 %" : `${value.toFixed(1)} %`;
 };
+
+/** Covered part of a summary, percent: by area, or by whole faces where the result is. */
+export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
 
 /** Whole number with thin spaces between thousands. */
 export const count = (n) => String(n).replace(/\B(?=(\d{3})+(?!\d))/g, "\u2009");

@@ -7,6 +7,37 @@
 import { check, choice, element, figure, inUnit, toggle } from "rastercov/dom.js";
 
 /**
+ * Makes an input a text of the rig. What is typed is the rig's once `onChange(text)` takes it, with true;
+ * until then Esc and Ctrl+Z give back what the rig has, and then Ctrl+Z is that of the rig.
+ *
+ * @returns {(text: string) => void} writes what the rig has, unless something else is being typed
+ */
+export function ofRig(input, onChange, onWritten = () => {}) {
+  let own = input.value;
+  let taken = own; // the last text that is the rig's, or on its way there
+  const write = () => {
+    taken = input.value = own;
+    onWritten();
+  };
+  input.classList.add("of-rig");
+  input.addEventListener("change", () => {
+    if (onChange(input.value)) taken = input.value;
+  });
+  input.addEventListener("keydown", (event) => {
+    const isUndo = (event.ctrlKey || event.metaKey) && /^[zy]$/i.test(event.key) && input.value !== taken;
+    if (!isUndo && event.key !== "Escape") return;
+    write();
+    if (!isUndo) input.blur();
+    event.preventDefault();
+    event.stopPropagation();
+  });
+  return (text) => {
+    own = text;
+    if (document.activeElement !== input || input.value === taken) write();
+  };
+}
+
+/**
  * Box for a number; `onValue` gets numbers in range alone.
  *
  * @param {object} options label, value, low and high (or null), is_low_open, isWhole, unit
@@ -14,7 +45,6 @@ import { check, choice, element, figure, inUnit, toggle } from "rastercov/dom.js
  */
 export function numberBox(options, onValue) {
   const { label, low = null, high = null, isWhole = false, unit = "", is_low_open: isLowOpen } = options;
-  let { value } = options;
   const fault = element("p.fault", { role: "alert", hidden: true });
   const input = element("input.number", {
     type: "text",
@@ -22,36 +52,27 @@ export function numberBox(options, onValue) {
     "aria-label": label,
     autocomplete: "off",
     placeholder: "none",
-    value: shown(value),
+    value: shown(options.value),
   });
-  const judge = () => {
-    const number = Number(input.value.trim().replace(",", "."));
-    const problem = faultOf(input.value, number, { label, low, high, isLowOpen, isWhole, unit });
+  const say = (problem) => {
     fault.hidden = !problem;
     fault.textContent = problem;
     input.setAttribute("aria-invalid", String(Boolean(problem)));
+  };
+  const judge = () => {
+    const number = Number(input.value.trim().replace(",", "."));
+    const problem = faultOf(input.value, number, { label, low, high, isLowOpen, isWhole, unit });
+    say(problem);
     return problem ? null : number;
   };
   input.addEventListener("input", judge);
-  input.addEventListener("change", () => {
+  const take = () => {
     const number = judge();
     if (number !== null) onValue(number);
-  });
-  input.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") {
-      input.value = shown(value);
-      judge();
-      input.blur();
-    }
-  });
-  const set = (next) => {
-    value = next;
-    if (document.activeElement !== input || input.getAttribute("aria-invalid") !== "true") {
-      input.value = shown(next);
-      if (!fault.hidden) judge();
-    }
+    return number !== null;
   };
-  return { input, fault, set };
+  const write = ofRig(input, take, () => say(""));
+  return { input, fault, set: (value) => write(shown(value)) };
 }
 
 const shown = (value) => (value === null || value === undefined ? "" : figure(value, 6));

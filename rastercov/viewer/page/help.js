@@ -26,10 +26,10 @@ const KEYS = [
       ["P", "floor plan"],
       ["K", "section"],
       ["L", "look through the chosen camera"],
-      ["Enter", "ask about the face in the middle of the picture"],
+      ["Enter", "ask about the face in the middle of the picture; a click there for aim and measure"],
       ["N, Shift + N", "next, previous camera"],
-      ["I", "aim: then click a point"],
-      ["R", "measure: click two points"],
+      ["I", "aim: then click a point, or Enter"],
+      ["R", "measure: click two points, or Enter"],
       ["C, G", "show or hide cameras, handles"],
       ["X", "handles along the camera or the world"],
       ["T, B", "transparent occluders, faces turned away"],
@@ -41,9 +41,11 @@ const KEYS = [
     "Everywhere",
     [
       ["Ctrl + Z, Ctrl + Shift + Z", "undo, redo"],
-      ["Ctrl + S", "save the rig"],
+      ["Ctrl + S, Ctrl + Shift + S", "save the rig, download the page"],
       ["Ctrl + D", "duplicate the chosen camera"],
       ["Delete", "delete the chosen camera (over the picture)"],
+      [", and .", "frame before, after"],
+      ["Space over the picture", "play, stop"],
       ["1 to 4", "panels"],
       ["M", "next colours"],
       ["?", "this help"],
@@ -95,7 +97,8 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
       "input:not([type=checkbox]):not([type=radio]):not([type=range]), textarea, select",
     );
     if (event.ctrlKey || event.metaKey) {
-      if (!isTyping && control(event, session)) event.preventDefault();
+      const isText = isTyping && !target.matches(".of-rig, select"); // which undo by themselves
+      if (control(event, session, isText)) event.preventDefault();
       return;
     }
     if (isTyping || target.closest?.("[role=tablist]")) return;
@@ -103,6 +106,7 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
     const isTool = event.key !== "Enter" && target.closest?.(".tools"); // a button that was clicked
     const isPicture = target === view.canvas || target === document.body || isTool;
     const isUsed = isPicture ? pictureKey(event, { session, view, navigation, gizmo, tools, bar }) : false;
+    if (isUsed) view.canvas.classList.remove("by-mouse");
     if (isUsed || pageKey(event, { session, tabs, help, tools, navigation, isPicture }))
       event.preventDefault();
   });
@@ -110,20 +114,26 @@ export function listenToKeys({ session, view, navigation, gizmo, tools, bar, tab
   window.addEventListener("blur", () => gizmo.endKeys());
 }
 
-function control(event, session) {
+function control(event, session, isText) {
   if (!session.canEdit) return false;
   const key = event.key.toLowerCase();
-  if (key === "z") session.act({ do: event.shiftKey ? "redo" : "undo" });
+  if (key === "s") {
+    if (event.target.matches("input")) event.target.blur(); // what is typed is taken first
+    session.refresh().then(event.shiftKey ? session.downloadPage : session.saveRig);
+  } else if (isText) return false;
+  else if (key === "z") session.act({ do: event.shiftKey ? "redo" : "undo" });
   else if (key === "y") session.act({ do: "redo" });
-  else if (key === "s") session.saveRig();
   else if (key === "d" && session.station()) session.act({ do: "duplicate", station: session.chosen });
   else return false;
   return true;
 }
 
+const STEPS = { ",": -1, ".": 1 };
+
 function pageKey(event, { session, tabs, help, tools, navigation }) {
   if (event.key === "?") help.show();
   else if (/^[1-4]$/.test(event.key)) tabs.show(Number(event.key) - 1);
+  else if (event.key in STEPS && session.scene.motion) session.stepFrame(STEPS[event.key]);
   else if (event.key.toLowerCase() === "m") nextMode(session, event.shiftKey ? -1 : 1);
   else if (event.key === "Escape") escape(session, tools, navigation);
   else return false;
@@ -169,7 +179,9 @@ function pictureKey(event, { session, view, navigation, gizmo, tools, bar }) {
   } else if (event.key === "Delete" && session.canEdit && session.station()) {
     session.act({ do: "delete", station: session.chosen });
   } else if (event.key === "Enter") {
-    tools.pickFace(view.pick(view.canvas.clientWidth / 2, view.canvas.clientHeight / 2));
+    tools.clickMiddle();
+  } else if (event.key === " " && event.target === view.canvas && session.play) {
+    session.play();
   } else {
     return gizmo.key(event) || navigation.key(event);
   }

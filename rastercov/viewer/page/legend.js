@@ -1,13 +1,14 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
-import { legendOfPieces, shownPieces } from "rastercov/pieces.js";
-import { button, choice, cssColour, cssHatch, element, figure, fill, percent, count } from "rastercov/dom.js";
+import { legendOfPieces, shownPieces, whyNoPieces } from "rastercov/pieces.js";
+import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
 const BUSY_EVERY = 700;
 
 export function legend(session, view) {
   const unit = element("p.soft.unit-of-legend");
+  const draw = button("Draw exact pieces", () => session.drawPieces(), { title: "may take a while" });
   const entries = element("ul.keys");
   const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
   const ends = element("div.ends", { hidden: true });
@@ -19,7 +20,9 @@ export function legend(session, view) {
   session.on("frame view", () => {
     const { figures } = session;
     const pieces = shownPieces(session, view);
-    unit.textContent = pieces ? "Exact, point by point." : "";
+    const { words, isOffered } = pieces ? { words: "Exact area." } : whyNoPieces(session, view);
+    unit.textContent = words;
+    draw.hidden = !isOffered;
     const all = legendOfPieces(session, figures, pieces);
     const isCounted = all.every((each) => /^\d/.test(each.label)); // numbers in their order, others by area
     if (isCounted) all.sort((a, b) => parseInt(b.label, 10) - parseInt(a.label, 10));
@@ -42,6 +45,7 @@ export function legend(session, view) {
     ends,
     entries,
     unit,
+    draw,
   );
   return root;
 }
@@ -84,7 +88,7 @@ export function summary(session) {
   const main = element("strong.covered");
   const change = element("span.change");
   const rest = element("span.soft");
-  let first = null;
+  const firsts = {}; // of the task and of goals
   let timer = 0;
   const root = element(
     "div.summary",
@@ -103,9 +107,8 @@ export function summary(session) {
       const [done, total] = await session.measured().catch(() => []);
       if (timer !== mine) return;
       const seconds = Math.round((performance.now() - began) / 1000);
-      const firstTime = first === null ? " (the first time, loops are compiled: a minute or two)" : "";
-      const which = total ? ` ${count(done)} of ${count(total)} cameras` : "";
-      rest.textContent = `measuring${which}, ${seconds} s${firstTime}`;
+      const which = total ? ` by ${count(done)} of ${count(total)} cameras` : "";
+      rest.textContent = `measuring ${count(session.scene.n_faces)} faces${which}, ${seconds} s`;
       timer = setTimeout(say, BUSY_EVERY);
     };
     timer = setTimeout(say, BUSY_AFTER);
@@ -116,19 +119,17 @@ export function summary(session) {
     root.classList.remove("busy");
   });
   session.on("frame", ({ summary: now }) => {
-    const { covered } = now;
-    main.textContent = percent(covered.area_percent);
-    first ??= covered.area_percent;
-    const by = covered.area_percent - first;
+    const covered = coveredPercent(now);
+    main.textContent = percent(covered);
+    const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
     change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${Math.abs(by).toFixed(1)}`;
     change.className = `change ${by > 0 ? "up" : "down"}`;
-    change.title = "points since this page was opened";
-    const exact = now.exact_area_percent;
-    const isKnown = exact !== null && exact !== undefined;
-    const isExact = isKnown && Math.abs(exact - covered.area_percent) < 0.005; // of a result by area
-    rest.textContent = isExact ? "of the area" : "of the area in whole faces";
-    if (isKnown && !isExact) rest.textContent += `, ${exact.toFixed(2)} % point by point`;
-    root.title = `${percent(covered.percent)} of ${count(now.task_faces)} faces`;
+    change.title = "percentage points since this page was opened";
+    const exact = now.covered_area;
+    const why = now.by_face_because ? `: ${now.by_face_because}` : "";
+    const of = `of the area${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
+    rest.textContent = exact ? of : `${of} in whole faces${why}`;
+    root.title = exact ? `${exact.percent.toFixed(4)} ± ${figure(exact.bound_percent, 2)} %` : rest.textContent;
   });
   return root;
 }

@@ -76,7 +76,6 @@ async function open() {
     element(
       "main",
       {},
-      left,
       element(
         "div.stage",
         {},
@@ -86,6 +85,7 @@ async function open() {
         over,
         lines,
       ),
+      left,
       side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),
     ),
     help,

@@ -26,6 +26,8 @@ export function unit(a) {
   return size > 0 ? scale(a, 1 / size) : [0, 0, 0];
 }
 
+export const centroid = ([a, b, c]) => scale(add(a, add(b, c)), 1 / 3);
+
 /** Point between `a` (t = 0) and `b` (t = 1). */
 export const mix = (a, b, t) => add(scale(a, 1 - t), scale(b, t));
 

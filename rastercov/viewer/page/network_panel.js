@@ -1,6 +1,6 @@
 /** Panel "Network": all cameras together by the model of choice, and the thresholds of the task. */
 
-import { button, element, fill, percent, section } from "rastercov/dom.js";
+import { button, element, fill, keepingFocus, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
 import { modeList } from "rastercov/modes.js";
 import { jointsPanel } from "rastercov/time.js";
@@ -11,36 +11,39 @@ export function networkPanel(session) {
     "div",
     {},
     jointsPanel(session),
-    section("All cameras together", [modes, reasons(session)]),
-    session.canEdit ? section("What counts as covered", [thresholds(session)]) : null,
-    session.canEdit ? section("Exact area", [exactArea(session)]) : null,
+    goals(session),
+    section("All cameras together", [modes]),
+    session.canEdit ? thresholds(session) : null,
   );
 }
 
-/** Table of what is not covered, by reason. */
-function reasons(session) {
-  const table = element("table.reasons");
-  const show = () => {
-    const because = Object.entries(session.figures?.summary.not_covered_because ?? {});
-    const rows = because
-      .filter(([, row]) => (row.faces ?? row.m2) > 0)
-      .sort((a, b) => b[1].area_percent - a[1].area_percent);
-    fill(
-      table,
-      element("caption", {}, rows.length ? "Not covered, of the area" : ""),
-      rows.map(([name, row]) =>
-        element(
-          "tr",
-          {},
-          element("th", { scope: "row" }, session.scene.reasons[name]),
-          element("td", {}, percent(row.area_percent)),
-        ),
-      ),
+/** What the plan asks of its task and its goals; a goal is shown by its button. Null without any. */
+function goals(session) {
+  const list = element("ul.goals");
+  const root = section("Goals", [list]);
+  const row = ({ goal, status, words, asked }) =>
+    element(
+      `li.${status}`,
+      {},
+      element("strong", {}, status),
+      button(words, () => session.setGoal(goal), {
+        kind: "link",
+        "aria-current": String(goal === (session.state.goal ?? "")),
+        disabled: !session.canEdit,
+        title: goal ? `show ${goal}` : "show the task",
+      }),
+      element("span.soft", {}, asked),
     );
+  const show = () => {
+    const required = session.figures?.summary.required ?? [];
+    const isTask = required.some(({ goal }) => !goal);
+    const task = isTask ? [] : [{ goal: "", status: "task", words: "task, without the goals", asked: "" }];
+    root.hidden = !required.length;
+    keepingFocus(list, () => fill(list, [...task, ...required].map(row)));
   };
   session.on("frame", show);
   show();
-  return table;
+  return root;
 }
 
 /** Sliders of the task. */
@@ -54,35 +57,10 @@ function thresholds(session) {
     }),
   }));
   session.on("state", (state) => {
+    root.hidden = Boolean(state.goal);
     for (const { field, control: made } of controls) made.set(state.task[field.name] ?? null);
   });
-  return element(
-    "div",
-    {},
-    controls.map(({ control: made }) => made.root),
-  );
-}
-
-function exactArea(session) {
-  const words = element("p");
-  const show = () => {
-    const exact = session.figures?.summary.exact_area_percent;
-    words.textContent =
-      exact === null || exact === undefined
-        ? "Faces count wholly or not at all above. The exact area counts each point of the surface."
-        : `The cameras cover ${exact.toFixed(2)} % of the area, point by point.`;
-  };
-  session.on("frame", show);
-  show();
-  const compute = async () => {
-    words.textContent = "computing… (a change of the rig ends it)";
-    await session.computePieces();
-    show();
-  };
-  return element(
-    "div",
-    {},
-    words,
-    element("div.buttons", {}, button("Compute exact area", compute, { title: "may take a while" })),
-  );
+  const rows = controls.map(({ control: made }) => made.root);
+  const root = section("What counts as covered", [element("div", {}, rows)]);
+  return root;
 }

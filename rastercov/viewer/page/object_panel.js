@@ -27,22 +27,23 @@ export function objectPanel(session, view, shown) {
       check(
         group.name || `group ${at}`,
         true,
-        (isOn) => {
-          if (isOn) view.hiddenGroups.delete(at);
-          else view.hiddenGroups.add(at);
-          view.showGroups();
-        },
+        (isOn) => view.hideGroup(at, !isOn),
         { title: "show or hide" },
       ),
       element("span.soft", {}, `${ROLES[group.role] ?? group.role}, ${count(group.faces)} faces`),
     ),
   );
+  const listed = section("Groups", [element("ul.plain", {}, groups)]);
+  session.on("groups", () => {
+    listed.open = true;
+    groups.forEach((row, at) => (row.querySelector("input").checked = !view.hiddenGroups.has(at)));
+  });
   const modes = modeList(session, "object");
   return element(
     "div",
     {},
     section(scene.title, [facts], { name: "facts" }),
-    section("Groups", [element("ul.plain", {}, groups)]),
+    listed,
     modes ? section("Segmentation", [modes]) : null,
     hasConstraints(scene.constraints)
       ? section("Constraints", constraintControls(session, view, shown))

@@ -3,12 +3,14 @@
  * colour of their reason, and the rest of each face that of what is covered. Whole faces meanwhile.
  */
 
+import { count } from "rastercov/dom.js";
 import { cross, dot, subtract } from "rastercov/maths.js";
 import { keyOf } from "rastercov/session.js";
 
 const REST = 500; // ms without an act
-/** Pairs of a face and a camera up to which pieces come by themselves; beyond, by a button. */
-const MOST_PAIRS = 2_000_000;
+/** Faces, and pairs of a face and a camera, up to which pieces come by themselves; beyond, by a button. */
+const MOST_FACES = 300_000;
+const MOST_PAIRS = 20_000_000;
 /** Part of a face from which a piece is all of it. */
 const WHOLE = 0.99999;
 
@@ -28,13 +30,12 @@ export function followPieces(session, view) {
     const { stations } = session.state;
     const key = keyOf(session.state);
     if (!stations.length || !(isAsked || isWanted())) return;
-    if (!isAsked && stations.length * session.scene.n_faces > MOST_PAIRS) return;
+    if (!isAsked && areMany(session)) return;
     try {
       const { json, payload } = await session.server.pieces();
       if (json.fault) throw new Error(json.fault);
       if (key !== keyOf(session.state)) return;
-      session.pieces = { key, percent: json.percent, ...trianglesOf(session, payload) };
-      session.figures.summary.exact_area_percent = json.percent;
+      session.pieces = { key, ...trianglesOf(session, payload) };
       session.emit("frame", session.figures);
     } catch (error) {
       refused = key; // by a threshold of whole faces, or the rig has moved on
@@ -47,7 +48,22 @@ export function followPieces(session, view) {
   };
   session.on("idle mode view", later);
   later();
-  session.computePieces = () => ask(true);
+  session.drawPieces = () => ask(true);
+}
+
+const areMany = ({ scene, state }) =>
+  scene.n_faces > MOST_FACES || state.stations.length * scene.n_faces > MOST_PAIRS;
+
+/** Why faces have one colour each in the picture by reason, and whether their pieces are offered. */
+export function whyNoPieces(session, view) {
+  const { scene, state, mode, figures } = session;
+  if (mode !== "reason" || !state.stations.length) return { words: "" };
+  if (!session.canEdit) return { words: figures.summary.covered_area ? "Whole faces." : "" };
+  if (figures.summary.by_face_because) return { words: `Whole faces: ${figures.summary.by_face_because}.` };
+  if (!view.options.hasPieces) return { words: "Whole faces." };
+  if (!areMany(session)) return { words: "" }; // they come
+  const size = `${count(scene.n_faces)} faces and ${count(state.stations.length)} cameras`;
+  return { words: `Whole faces: with ${size} exact pieces are drawn on request; the covered area is exact.`, isOffered: true };
 }
 
 /** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */
@@ -61,13 +77,14 @@ export function shownPieces(session, view) {
 export function legendOfPieces(session, figures, pieces) {
   if (!pieces) return figures.legend ?? [];
   const dead = [...pieces.areas.values()].reduce((sum, area) => sum + area, 0);
-  const share = (level) => ((pieces.areas.get(level) ?? 0) / dead) * (100 - pieces.percent) || 0;
+  const whole = figures.summary.covered_area.percent;
+  const share = (level) => ((pieces.areas.get(level) ?? 0) / dead) * (100 - whole) || 0;
   const others = (figures.legend ?? []).filter((each) => each.level !== pieces.covered);
   const known = others.filter(({ percent: by }) => by !== null).map((each) => ({
     ...each,
     percent: share(each.level),
   }));
-  const covered = { level: pieces.covered, label: "covered", percent: pieces.percent };
+  const covered = { level: pieces.covered, label: "covered", percent: whole };
   const rows = [{ ...covered, colour: colourOf(session, pieces.covered) }, ...known];
   const some = rows.filter((each) => each.percent > 0).sort((a, b) => b.percent - a.percent);
   return [...some, ...others.filter(({ percent: by }) => by === null)];

@@ -7,7 +7,7 @@
 
 import { creasesOf } from "rastercov/creases.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
-import { add, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
+import { add, centroid, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
 import { shownPieces } from "rastercov/pieces.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
@@ -117,6 +117,31 @@ export class SceneView {
     });
     if (!this.isLost) this.mesh.setGroups(Uint8Array.from(flags.length ? flags : [0]));
     this.request();
+  }
+
+  /** Leaves a group out of the picture, or shows it again. */
+  hideGroup(group, isHidden) {
+    if (isHidden) this.hiddenGroups.add(group);
+    else this.hiddenGroups.delete(group);
+    this.showGroups();
+    this.session.emit("groups");
+  }
+
+  /** Leaves out what hides a face in the picture, other groups than its own; their names. */
+  openTo(face) {
+    const { faceGroups, scene } = this.session;
+    const { toScreen } = this.look();
+    const at = this.camera.isPlan ? null : toScreen(centroid(this.corners(face)));
+    const names = [];
+    while (at && names.length < scene.groups.length) {
+      const found = this.pick(at[0], at[1]);
+      const group = faceGroups[found?.face ?? face];
+      if (group === faceGroups[face] || toScreen(found.point)[2] > at[2]) break;
+      this.hideGroup(group, true);
+      names.push(scene.groups[group].name || `group ${group}`);
+    }
+    if (names.length)
+      this.session.emit("notice", `Left out of the picture, before it: ${names.join(", ")}; see Object, Groups.`);
   }
 
   highlight(group) {
@@ -303,23 +328,25 @@ export class SceneView {
     return [...found.subarray(0, 3)];
   }
 
-  /** Flies to a place of the view camera; at once where the user wants less motion. */
-  flyTo(place) {
+  /** Flies to a place of the view camera, at once where the user wants less motion, and opens the view to a face. */
+  flyTo(place, face = null) {
     this.#framing = () => {};
     this.camera.release();
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
-      this.camera.setBetween(this.camera.place(), place, 1);
-    } else {
-      this.#flight = { from: this.camera.place(), to: place, start: performance.now() };
-    }
+    const isAtOnce = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const start = isAtOnce ? -Infinity : performance.now();
+    this.#flight = { from: this.camera.place(), to: place, start, face };
+    if (isAtOnce) this.#fly();
     this.request();
   }
 
   #fly() {
-    const { from, to, start } = this.#flight;
+    const { from, to, start, face } = this.#flight;
     const t = Math.min(1, (performance.now() - start) / FLIGHT);
     this.camera.setBetween(from, to, t * t * (3 - 2 * t));
-    if (t === 1) this.#flight = null;
+    if (t === 1) {
+      this.#flight = null;
+      if (face !== null) this.openTo(face);
+    }
     this.request();
   }
 

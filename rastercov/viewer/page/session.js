@@ -15,7 +15,7 @@ import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
 /** Name of the rig and the time of a state, which figures are of. */
-export const keyOf = ({ revision, at = [] }) => `${revision} ${at}`;
+export const keyOf = ({ revision, at = [], goal = "" }) => `${revision} ${at} ${goal}`;
 
 const KEPT_KEY = "rastercov-kept";
 const KEY_IS_OLD = "the program was started again with another key: open the address that it printed";
@@ -36,6 +36,7 @@ export class Session {
     this.options = {}; // mode -> values of its fields
     this.frame = 0; // of bodies that move
     this.joints = []; // of robots
+    this.goal = ""; // of the plan, "" for its task
   }
 
   on(events, listener) {
@@ -60,6 +61,7 @@ export class Session {
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
     this.cornersAtRest = soup.corners;
     this.#takeTime(state.at ?? []);
+    this.goal = state.goal ?? "";
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
     scene.modes = modes;
     for (const mode of modes) {
@@ -175,6 +177,12 @@ export class Session {
     return this.act({ do: "none" }, { isDrag });
   }
 
+  /** Shows the task, "", or a goal of the plan. */
+  setGoal(name) {
+    this.goal = name;
+    return this.refresh();
+  }
+
   setOption(name, value, isDrag = false) {
     this.options[this.mode] = { ...this.options[this.mode], [name]: value };
     this.act({ do: "none" }, { isDrag });
@@ -220,6 +228,7 @@ export class Session {
           station: this.station()?.id ?? null,
           is_drag: item.isDrag,
           at: this.at,
+          goal: this.goal,
           action: item.action,
         });
         this.#queue.shift();
@@ -260,7 +269,7 @@ export class Session {
   }
 
   #adopt({ json, payload }, action) {
-    const { state, bodies, ...figures } = json;
+    const { state, bodies, notice, ...figures } = json;
     const isLater = this.#queue.some((item) => isMove(item.action));
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
@@ -282,6 +291,7 @@ export class Session {
     }
     this.emit("state", state);
     this.emit("frame", figures);
+    if (notice) this.emit("notice", `${this.device()?.name ?? "camera"}: ${notice}.`);
   }
 
   /** Takes the server's state, whatever this page showed. */
@@ -290,6 +300,7 @@ export class Session {
       this.reloads += 1;
       this.state = await this.server.state();
       this.#takeTime(this.state.at ?? []);
+      this.goal = this.state.goal ?? "";
       this.localPoses.clear();
       if (this.chosen !== null && !this.device()) this.chosen = this.state.stations[0]?.id ?? null;
       this.emit("state", this.state);
@@ -324,12 +335,12 @@ export class Session {
     if (this.#isSending || this.isChecking) return;
     this.isChecking = true;
     try {
-      const { revision, at = [] } = await this.server.ping();
+      const { revision, ...shown } = await this.server.ping();
       const isBack = !this.isConnected;
       if (isBack) this.#setConnected(true);
       if (this.#isSending) return;
       if (isBack) await this.#comeBack(revision);
-      else if (keyOf({ revision, at }) !== keyOf(this.state) && this.isIdle && !this.isWorking) {
+      else if (keyOf({ revision, ...shown }) !== keyOf(this.state) && this.isIdle && !this.isWorking) {
         await this.reload("Another tab changed the rig; it is shown here now.");
       }
     } catch (error) {

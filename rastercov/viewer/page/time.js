@@ -65,15 +65,18 @@ export function timePanel(session) {
     await Promise.all([session.setFrame(session.frame === last ? 0 : session.frame + 1), pause(time)]);
     if (timer === own) next();
   };
-  const play = button("Play", () => {
+  session.play = () => {
     if (timer !== null) return stop();
     play.textContent = "Stop";
     next();
-  });
-  slider.addEventListener("input", () => {
+  };
+  const play = button("Play", session.play);
+  const go = (frame) => {
     stop();
-    session.setFrame(Number(slider.value));
-  });
+    session.setFrame(Math.min(last, Math.max(0, frame)));
+  };
+  session.stepFrame = (by) => go(session.frame + by);
+  slider.addEventListener("input", () => go(Number(slider.value)));
   const show = () => {
     slider.value = String(session.frame);
     const start = motion.durations.slice(0, session.frame).reduce((sum, each) => sum + each, 0);

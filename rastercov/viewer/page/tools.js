@@ -4,7 +4,7 @@
  * Also the section that cuts the scene open, and the marks of the picked face and of a dead zone.
  */
 
-import { add, column, distance, dot, mix, scale, subtract, cross, unit } from "rastercov/maths.js";
+import { add, centroid, column, distance, dot, mix, scale, subtract, cross, unit } from "rastercov/maths.js";
 import { element, metres } from "rastercov/dom.js";
 import { keyOf } from "rastercov/session.js";
 
@@ -46,6 +46,13 @@ export class Tools {
     this.view.request();
   }
 
+  /** What a click in the middle of the picture does; of faces alone where one is picked. */
+  clickMiddle() {
+    const { clientWidth: width, clientHeight: height } = this.view.canvas;
+    if (this.tool === "pick") this.pickFace(this.view.pick(width / 2, height / 2));
+    else this.clicks[this.tool](width / 2, height / 2);
+  }
+
   #pick(x, y) {
     const station = this.frusta.at(x, y);
     if (station !== null) {
@@ -69,7 +76,9 @@ export class Tools {
     this.zone = { faces: zone.faces, key: keyOf(this.session.state) };
     const { camera } = this.view;
     const reach = 3.2 * Math.sqrt(Math.max(zone.area, 1e-12)) + 0.02 * camera.range;
-    this.view.flyTo(camera.placeBefore(zone.centre, zone.normal, reach));
+    const away = (face) => distance(centroid(this.view.corners(face)), zone.centre);
+    const nearest = zone.faces.reduce((best, face) => (away(face) < away(best) ? face : best));
+    this.view.flyTo(camera.placeBefore(zone.centre, zone.normal, reach), nearest);
   }
 
   #aim(x, y) {
@@ -130,7 +139,7 @@ export class Tools {
 /** Normal and area of a face by its corners, metres and square metres. */
 export function planeOf([a, b, c]) {
   const twice = cross(subtract(b, a), subtract(c, a));
-  return { normal: unit(twice), area: Math.hypot(...twice) / 2, centre: scale(add(a, add(b, c)), 1 / 3) };
+  return { normal: unit(twice), area: Math.hypot(...twice) / 2, centre: centroid([a, b, c]) };
 }
 
 /**

@@ -1,6 +1,6 @@
 /** Section of the panel "Cameras": variants of the rig side by side, with coverage and cost. */
 
-import { button, element, figure, fill, percent, section } from "rastercov/dom.js";
+import { button, coveredPercent, element, figure, fill, percent, section } from "rastercov/dom.js";
 
 export function variantsSection(session) {
   const table = element("table.variants");
@@ -14,13 +14,11 @@ export function variantsSection(session) {
   const keeping = button("Keep as variant", keep, { title: "the rig and the thresholds as they are now" });
   const show = () => {
     const { stations, variants = [] } = session.state;
-    const { covered, exact_area_percent: exact, cost } = session.figures?.summary ?? {};
+    const summary = session.figures?.summary ?? {};
     const present = {
       name: "present rig",
       cameras: stations.filter((station) => station.is_on).length,
-      covered,
-      exact_area_percent: exact,
-      cost,
+      ...summary,
       is_of_task: true,
     };
     const isKept = variants.some((each) => each.is_shown);
@@ -52,11 +50,10 @@ function free(session) {
 function tableOf(session, rows) {
   const columns = [
     ["cameras", "cameras that are on", (row) => String(row.cameras)],
-    ["covers", "of the task's area, by whole faces", (row) => percent(shareOf(row)) + (row.is_of_task ? "" : "*")],
-    ["exact", "of the task's area, point by point", (row) => percent(row.exact_area_percent), "exact_area_percent"],
+    ["covers", "of the task's area", (row) => percent(coveredPercent(row)) + (row.is_of_task ? "" : "*")],
     ["cost", "of each camera that of the plan's nearest candidate", (row) => figure(row.cost, 4), "cost"],
   ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
-  const best = Math.max(...rows.map((row) => shareOf(row) ?? 0));
+  const best = Math.max(...rows.map((row) => coveredPercent(row) ?? 0));
   return [
     element(
       "thead",
@@ -72,8 +69,6 @@ function tableOf(session, rows) {
     element("tbody", {}, rows.map((row) => rowOf(session, row, columns, best))),
   ];
 }
-
-const shareOf = (row) => row.covered?.area_percent;
 
 function rowOf(session, row, columns, best) {
   const isKept = "is_shown" in row;
@@ -94,7 +89,7 @@ function rowOf(session, row, columns, best) {
     {},
     element("th", { scope: "row" }, name),
     columns.map(([text, , value]) =>
-      element(text === "covers" && shareOf(row) === best ? "td.best" : "td", {}, value(row)),
+      element(text === "covers" && coveredPercent(row) === best ? "td.best" : "td", {}, value(row)),
     ),
     element("td", {}, isKept ? drop : null),
   );

@@ -82,7 +82,11 @@ function cameraCard(session, view, camera, isOpen) {
             pointerleave: () => show(false),
             focus: () => show(true),
             blur: () => show(false),
-            click: () => show(view.highlighted !== occluder.group),
+            click: () => {
+              const isLeftOut = view.hiddenGroups.has(occluder.group);
+              view.hideGroup(occluder.group, false);
+              show(isLeftOut || view.highlighted !== occluder.group);
+            },
           },
         },
         `Show “${occluder.name}” in the picture`,
@@ -139,7 +143,7 @@ const faceFacts = (face, group, area) =>
 function flyToFace(view, face) {
   const { centre, normal, area } = planeOf(view.corners(face));
   const reach = 6 * Math.sqrt(area) + 0.02 * view.camera.range;
-  view.flyTo(view.camera.placeBefore(centre, normal, reach));
+  view.flyTo(view.camera.placeBefore(centre, normal, reach), face);
 }
 
 /** Dead zones, the largest first; a click flies there. They are asked for while their list is open. */

@@ -1,0 +1,171 @@
+"""Goals of a plan in the viewer: their states are those of `rastercov.check`."""
+
+import numpy as np
+import pytest
+from browser import Program, Tab
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+from rigs_to_view import acted
+
+import rastercov as rc
+from rastercov.placement.plan.file import read_plan
+from rastercov.report.modes import OCCLUDER_OF_REASONS
+from rastercov.viewer.scene import open_plan
+from rastercov.viewer.session import Session
+from rastercov.viewer.work import Work
+
+QUADS = {
+    "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),
+    "north": ((0, 4, 0), (4, 4, 0), (4, 4, 3), (0, 4, 3)),
+    "window": ((1, 3.99, 1), (2, 3.99, 1), (2, 3.99, 2), (1, 3.99, 2)),
+    "west": ((0, 0, 0), (0, 4, 0), (0, 4, 3), (0, 0, 3)),
+}
+PLAN = """
+[[meshes]]
+path = "room.obj"
+[camera]
+width = 1920
+height = 1080
+hfov_deg = 90.0
+[task]
+min_facing_density = "observe"
+[[candidates]]
+generator = "on_walls"
+spacing = 1.5
+aim = [{ middle = true }]
+[selection]
+goal = "fewest_cameras"
+coverage = 0.6
+[goals.doors]
+groups = ["west"]
+coverage = 0.7
+min_facing_density = "identify"
+views = 2
+[goals.window]
+groups = ["window"]
+at_most = 0.1
+min_facing_density = "recognise"
+"""
+
+
+def plan_in(folder, text=PLAN):
+    lines, n = [], 0
+    for name, corners in QUADS.items():
+        lines += [f"v {x} {y} {z}" for x, y, z in corners]
+        lines += [f"g {name}", f"f {n + 1} {n + 2} {n + 3}", f"f {n + 1} {n + 3} {n + 4}"]
+        n += 4
+    (folder / "room.obj").write_text("\n".join(lines))
+    (folder / "plan.toml").write_text(text)
+    return folder / "plan.toml"
+
+
+def session_in(folder, eyes=((3.5, 0.5, 2.5), (3.8, 3.0, 1.5)), text=PLAN):
+    plan = plan_in(folder, text)
+    poses = rc.look_at(np.array(eyes), (1.0, 2.5, 1.0))
+    names = tuple(f"camera {row}" for row in range(len(poses)))
+    views = rc.Views(read_plan(plan).rig, rc.Poses.of(poses), names)
+    return Session(open_plan(plan, views)), plan
+
+
+@pytest.fixture
+def session(tmp_path):
+    made, _ = session_in(tmp_path)
+    yield made
+    made.close()
+
+
+@examples(12, 150)
+@given(seed=st.integers(0, 10**6), by_face=st.booleans())
+def test_states_are_those_of_check(tmp_path_factory, seed, by_face):
+    rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("plan")
+    eyes = rng.uniform((0.2, 0.2, 0.5), (3.8, 3.5, 2.5), (rng.integers(1, 4), 3))
+    text = PLAN.replace("[task]", '[task]\nby = "face"') if by_face else PLAN
+    session, plan = session_in(folder, eyes, text)
+    said = acted(session)[0]["summary"]["required"]
+    checked = rc.check(plan, session.state.poses().world_from_camera)
+    assert [each["words"] for each in said] == [each.words() for each in checked.requirements]
+    assert [each["status"] for each in said] == [each.status for each in checked.requirements]
+    assert [each["goal"] for each in said] == ["", "doors", "window"]
+    session.close()
+
+
+def shown(session, goal, mode="reason", **action):
+    from rastercov.viewer.session import unframed
+
+    head, levels = unframed(session.act({
+        "revision": session.history.revision, "mode": mode, "goal": goal,
+        "action": action or {"do": "none"},
+    }))  # fmt: skip
+    return head, np.frombuffer(levels, np.uint8)
+
+
+def test_a_goal_that_is_shown_has_its_own_figures(session):
+    task = session.state.task
+    head, levels = shown(session, "")
+    groups = session.scene.mesh.face_group
+    of_others = levels == OCCLUDER_OF_REASONS
+    assert np.array_equal(np.unique(groups[of_others]), [2, 3])
+    own, levels = shown(session, "doors")
+    assert np.array_equal(np.unique(groups[levels != OCCLUDER_OF_REASONS]), [3])
+    assert own["summary"]["covered_area"]["of_m2"] == pytest.approx(12)
+    assert own["state"]["goal"] == "doors"
+    words = [each["words"] for each in own["summary"]["required"]]
+    assert words == [each["words"] for each in head["summary"]["required"]]
+    assert f"{own['summary']['covered_area']['percent']:.1f} %" in words[1]
+    pose = session.state.station(0).pose.copy()
+    pose[0, 3] -= 0.5
+    shown(session, "doors", do="pose", station=0, pose=pose.ravel().tolist())
+    assert session.state.task == task  # thresholds of a goal are not those of the rig
+    with pytest.raises(rc.ConfigError, match="a goal has the thresholds"):
+        shown(session, "doors", do="task", changes={"views": 3})
+    with pytest.raises(rc.ConfigError, match="goal must be doors or window"):
+        shown(session, "attic")
+    assert shown(session, "")[0]["state"]["goal"] == ""
+
+
+@pytest.mark.slow
+def test_work_serves_the_goal_that_is_shown(session):
+    before = shown(session, "doors")[0]["summary"]
+    work = Work(session)
+    work.start({"kind": "add", "camera": next(iter(session.state.cameras))})
+    work.wait(120)
+    after = shown(session, "doors")[0]["summary"]
+    views = [
+        sum(each["m2"] for each in said["covered_area"]["by_views"]) for said in (before, after)
+    ]
+    assert views[1] > views[0]
+    shown(session, "window")
+    work.start({"kind": "refine", "station": 0})
+    work.wait(120)
+    assert "at most" in work.described()["words"]
+
+
+@pytest.mark.slow
+def test_goals_are_listed_and_shown_by_their_buttons(context, session):
+    program = Program(session)
+    program.start()
+    tab = Tab(context, program.url)
+    tab.open("Network")
+    rows = tab.page.locator(".goals li")
+    said = tab.js("rastercov.summary().required")
+    buttons = rows.get_by_role("button")
+    assert [each.inner_text() for each in buttons.all()] == [each["words"] for each in said]
+    asked = rows.nth(1).locator(".soft").inner_text()
+    assert asked.startswith("Of west: Covered is what 2 cameras see, with 250 px/m or more")
+    tab.page.get_by_role("button", name="goal doors").click()
+    tab.idle()
+    assert "of goal doors" in tab.page.locator(".summary").inner_text()
+    assert tab.js("rastercov.summary().covered_area.of_m2") == pytest.approx(12)
+    tab.open("Cameras")
+    tab.type_number("x", "3")
+    assert tab.state()["goal"] == "doors"
+    tab.page.wait_for_timeout(2_500)  # a look of the page at the program
+    assert tab.page.get_by_text("Another tab").count() == 0
+    assert tab.js("rastercov.session.pieces !== undefined")
+    tab.open("Network")
+    rows.first.get_by_role("button").click()
+    tab.idle()
+    assert "of goal" not in tab.page.locator(".summary").inner_text()
+    assert tab.faults == []
+    program.stop()
