@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -14,6 +14,25 @@ from rastercov.cli.console import out_option, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
 from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+if TYPE_CHECKING:
+    from rastercov.coverage.evaluation import Evaluation
+    from rastercov.viewer.rig_state import RigState
+
+
+class TitleOptions(NamedTuple):
+    """Entries of the title block; those of the plan, or of the result, unless given."""
+
+    project: Annotated[
+        str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
+    ] = None
+    customer: Annotated[str | None, typer.Option(help="Whom the sheet is for.")] = None
+    author: Annotated[str | None, typer.Option(help="Whom the sheet is by.")] = None
+    revision: Annotated[str | None, typer.Option(help="Revision of the sheet.")] = None
+    date: Annotated[str | None, typer.Option(help="Date on the sheet.", show_default="today")] = (
+        None
+    )
 
 
 @options.expanded
@@ -22,6 +41,7 @@ def sheet(
     files: SceneOptions,
     conventions: Conventions,
     task: Task,
+    entries: TitleOptions,
     out: Annotated[Path, out_option("The file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     poses: RigOption = None,
@@ -41,15 +61,6 @@ def sheet(
         float | None,
         typer.Option(min=-360, max=360, help="Direction of the north, deg from +x towards +y."),
     ] = None,
-    project: Annotated[
-        str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
-    ] = None,
-    customer: Annotated[str | None, typer.Option(help="Whom the sheet is for.")] = None,
-    author: Annotated[str | None, typer.Option(help="Whom the sheet is by.")] = None,
-    revision: Annotated[str | None, typer.Option(help="Revision of the sheet.")] = None,
-    date: Annotated[
-        str | None, typer.Option(help="Date on the sheet.", show_default="today")
-    ] = None,
     lamps: options.LampsOption = None,
 ) -> None:
     """Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.
@@ -58,10 +69,7 @@ def sheet(
 
     Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
     """
-    from rastercov.coverage.evaluation import Query
-    from rastercov.coverage.job import answer
     from rastercov.report import plan_sheet as report
-    from rastercov.shards import Staff
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
@@ -72,25 +80,34 @@ def sheet(
         raise ConfigError("there is no camera to draw; give --poses")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn([*mesh.warnings, *scene.notes])
-    asked, names = replace(start.task, views=start.most_views), [each.name for each in start.on]
-    with progress_bar() as progress:
-        query = Query(mesh, start.rig(), start.poses(), asked)
-        found = answer(query, staff=Staff(None, progress))
-    if found.interrupted:
-        raise KeyboardInterrupt
-    limits, own = scene.limits, scene.sheet.model_dump(exclude_none=True)
+    found = _measured(start, mesh)
+    title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
     if scene.plan is not None:
-        own["plan"] = scene.plan.name
-    given = {"project": project, "customer": customer, "author": author, "revision": revision,
-             "date": date, "north": north}  # fmt: skip
-    own |= {name: value for name, value in given.items() if value is not None}
+        title["plan"] = scene.plan.name
+    given = entries._asdict() | {"north": north}
+    title |= {name: value for name, value in given.items() if value is not None}
     site = report.Site(
-        scene.rooms(frame.cut), np.array(limits["boxes"], np.float64).reshape(-1, 2, 3),
-        limits["keep_out"], own.pop("north", None)
-    )  # fmt: skip
-    text = report.plan_sheet(
-        found, names, frame, {"project": scene.title} | own, site, start.needed
+        scene.rooms(frame.cut),
+        np.array(scene.limits["boxes"], np.float64).reshape(-1, 2, 3),
+        scene.limits["keep_out"],
+        title.pop("north", None),
     )
+    names = [each.name for each in start.on]
+    text = report.plan_sheet(found, names, frame, title, site, start.needed)
     report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print(out)
+
+
+def _measured(start: "RigState", mesh: Mesh) -> "Evaluation":
+    """What the cameras of a scene cover, as `evaluate` measures it."""
+    from rastercov.coverage.evaluation import Query
+    from rastercov.coverage.job import answer
+    from rastercov.shards import Staff
+
+    task = replace(start.task, views=start.most_views)
+    with progress_bar() as progress:
+        found = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return found

@@ -245,8 +245,10 @@ def _frame(mesh: Mesh, name: str, values: object, summary: Mapping[str, Any]) ->
 def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> dict[str, Any]:
     """Cameras and poses as the state of a viewer, in which nothing can be changed."""
     sold = (each.product for each in cameras_of(camera))
-    cameras = [f"{name}: {words}" if words else name
-               for name, words in zip(names_of(camera), sold, strict=True)]  # fmt: skip
+    cameras = [
+        f"{name}: {words}" if words else name
+        for name, words in zip(names_of(camera), sold, strict=True)
+    ]
     stations = [
         {
             "id": row,

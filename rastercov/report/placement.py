@@ -184,8 +184,10 @@ def network_of(
 def _volumes(plan: Plan) -> list[Volume]:
     """Limits of the places of cameras in a plan."""
     limits = plan.constraints
-    found = [Volume.box("cameras may be here", SPACES, np.array(each.low), np.array(each.high))
-             for each in limits.spaces[:MOST_VOLUMES]]  # fmt: skip
+    found = [
+        Volume.box("cameras may be here", SPACES, np.array(each.low), np.array(each.high))
+        for each in limits.spaces[:MOST_VOLUMES]
+    ]
     for entry in limits.keep_out[:MOST_VOLUMES]:
         own, words = entry.volume(), f"no cameras: {entry.name}"
         if isinstance(own, KeepOutBox):

@@ -177,16 +177,8 @@ def summary(placement: Placement) -> dict[str, Any]:
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
     if workers := prepared.tally.to_json():
         seconds["workers"] = workers
-    moved: dict[str, Any] = {}
-    steps = {"search": placement.optimised, "refinement": placement.refined}
-    for step, found in steps.items():
-        if found is not None:
-            seconds[step] = found.seconds
-            moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
-            if step == "refinement":
-                moved[step]["left_out"] = list(placement.left_out)
-            if prepared.cells is not None:
-                moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
+    moved, took = _moved(placement)
+    seconds |= took
     assert plan.selection is not None
     pairs: dict[str, Any] = {
         "poses": len(prepared.pool.candidates),
@@ -235,6 +227,23 @@ def summary(placement: Placement) -> dict[str, Any]:
         "made_from": made_from(prepared),
         "seconds": seconds,
     }
+
+
+def _moved(placement: Placement) -> tuple[dict[str, Any], dict[str, float]]:
+    """Figures of search and refinement, where they ran, and their seconds."""
+    moved: dict[str, Any] = {}
+    seconds: dict[str, float] = {}
+    steps = {"search": placement.optimised, "refinement": placement.refined}
+    for step, found in steps.items():
+        if found is None:
+            continue
+        seconds[step] = found.seconds
+        moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
+        if step == "refinement":
+            moved[step]["left_out"] = list(placement.left_out)
+        if placement.prepared.cells is not None:
+            moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
+    return moved, seconds
 
 
 def made_from(prepared: Prepared) -> dict[str, Any]:

@@ -63,6 +63,10 @@ MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
 TITLE = ("customer", "plan", "author", "revision", "date")
 """Entries of the title block, besides the project."""
+MARKS = ("SPACES", "KEEP_OUT", "LAMPS", "IR")
+"""Layers that the legend names where there is something in them."""
+NOTHING = "M0,0"
+"""Path of nothing: fpdf2 refuses an empty one."""
 LETTERS = 84
 """In a line of the title block."""
 LEAST_DIMENSION = 3.0
@@ -223,23 +227,15 @@ def plan_sheet(
         Cameras that faces of a group need, 1 for the others; those of the task unless given.
     """
     mesh, (width, height) = found.mesh.opaque, PAPERS[frame.paper]
-    segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
-    is_drawn = ~is_foliage(mesh)
-    walls = section(mesh.vertices, mesh.welded_faces[is_drawn], frame.cut)
+    walls = section(mesh.vertices, mesh.welded_faces[~is_foliage(mesh)], frame.cut)
     solids = solid(walls)
-    lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls))).simplify(0)
-    seen = _seen(found, scene_of_plan(segments, frame.box, frame.cut, found.poses))
-    paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
-    paths |= {"FOV": "".join(map(frame.path, seen["detect"])), "IR": _reach(found, frame, seen)}
-    paths |= {"WALLS": frame.path(lines), "SOLID": frame.path(solids)}
-    below = edges_between(mesh, is_drawn, frame.floor - 0.01, frame.cut)
-    paths["BELOW"] = frame.path(shapely.multilinestrings(shapely.linestrings(below)))
     zone = _dead_zone(found, frame, views).difference(solids)
+    volumes = [_volume(each) for each in site.keep_out]
+    paths = _paths(found, frame, walls, solids)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
-    volumes = [_volume(each) for each in site.keep_out]
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
-    paths = {name: path or "M0,0" for name, path in paths.items()}  # fpdf2 refuses an empty path
+    paths = {name: path or NOTHING for name, path in paths.items()}
     lamps = list(itertools.islice(_lamps(found), MOST_MEASURED))
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(found, frame, walls)
     entries = _symbols(found, names, frame, [*rooms, *dimensions])
@@ -260,10 +256,11 @@ def plan_sheet(
         rooms=rooms,
         lamps=[_lamp_symbol(each, frame) for each in lamps],
         dimensions=dimensions,
-        keep_out=[_label(shapely.point_on_surface(v), each["name"] or "no cameras", frame)
-                  for v, each in zip(volumes, site.keep_out, strict=True)],
-        has=[name for name, on in (("SPACES", len(site.spaces)), ("KEEP_OUT", volumes),
-                                   ("LAMPS", lamps), ("IR", paths["IR"] != "M0,0")) if on],
+        keep_out=[
+            _label(shapely.point_on_surface(v), each["name"] or "no cameras", frame)
+            for v, each in zip(volumes, site.keep_out, strict=True)
+        ],
+        has=[name for name in MARKS if (lamps if name == "LAMPS" else paths[name] != NOTHING)],
         convention=_convention(site.north),
         north=None if turn is None else (math.cos(turn), -math.sin(turn)),
         bar_mm=bar * metre,
@@ -274,7 +271,24 @@ def plan_sheet(
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
         title_rows=_title_rows(found, frame, title, views),
         project=shortened(title["project"], 44),
-    )  # fmt: skip
+    )
+
+
+def _paths(found: Evaluation, frame: Frame, walls: FloatArray, solids: Any) -> dict[str, str]:
+    """Paths of what is there, and of what cameras see, by layer."""
+    mesh = found.mesh.opaque
+    segments = section(mesh.vertices, mesh.welded_faces, frame.cut)
+    seen = _seen(found, scene_of_plan(segments, frame.box, frame.cut, found.poses))
+    paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
+    lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls))).simplify(0)
+    below = edges_between(mesh, ~is_foliage(mesh), frame.floor - 0.01, frame.cut)
+    return paths | {
+        "FOV": "".join(map(frame.path, seen["detect"])),
+        "IR": _reach(found, frame, seen),
+        "WALLS": frame.path(lines),
+        "SOLID": frame.path(solids),
+        "BELOW": frame.path(shapely.multilinestrings(shapely.linestrings(below))),
+    }
 
 
 def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
@@ -555,8 +569,10 @@ def _tables(
 ) -> tuple[list[list[Cell]], list[list[Cell]]]:
     """Lines of the table of cameras, and of those of their types and of lamps."""
     cameras, base = cameras_of(found.camera), np.array((0, 0, frame.floor))
-    kinds = {index: chr(65 + row % 26) + "'" * (row // 26)
-             for row, index in enumerate(dict.fromkeys(found.poses.camera.tolist()))}  # fmt: skip
+    kinds = {
+        index: chr(65 + row % 26) + "'" * (row // 26)
+        for row, index in enumerate(dict.fromkeys(found.poses.camera.tolist()))
+    }
     ends = ((2, "start"), (40, "start"), *((x, "end") for x in (57, 70, 84, 104, 121, 138)))
     heads = ("camera", "type", "x", "y", "height", "heading", "tilt", "roll")
     lines = [_cells(heads, ends, True)]

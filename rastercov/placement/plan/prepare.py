@@ -272,16 +272,13 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     if job.folder is not None:
         _forget(job.folder, measuring.used)
     notes += _notes_on(plan, matrix)
+    n_notes = len(notes)
     together = _for_goal(job, objectives, problem, found)
     if problem.goal != together.problem.goal or not problem.reachable.any():
         left = without(found.candidates, matrix.quarantined)
-        some = plan.mounts.cameras(_sample(left))[0]
-        lines = _of_rules(objectives, plan.mounts, left)
-        if not lines and not problem.reachable.any():
-            what = "no face" if cells is None else "no cell"
-            see = ", see meshes.unit" if _has_open_unit(plan) else ""
-            lines = [_why_nothing(observer, some, task, what) + see]
-        notes += lines
+        notes += _of_rules(objectives, plan.mounts, left)
+        if len(notes) == n_notes and not problem.reachable.any():
+            notes.append(_why_nothing(job, observer, left, task))
     # The lists of a matrix are freed here: the problem has their bits.
     return Prepared(
         plan=plan,
@@ -537,8 +534,11 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
     return lines
 
 
-def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:
+def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
+    some = job.plan.mounts.cameras(_sample(left))[0]
+    what = "no face" if job.cells is None else "no cell"
+    see = ", see meshes.unit" if _has_open_unit(job.plan) else ""
     counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
@@ -552,7 +552,7 @@ def _why_nothing(observer: Observer, some: Poses, task: Task, what: str) -> str:
     )
     return (
         f"{what} is covered, whichever candidates are chosen; of the faces before a camera: "
-        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}"
+        f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}{see}"
     )
 
 
