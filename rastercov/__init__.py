@@ -54,8 +54,8 @@ if _TYPE_CHECKING:
     from rastercov.coverage.coverage import Coverage as Coverage
     from rastercov.coverage.engine import Engine as Engine
     from rastercov.coverage.evaluation import Evaluation as Evaluation
+    from rastercov.coverage.evaluation import regions as regions
     from rastercov.coverage.job import evaluate as evaluate
-    from rastercov.coverage.job import regions as regions
     from rastercov.coverage.network import Network as Network
     from rastercov.coverage.observer import Observer as Observer
     from rastercov.coverage.observer import open_observer as open_observer
@@ -113,8 +113,8 @@ _NAMES = {
     "coverage.area.zones": "DeadZones dead_zones",
     "coverage.coverage": "Coverage",
     "coverage.engine": "Engine",
-    "coverage.evaluation": "Evaluation",
-    "coverage.job": "evaluate regions",
+    "coverage.evaluation": "Evaluation regions",
+    "coverage.job": "evaluate",
     "coverage.network": "Network",
     "coverage.observer": "Observer open_observer",
     "coverage.reasons": "Reason",

@@ -19,7 +19,8 @@ from rastercov.camera.rule import All, AtLeast
 from rastercov.camera.rule import Any as AnyOf
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.job import evaluate, regions
+from rastercov.coverage.evaluation import regions
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task

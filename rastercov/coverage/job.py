@@ -23,12 +23,11 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint
 from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.light import lit
-from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of, regions_of_frames
+from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import evaluate_over_time
-from rastercov.coverage.area.regions import RegionObserver, RegionPass
+from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.table import Regions
 from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation, Query
@@ -150,50 +149,6 @@ def evaluate(
     if found.interrupted:
         raise KeyboardInterrupt
     return found
-
-
-def regions(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    task: Task | None = None,
-    *,
-    lamps: Lamps | None = None,
-    motion: Motion | MotionQuery | None = None,
-    method: str | Engine = "certified",
-    threads: int | None = None,
-) -> Regions:
-    """Parts of the task faces that each pose covers, as convex polygons in their planes.
-
-    Parameters are those of `evaluate`. Of a `Rig` with a rule, a row of the result is a pose of the
-    rig, and has what its cameras cover together. Of a motion of T frames, row t R + r is row r of R
-    in frame t, on the mesh at rest; `pose_ids` are those of each frame, and bodies that are absent
-    have no regions. Thresholds of a face must have their defaults: `min_pixels`, `min_visibility`,
-    `min_coverage`, `focus_rule`, `cap_resolution`; `views` and `min_angle_deg` are of several
-    poses, and left out here.
-
-    Raises
-    ------
-    ConfigError
-        For a threshold that is of a face, method "sampled", and a motion of another mesh.
-    PoseError
-        For a pose that is no rigid motion.
-
-    Examples
-    --------
-    >>> import rastercov as rc
-    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
-    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> seen = rc.regions(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> seen.areas().round(4).tolist()  # m^2 of each face in each pose
-    [[0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
-    """
-    check_scene(mesh, camera)
-    placed, engine = Poses.of(poses), Engine.of(method, threads)
-    camera, task = lit(camera, Task() if task is None else task, lamps)
-    if motion is not None:
-        return regions_of_frames(query_of(motion, mesh), camera, placed, task, engine)
-    return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)
 
 
 class Sums:

@@ -53,8 +53,8 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Query
-from rastercov.coverage.job import answer, evaluate, regions
+from rastercov.coverage.evaluation import Evaluation, Query, regions
+from rastercov.coverage.job import answer, evaluate
 from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import is_long, kept_in, remove

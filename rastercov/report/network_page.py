@@ -24,8 +24,9 @@ from rastercov.camera.rig import (
 )
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.features import values_of as values_of_features
+from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.network import AreaNetwork, in_words
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.remedies import SURE, Change, Remedies, Spot

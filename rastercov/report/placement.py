@@ -16,7 +16,7 @@ from rastercov.base.format import percent
 from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
 from rastercov.coverage.area.table import taken
 from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.job import regions
+from rastercov.coverage.evaluation import regions
 from rastercov.coverage.parts import MOST_ROWS
 from rastercov.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings

@@ -32,8 +32,8 @@ from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, cameras_of, gates_of, lamps_of, names_of
 from rastercov.coverage.advice import task_in_words
+from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.network import in_words
 from rastercov.coverage.area.zones import face_zones
 from rastercov.coverage.densities import DORI, DORI_EDITION
 from rastercov.coverage.evaluation import Evaluation

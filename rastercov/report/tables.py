@@ -11,7 +11,7 @@ from rastercov.base.format import area, percent, plural, signed, size_in_words, 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import angles_of_view
-from rastercov.coverage.area.network import in_words
+from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.coverage.reasons import REASONS
 

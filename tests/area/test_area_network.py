@@ -11,7 +11,8 @@ from surface_cases import hostile_scene, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.network import AreaNetwork, in_words, unit_of_result
+from rastercov.coverage.area.figures import in_words
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.union import with_rest

@@ -17,7 +17,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.densities import DORI
-from rastercov.coverage.job import regions
+from rastercov.coverage.evaluation import regions
 from rastercov.coverage.reasons import NO_CAMERAS, Reason
 from rastercov.coverage.task import OF_LIGHT
 from rastercov.placement.candidates.segments import segment

@@ -1,8 +1,9 @@
-"""Figures of a feature that can be deleted, beside those of a network and of its cameras."""
+"""Figures of areas in words, and those of a feature that can be deleted, beside a network's."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from rastercov.base.format import percent, plural, with_bound
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
@@ -18,6 +19,18 @@ Alone = Callable[[int], dict[str, Any]]
 def most_off(figures: Mapping[str, Any], unit: str) -> float:
     """Largest error of a covered area, either way, "m2" or "percent"."""
     return float(figures[f"bound_{unit}"] + figures.get(f"doubtful_{unit}", 0.0))
+
+
+def in_words(figures: Mapping[str, Any]) -> str:
+    """Covered area with its bound, in words."""
+    text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
+    if "doubtful_percent" in figures:
+        text += f", up to {percent(figures['doubtful_percent'] / 100)} more is seen edge-on"
+    if isinstance(figures["views"], int) and figures["views"] > 1:
+        fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
+        text += f", by {plural(figures['views'], 'camera')} or more; "
+        text += ", ".join(f"{percent(share)} by {views}" for share, views in fewer)
+    return text
 
 
 class Figures:

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as area_text
-from rastercov.base.format import percent, plural, with_bound
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.frames import frames_of
@@ -272,15 +271,3 @@ DOUBTFUL = ("doubtful_percent", "doubtful_m2")
 def _doubtful(m2: float, percent: float) -> dict[str, float]:
     """Entries of what may be covered besides, where there is any; `percent` of a m^2."""
     return dict(zip(DOUBTFUL, (percent * m2, m2), strict=True)) if m2 > 0 else {}
-
-
-def in_words(figures: Mapping[str, Any]) -> str:
-    """Covered area with its bound, in words."""
-    text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
-    if "doubtful_percent" in figures:
-        text += f", up to {percent(figures['doubtful_percent'] / 100)} more is seen edge-on"
-    if isinstance(figures["views"], int) and figures["views"] > 1:
-        fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
-        text += f", by {plural(figures['views'], 'camera')} or more; "
-        text += ", ".join(f"{percent(share)} by {views}" for share, views in fewer)
-    return text

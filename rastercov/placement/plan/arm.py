@@ -17,7 +17,7 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.job import regions
+from rastercov.coverage.evaluation import regions
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.kinematics import pose_error

@@ -25,7 +25,8 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, is_joint, rows_of_result
 from rastercov.coverage.area.by_camera import ByCamera, cameras_apart, lines_of
-from rastercov.coverage.area.network import AreaNetwork, in_words
+from rastercov.coverage.area.figures import in_words
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.zones import zone_lines
