@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from importlib import import_module
 from typing import Any
@@ -144,6 +144,12 @@ def shortened(text: str, most: int) -> str:
         return text
     begin = (most - 3) // 2
     return f"{text[:begin]}...{text[len(text) - (most - 3 - begin) :]}"
+
+
+def first_of(names: Sequence[str], most: int = 5) -> str:
+    """The first of some names, and how many more there are: "a, b and 3 more"."""
+    more = f" and {len(names) - most:,} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def plural(count: int, noun: str, action: str = "") -> str:

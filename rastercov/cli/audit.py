@@ -7,11 +7,12 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from rastercov.base.errors import CameraError
+from rastercov.base.format import area
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
-from rastercov.cli.console import Console, progress_bar, say, warn
+from rastercov.cli.console import print_network, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions, in_metres, left_out
 from rastercov.coverage.task import Task
 from rastercov.shards import Tally
@@ -108,11 +109,19 @@ def audit(
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
     cells = "cells" if summary["cell_size_m"] else "faces"
-    print(f"{summary['answer']}, on {summary['elements']:,} {cells}")
-    if level is not None:
-        from rastercov.report.tables import summary_table
+    from rastercov.placement.reconstruction import KINDS
+    from rastercov.report.modes import WEAK_LABELS
 
-        Console().print(summary_table(summary["network"], level, unit))
-    print(*summary["sentences"], out / "audit.html", sep="\n")
+    weak = [text for text in summary["sentences"] if " of the area is weak" in text]
+    lines = [f"{summary['answer']}, on {summary['elements']:,} {cells}", *weak]
+    for zone in summary["weak"]["zones"][:1]:
+        at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
+        kind = WEAK_LABELS[KINDS.index(zone["kind"])]
+        lines.append(f"weak zone {area(zone['m2'], unit)} at ({at}): {kind}")
+        lines.append(f"advice: {zone['advice']}")
+    print(*lines, out / "audit.html", sep="\n")
+    print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
+    if level is not None:
+        print_network(summary["network"], level, unit=unit)
     for line in tally.lines():
         say(line)

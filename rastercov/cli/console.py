@@ -216,12 +216,16 @@ def warn(lines: Iterable[str]) -> None:
         say(f"warning: {line}")
 
 
-def print_network(summary: Mapping[str, Any], level: int | None) -> None:
-    """Print tables of the surface that cameras cover, and of the cameras."""
+def print_network(
+    summary: Mapping[str, Any], level: int | None, *, has_parts: bool = True, unit: str = "m"
+) -> None:
+    """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
+    from rastercov.coverage.parts import part_rows
     from rastercov.report.tables import camera_table, summary_table
 
     console = Console()
-    console.print(summary_table(summary, level))
+    if has_parts and (level is not None or len(part_rows(summary)) > 1):
+        console.print(summary_table(summary, level, unit))
     if (table := camera_table(summary)) is not None:
         console.print(table)
 

@@ -190,9 +190,8 @@ def run_and_print(
     if as_json:
         print(json_text(summary))
     else:
-        _print_tables(summary, level)
         page = out / "report.html"
-        print(page if page.exists() else out / "network.glb")
+        _print(summary, level, page if page.exists() else out / "network.glb")
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:
@@ -211,17 +210,15 @@ def run_and_print(
             raise typer.Exit(1)
 
 
-def _print_tables(summary: dict[str, Any], level: int | None) -> None:
-    """Print the summary of an evaluation as tables and lines."""
-    from rastercov.coverage.area.by_camera import lines_of
-    from rastercov.coverage.area.zones import zone_lines
+def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
+    """Print the summary of an evaluation as lines and tables."""
+    from rastercov.coverage.headline import first_lines, other_lines
     from rastercov.report.tables import run_table
 
+    lines = [*first_lines(summary, level=level), str(file), *other_lines(summary, level)]
+    print("\n".join(lines))
     print_network(summary, level)
     Console().print(run_table(summary))
-    of_time = summary.get("over_time", {}).get("lines", ())
-    for line in (*of_time, *lines_of(summary), *zone_lines(summary)):
-        print(line)
 
 
 def demo(

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.network import Measured
+    from rastercov.placement.plan.run import Placement
 
 PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
 
@@ -102,14 +103,7 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
-        Console().print(report.cameras_table(placed))
-        print_network(report.summary(placed)["network"], level)
-        left = report.left_lines(placed)
-        print("\n".join([size_line(prepared.mesh), *report.lines(placed), *left]))
-        page = folder / "page.html"  # a second interrupt may have left it out
-        print(page if page.exists() else folder / "plan.json")
-        for line in prepared.tally.lines():
-            say(line)
+        _print_placed(placed, folder, level)
     if placed.interrupted:
         raise KeyboardInterrupt
     left_out = {} if skip_bad_poses else prepared.quarantined
@@ -118,6 +112,25 @@ def place(
         warn([f"{words}; --skip-bad-poses accepts that"])
     if left_out or not placed.is_met:
         raise typer.Exit(1)
+
+
+def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
+    """Print the answer, tables of cameras and parts, and what no table has."""
+    from rastercov.coverage.area.zones import ZONES
+    from rastercov.report import plan as report
+
+    page = folder / "page.html"  # a second interrupt may have left it out
+    file = page if page.exists() else folder / "plan.json"
+    print(*report.head_lines(placed, level), file, sep="\n")
+    if len(placed.cameras.placed):
+        Console().print(report.cameras_table(placed))
+    found = report.summary(placed)
+    network = found["network"] | {name: found[name] for name in ZONES if name in found}
+    print_network(network, level)
+    lines = [*report.lines(placed, level), *report.left_lines(placed)]
+    print("\n".join([*lines, size_line(placed.prepared.mesh)]))
+    for line in placed.prepared.tally.lines():
+        say(line)
 
 
 class GoalOptions(NamedTuple):
@@ -143,6 +156,14 @@ class OutcomeOptions(NamedTuple):
     ] = None
     baseline: Annotated[
         Path | None, typer.Option(help="check.json of an earlier check: 1 also when it was better.")
+    ] = None
+    allow_worse: Annotated[
+        str | None,
+        typer.Option(
+            help="Loss against the baseline that is accepted: percentage points, or an area, 2cm2.",
+            metavar="POINTS|AREA",
+            show_default="0",
+        ),
     ] = None
     summary: Annotated[
         Path | None, typer.Option(help="Write a summary in Markdown, of goals and what fails.")
@@ -189,7 +210,7 @@ def check(
         raise ConfigError("--pdf wants a folder for the page, got none; name it by --out")
     try:
         asked = read_plan(plan)
-        before = None if outcomes.baseline is None else read_baseline(outcomes.baseline)
+        before = read_baseline(outcomes.baseline, outcomes.allow_worse)
         limits = plan_check.limits(asked, *goal[:2], may_be_none=before is not None)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
         if camera and eyes.rig is not None:
@@ -206,29 +227,24 @@ def check(
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
         outcome.write(*files, plan, [case])
         raise
-    outcome.write(*files, plan, outcome.cases(found))
+    outcome.write(*files, plan, outcome.cases(found, level))
     warn(eyes.notes)
     warn(found.mesh.warnings)
     warn(_doubts(found.plan, found.cameras))
     if as_json:
         print(json.dumps(plan_check.to_json(found), indent=2))
     else:
-        _print_check(found, level)
-        if out is not None:
-            print(out / "check.html")
+        _print_check(found, level, out)
     if not found.is_met:
         raise typer.Exit(1)
 
 
-def _print_check(found: "Checked", level: int | None) -> None:
+def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
     """Print what holds, and tables of parts and cameras."""
-    from rastercov.report.tables import camera_table, summary_table
-
-    print("\n".join([*found.lines(), size_line(found.mesh)]))
-    if level is not None:
-        Console().print(summary_table(found.summary(), level))
-    if (by_camera := camera_table(found.summary())) is not None:
-        Console().print(by_camera)
+    page = [] if out is None else [str(out / "check.html")]
+    lines = [*found.first_lines(level), *page, *found.other_lines(level)]
+    print("\n".join([*lines, size_line(found.mesh)]))
+    print_network(found.summary(), level, has_parts=level is not None)
 
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:

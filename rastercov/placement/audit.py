@@ -13,9 +13,10 @@ smallest subset of frames is a selection of rigs (`Problem.starts`).
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,14 +39,20 @@ from rastercov.native import coverage_spread
 from rastercov.placement.bits import CoveredBits, by_face
 from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import MOST_PAIRS, select_integer
 from rastercov.placement.select.problem import (
+    PROVED,
     FewestCameras,
     Problem,
     Selection,
+    finish,
     views_of,
     weights_of,
 )
 from rastercov.shards import Made, Staff, Workers
+
+PROOF_SECONDS = 30.0
+"""Wall time in which the smallest subset is to be proved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +97,7 @@ class Groups:
             for row, name in enumerate(self.names)
         ]
 
-    def fewest(self) -> dict[str, Any]:
+    def smallest(self) -> dict[str, Any]:
         """The smallest subset with the names of its groups, ready for JSON."""
         assert self.subset is not None
         chosen = [self.names[row] for row in self.subset.chosen]
@@ -131,8 +138,30 @@ def groups_of(
         lost = np.array([problem.weights[faces].sum() for faces in left], np.float64)
     else:
         lost = total(covered[element] & (views[element] - times < problem.views[element]))
-    subset = select_greedy(_choice(problem, of_pose, len(names))) if has_subset else None
-    return Groups(names, of_pose, total(1.0), lost, total(times == views[element]), subset)
+    alone, subset = total(times == views[element]), None
+    if has_subset:
+        subset = fewest(_choice(problem, of_pose, len(names)), int((lost > 0).sum()))
+    return Groups(names, of_pose, total(1.0), lost, alone, subset)
+
+
+def fewest(problem: Problem, needed: int) -> Selection:
+    """Fewest candidates that cover the same as all, each at a cost of 1, with a bound.
+
+    Proved by an integer program where highspy is installed, within `PROOF_SECONDS`. `needed` is the
+    number of candidates without which, one at a time, something is not covered any more.
+    """
+    # Elements count one each: a share of the area would leave out the smallest.
+    alike = replace(problem, weights=(problem.weights > 0).astype(np.float64))
+    found, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
+    if found.gap > PROVED and needed < len(found.chosen) and pairs <= MOST_PAIRS:
+        with suppress(ConfigError):  # highspy is not installed
+            proved = select_integer(alike, time_limit=PROOF_SECONDS, threads=1)
+            if proved.status == "interrupted":
+                raise KeyboardInterrupt
+            fewer = proved if len(proved.chosen) < len(found.chosen) else found
+            found = replace(proved, chosen=fewer.chosen)
+    bound = max(found.bound, float(needed))
+    return finish(found.method, problem, found.chosen, bound, found.seconds, found.status)
 
 
 def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
@@ -252,7 +281,7 @@ class Audit(Groups, InOneLine):
             "median_density_px_per_m": quantile(self.best_density, weights, is_seen),
             "median_widest_angle_deg": math.degrees(quantile(self.widest_angle, weights, several)),
             "redundant_cameras": int(self.redundant.sum()),
-            "subset": self.fewest(),
+            "subset": self.smallest(),
             "per_camera": [
                 {"pose": pose, "name": self.names[row], "camera": camera} | self.figures(row)
                 for row, (pose, camera) in enumerate(
@@ -264,7 +293,7 @@ class Audit(Groups, InOneLine):
             summary["frames"] = {
                 "count": len(self.frames.names),
                 "redundant": int(self.frames.redundant.sum()),
-                "subset": self.frames.fewest(),
+                "subset": self.frames.smallest(),
                 "per_frame": self.frames.entries("frame"),
             }
         if self.by_camera is not None:
@@ -343,6 +372,8 @@ def audit(
     check_scene(mesh, camera)
     if gates_of(camera):
         raise ConfigError("an audit takes images one by one; give the cameras without their rule")
+    if workers is not None and folder is None:
+        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     task = Task() if task is None else task
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _texts("names", names, accepted)
@@ -355,18 +386,58 @@ def audit(
     if unit == "area":
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
-    network = Network(mesh, single)
-    areas = AreaNetwork(mesh, single) if elements is not None else None
-    n_measured, rows_of, elements_of = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
-    if workers is not None and folder is None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
-    with open_for(mesh, camera, single, wanted) as observer:
+    staff = Staff(workers, progress, watch, note)
+    found = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
+    is_measured = np.isin(accepted.ids, found.network.pose_ids)
+    accepted = accepted[is_measured]
+    instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
+    on = mesh if elements is None else elements.elements
+    problem = _problem(on, accepted, task, found.bits)
+    figures = element_figures(problem, on, accepted, cameras_of(camera))
+    each = groups_of(problem, figures["covered"], list(range(len(accepted))), has_subset=True)
+    of_camera = of_frame = None
+    if cameras_apart(camera, accepted):
+        labels = np.array(names_of(camera), object)[accepted.camera]
+        of_camera = groups_of(problem, figures["covered"], labels.tolist())
+    if instants:
+        of_frame = groups_of(problem, figures["covered"], instants, has_subset=True)
+    groups = vars(each) | {"names": tuple(np.array(words, object)[is_measured])}
+    return Audit(
+        **groups, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
+        problem=problem, network=found.network, areas=found.areas, **figures, frames=of_frame,
+        by_camera=of_camera, quarantined=found.quarantined,
+    )  # fmt: skip
+
+
+class _Measured(NamedTuple):
+    """Coverage of all poses together, and the elements that each of them covers."""
+
+    network: Network
+    areas: AreaNetwork | None
+    bits: CoveredBits
+    quarantined: Mapping[int, str]
+
+
+def _measured(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: Poses,
+    task: Task,
+    wanted: Wanted,
+    elements: Cells | None,
+    folder: str | Path | None,
+    staff: Staff,
+) -> _Measured:
+    """Measure poses, by way of shards in a folder where one is given."""
+    network = Network(mesh, task)
+    areas = AreaNetwork(mesh, task) if elements is not None else None
+    n_measured, rows_of, elements_of = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
+    with open_for(mesh, camera, task, wanted) as observer:
         shards = None
         if folder is not None:
-            shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
-        staff = Staff(workers, progress, watch, note)
-        for batch in judged_parts(network, observer, accepted, wanted, shards, staff):
+            shards = EvaluationShards(Path(folder), observer, poses, task, wanted)
+        for batch in judged_parts(network, observer, poses, wanted, shards, staff):
             network.add(batch)
             if areas is None or elements is None or batch.regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]
@@ -381,39 +452,26 @@ def audit(
             rows_of.append(n_measured + row)
             elements_of.append(own.astype(np.int32))
             n_measured += len(batch.poses)
-    on = mesh if elements is None else elements.elements
     row, element = np.concatenate(rows_of), np.concatenate(elements_of)
-    is_measured = np.isin(accepted.ids, network.pose_ids)
-    accepted = accepted[is_measured]
-    words = tuple(np.array(words, object)[is_measured])
-    instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
-    problem = Problem(
-        bits=CoveredBits.from_pairs(row, element, len(accepted), on.n_faces),
+    n_elements = mesh.n_faces if elements is None else len(elements)
+    bits = CoveredBits.from_pairs(row, element, n_measured, n_elements)
+    return _Measured(network, areas, bits, {} if shards is None else shards.quarantined)
+
+
+def _problem(on: Mesh, poses: Poses, task: Task, bits: CoveredBits) -> Problem:
+    """The fewest images that cover the same elements as all."""
+    return Problem(
+        bits=bits,
         weights=weights_of(on, "area"),
         views=views_of(on, task.views),
-        costs=np.ones(len(accepted)),
+        costs=np.ones(len(poses)),
         goal=FewestCameras(1.0, of_reachable=True),
         groups=tuple(group.name for group in on.groups),
         face_group=on.face_group,
         min_angle=math.radians(task.min_angle_deg),
-        eyes=accepted.world_from_camera[:, :3, 3].copy(),
+        eyes=poses.world_from_camera[:, :3, 3].copy(),
         centroids=on.centroids,
     )
-    figures = element_figures(problem, on, accepted, cameras_of(camera))
-    each = groups_of(problem, figures["covered"], list(range(len(accepted))))
-    of_camera = None
-    if cameras_apart(camera, accepted):
-        labels = np.array(names_of(camera), object)[accepted.camera]
-        of_camera = groups_of(problem, figures["covered"], labels.tolist())
-    groups = vars(each) | {"names": words, "subset": select_greedy(problem)}
-    return Audit(
-        **groups, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
-        problem=problem, network=network, areas=areas, **figures,
-        frames=groups_of(problem, figures["covered"], instants, has_subset=True)
-        if instants else None,
-        by_camera=of_camera,
-        quarantined={} if shards is None else shards.quarantined,
-    )  # fmt: skip
 
 
 def element_figures(

@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import is_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InNotebook, distance, plural, sampling
+from rastercov.base.format import InNotebook, distance, percent, plural, sampling
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.mesh import Mesh
 from rastercov.mesh.topology import components_of, first_equal_row
 from rastercov.placement.audit import Audit, audit, quantile
 from rastercov.placement.bits import CoveredBits
@@ -58,6 +59,10 @@ ADVICE = {
     "coarse": REASONS["too_coarse"].advice,
 }
 """Advice for a zone of each kind, in numbers."""
+SEPARATE = "on a separate component of the mesh ({} of the area){}; "
+"""Words before the advice for a zone that is not on the largest component."""
+NOISE_PERCENT = 5.0
+"""Part of the area below which a component may be noise."""
 PLACES, DIRECTIONS = 48, 9
 """Places in weak zones around which there are candidates, and directions from each."""
 MOST_OBLIQUE = 0.5
@@ -182,18 +187,23 @@ def weak(found: Audit) -> Weak:
     kind[is_task & (found.widest_angle < wanted.min_angle)] = 1
     kind[is_task & (found.views < wanted.views)] = 0
     rows = np.flatnonzero(kind >= 0)
-    # Cells of two faces have a corner in common up to rounding.
-    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
-    corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
-    key = (corner[on.faces[rows]] * len(KINDS) + kind[rows, None]).ravel()
-    around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
-    turn = np.stack((around[:-1], around[1:]), axis=1)[np.diff(key[around]) == 0] // 3
-    zone = components_of(len(rows), turn)
+    zone = _connected(on, rows, kind[rows])
     area = np.bincount(zone, found.problem.weights[rows]).astype(np.float64)
     order = np.argsort(-area, kind="stable")
     zones = np.full(len(kind), -1, np.int64)
     zones[rows] = np.argsort(order)[zone]
     return Weak(kind, zones, area[order])
+
+
+def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
+    """Number of the connected part of each of some elements, (N,), of those of the same kind."""
+    # Cells of two faces have a corner in common up to rounding.
+    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
+    corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
+    key = (corner[on.faces[rows]] * len(KINDS) + kind[:, None]).ravel()
+    around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
+    turn = np.stack((around[:-1], around[1:]), axis=1)[np.diff(key[around]) == 0] // 3
+    return components_of(len(rows), turn)
 
 
 def overlap(found: Audit) -> dict[str, Any]:
@@ -277,6 +287,12 @@ def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
         density = quantile(found.best_density, weights, mask & is_seen, share)
         return 1 / density if density > 0 else None
 
+    of_element = _connected(
+        found.elements, np.arange(len(weights)), np.zeros(len(weights), np.int64)
+    )
+    pieces = np.bincount(of_element, weights)
+    largest, piece = int(pieces.argmax()), np.zeros(len(zones.area), np.int64)
+    piece[zones.zone[zones.zone >= 0]] = of_element[zones.zone >= 0]
     for row, m2 in enumerate(zones.area[:MOST_ZONES].tolist()):
         own = zones.zone == row
         entry = {
@@ -287,6 +303,8 @@ def summary_of(found: Audit, unit: str = "m") -> dict[str, Any]:
             "distance": quantile(reach, weights, own & is_seen) or usual,
             "unseen_because": _unseen_because(found, own & ~is_seen),
         }  # fmt: skip
+        apart = None if piece[row] == largest else of_area * float(pieces[piece[row]])
+        entry["separate_percent"] = apart
         entries.append(entry | {"advice": _advice(entry, least, unit)})
     of_kind = np.bincount(zones.kind[zones.kind >= 0], weights[zones.kind >= 0], len(KINDS))
     return {
@@ -326,7 +344,10 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
     away, gsd, why = zone["distance"], zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     apart = 2 * away * math.tan(math.radians(least["angle_deg"]) / 2)
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
-    return ADVICE[zone["kind"]].format(
+    size = zone["separate_percent"]
+    noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
+    apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
+    return apart_from + ADVICE[zone["kind"]].format(
         views=f"{zone['mean_views']:.1f} images on average, {least['views']} wanted",
         why=f", mostly {REASONS[why].label}" if why else "",
         missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),

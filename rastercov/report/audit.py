@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import percent, plural, sampling
+from rastercov.base.format import first_of, percent, plural, sampling, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
@@ -58,6 +58,7 @@ from rastercov.report.panorama import (
     smooth,
 )
 from rastercov.report.printing import browser, write_page
+from rastercov.report.tables import LITTLE
 from rastercov.report.theme import WEAK
 
 LOG = logging.getLogger("rastercov")
@@ -258,11 +259,10 @@ class AuditPage(NetworkPage):
                 ("frame", *(summary["frames"][x] for x in ("count", "subset", "redundant")))
             )
         said += [
-            f"{subset['cameras']:,} of {plural(count, noun)} cover the same, and fewer than "
-            f"{subset['bound']:g} do not; {spare:,} could be left out, one at a time."
-            if spare
-            else f"Each of the {plural(count, noun)} is needed."
-            for noun, count, subset, spare in groups
+            _of_subset(*group)
+            if group[3]
+            else f"Each of the {plural(group[1], group[0])} is needed."
+            for group in groups
         ]
         n = len(summary["overlap"].get("components", ()))
         return said + [f"The images fall into {n:,} groups that do not overlap."] * (n > 1)
@@ -336,6 +336,25 @@ class AuditPage(NetworkPage):
             drawn=pictures,
             weak_labels=dict(zip(KINDS, WEAK_LABELS, strict=True)),
         )
+
+
+def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int) -> str:
+    """Sentence on the smallest subset of images or frames, and on those that add little to it."""
+    chosen, bound = subset["cameras"], round(subset["bound"])
+    text = f"{chosen:,} of the {plural(count, noun)} cover the same: "
+    if chosen == bound:
+        text += "no fewer do"
+    else:
+        text += f"at least {bound:,} are needed, and whether fewer than {chosen:,} do is open"
+        if subset["method"] == "greedy":
+            text += "; pip install 'rastercov[place]' for a better bound"
+    text += f"; {spare:,} could be left out, one at a time."
+    steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
+    few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
+    if few:
+        each = verb(len(few), "add")
+        text += f" Of these {chosen:,}, {first_of(few)} {each} under 1 % of what they cover, each."
+    return text
 
 
 def html_of(found: Reconstruction) -> str:

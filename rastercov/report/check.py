@@ -43,7 +43,7 @@ def page_of(found: Checked, level: int | None = None) -> str:
     run = provenance_of(found.mesh, plan.rig, found.cameras.poses, found.task, options)
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements hold" if found.is_met else "The rig falls short"
-    losses = [] if found.against is None else found.against.losses()
+    losses = [] if found.against is None else found.against.losses(level)
     if losses and not short:
         answer = "Worse than the baseline"
     if len(short) == 1:
@@ -55,7 +55,7 @@ def page_of(found: Checked, level: int | None = None) -> str:
         passed=found.is_met,
         title_rows=plan.sheet.rows(plan.name),
         lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
-        notes=[*found.mesh.warnings, *found.lines()],
+        notes=[*found.mesh.warnings, *found.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
         files="check.json",

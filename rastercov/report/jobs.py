@@ -99,6 +99,7 @@ def check(
     groups: Mapping[str, float] | None = None,
     views: int | None = None,
     baseline: StrPath | None = None,
+    allow_worse: str | float | None = None,
     out: StrPath | None = None,
 ) -> "Checked":
     """Check of camera poses against a plan, as the command `check` does it.
@@ -120,6 +121,8 @@ def check(
         Cameras that a face or point needs, instead of the plan's.
     baseline : path, optional
         The `check.json` of an earlier check, than which nothing may be worse.
+    allow_worse : float or str, optional
+        Loss against it that is accepted: percentage points, or an area such as "2 cm2".
     out : path, optional
         Folder for the files of the command; without it nothing is written.
 
@@ -165,7 +168,7 @@ def check(
     wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
     least = None if min_coverage is None else float(min_coverage)
     limits = plan_check.limits(asked, least, wanted, may_be_none=baseline is not None)
-    before = None if baseline is None else read_baseline(baseline)
+    before = read_baseline(baseline, allow_worse)
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)

@@ -26,23 +26,25 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.files import seen_from
-from rastercov.base.format import area, percent, plural, verb
+from rastercov.base.format import area, first_of, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.headline import first_lines, other_lines
 from rastercov.coverage.provenance import named_cameras, provenance_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
-from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
+from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
+from rastercov.placement.uncovered import Sight
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
-from rastercov.report.tables import heading_and_tilt
+from rastercov.report.tables import LITTLE, heading_and_tilt
 from rastercov.shards import Workers
 
 MAX_ROWS = 30
@@ -287,10 +289,9 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    for name in ("camera", "from") if several else ("from",):
-        table.add_column(name, overflow="fold")
+    table.add_column("camera" if several else "from", overflow="fold")
     for name in ("at, m", "towards", "adds", "so far"):
-        table.add_column(name, justify="right", no_wrap=name in ("adds", "so far"))
+        table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.
     far = float(np.abs(poses[:, :3, 3]).max(initial=1e-9))
@@ -300,8 +301,7 @@ def cameras_table(placement: Placement) -> Table:
         if row < MAX_ROWS:
             table.add_row(
                 str(row + 1),
-                *([Text(entry["camera"])] if several else []),
-                Text(entry["origin"]),
+                Text(entry["camera" if several else "origin"]),
                 " ".join(f"{value:.{digits}f}" for value in entry["position"]),
                 " ".join(f"{value:.2f}" for value in entry["direction"]),
                 percent(share - before) if share > before else "0 %",
@@ -309,27 +309,43 @@ def cameras_table(placement: Placement) -> Table:
             )
         before = share
     if len(poses) > MAX_ROWS:
-        table.add_row(*["", ""][: 1 + several], f"... {len(poses) - MAX_ROWS} more")
+        table.add_row("", f"... {len(poses) - MAX_ROWS} more")
     return table
 
 
-def lines(placement: Placement) -> list[str]:
-    """Sentences about a placement that no table has."""
+def head_lines(placement: Placement, level: int | None = None) -> list[str]:
+    """Up to four lines: covered area, goal, worst dead zone, and advice for it.
+
+    `level` is that of the parts that are named.
+    """
+    prepared, cameras = placement.prepared, placement.cameras
+    goal, wanted = goal_lines(placement.requirements)[0], prepared.problem.goal
+    if not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
+        goal = "goal: most coverage"
+        if wanted.cameras is not None:
+            goal += f" with at most {plural(wanted.cameras, _what(prepared))}"
+        goal += "" if wanted.budget is None else f" at a cost of at most {wanted.budget:g}"
+    return first_lines(summary_of(prepared.plan, cameras), goal, level)
+
+
+def lines(placement: Placement, level: int | None = None) -> list[str]:
+    """Sentences about a placement that neither `head_lines` nor a table has."""
     prepared, selection = placement.prepared, placement.selection
-    said: list[str] = []
+    said = goal_lines(placement.requirements)[1]
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
         said.append(_selected(placement))
     if placement.lamps is not None:
         said += placement.lamps.lines()
+    has_reasons = prepared.cells is not None
     network = summary_of(prepared.plan, placement.cameras)
-    said += [line.replace("covered:", "exact area:") for line in area_lines(network)]
+    said += other_lines(network, level, has_reasons=has_reasons)
     for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
         said += line_of(views, f"dead zone {area(zone['area_m2'])}")
     of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
-    if placement.refined is not None:
+    if placement.refined is not None and len(placement.refined.poses):
         done = placement.refined
         what = _what(prepared)
         moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
@@ -339,6 +355,11 @@ def lines(placement: Placement) -> list[str]:
             f"{what} {row + 1} of the selection added nothing after refinement and was left out"
             for row in placement.left_out
         ]
+    added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
+    few = [str(row + 1) for row in np.flatnonzero(added < LITTLE).tolist()]
+    if few and not prepared.plan.goals:
+        noun = plural(len(few), _what(prepared)).partition(" ")[2]
+        said.append(f"{noun} {first_of(few)} {verb(len(few), 'add')} under 1 % of the total each")
     if placement.arm is not None:
         said.append(placement.arm.line())
     said += [
@@ -346,7 +367,7 @@ def lines(placement: Placement) -> list[str]:
         "were not taken"
         for how in placement.kept_poses
     ]
-    if placement.tolerance is not None:
+    if placement.tolerance is not None and len(placement.cameras.placed):
         found = placement.tolerance
         error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
         error += "" if prepared.cells is None else ", on cells"
@@ -358,7 +379,6 @@ def lines(placement: Placement) -> list[str]:
             left = percent(found.cameras[found.critical].without)
             text += f"; without {_what(prepared)} {found.critical + 1} only {left} are left"
         said.append(text)
-    said += [f"{each.status}: {each.words()}" for each in placement.requirements]
     if not placement.is_met and "stricter selection" in placement.steps:
         said.append(
             "further selections on cells did not meet all goals either: ask for less, add "
@@ -434,10 +454,16 @@ def _selected(placement: Placement) -> str:
 
 
 def left_lines(placement: Placement) -> list[str]:
-    """Sentences about the faces that the network leaves; by area, those it leaves a part of."""
-    if placement.leftover is None:
+    """Sentences about what the network leaves; by area, about what no candidate sees."""
+    left, areas = placement.leftover, placement.cameras.areas
+    if left is None:
         return []
-    said = placement.leftover.lines()
-    if placement.cameras.areas is None or not placement.leftover.left.any():
-        return said
-    return ["Faces of which some part is not covered, by the reason for the whole face:", *said]
+    if areas is None:
+        # `first_lines` has the total and the first reason.
+        return [line.replace("Of these,", "Of the faces not covered,") for line in left.lines()[2:]]
+    plan = placement.prepared.plan
+    zones = areas.zones(plan.rig, placement.cameras.placed, views_by_group(plan, None))
+    hidden = (left.sight == Sight.NONE) & (left.n_covering == 0) & left.left
+    m2 = float(zones.piece_area[hidden[zones.face]].sum())
+    candidates = plural(left.n_candidates, "candidate")
+    return [f"{area(m2)} of what is not covered is seen by none of {candidates}: proved"] * (m2 > 0)

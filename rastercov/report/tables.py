@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
@@ -11,61 +12,49 @@ from rastercov.base.format import area, percent, plural, signed, size_in_words, 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import angles_of_view
-from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
-from rastercov.coverage.reasons import REASONS
 
 STRAIGHT = 1e-4
 """Sine of the angle to the vertical below which a camera looks straight up or down."""
+LITTLE = 0.01
+"""Share of the result below which a camera adds little, and is named."""
 LONGEST_NAME = 22
 """Characters of the name of a part in a table."""
 
 
 def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: str = "m") -> Table:
-    """`Network.summary` for a terminal of 80 columns: parts or groups, the whole task, reasons.
+    """`Network.summary` for a terminal of 80 columns: parts or groups.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
-    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of the area
-    that is not covered, "faces %" the share of faces where the result is by face, and
-    "seeable %" the covered share of the area that a camera outside all bodies can see. `unit` is
-    of lengths, as of `rastercov.base.format.area`.
+    as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of what is not
+    covered, "faces %" the share of faces where the result is by face, and "seeable %", where it
+    differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
+    lengths, as of `rastercov.base.format.area`.
     """
-    poses, views = summary["poses"], summary["required_views"]
-    title = f"Covered by {plural(poses, 'camera')}"
-    title += f", {views} a face" if views > 1 else ""
-    by_area, of_seeable = "covered_area" in summary, summary["covered_of_seeable_percent"]
-    if summary["unseeable_m2"] and of_seeable is not None:
-        whole = summary["covered_area"] if by_area else summary["covered"]
-        share = percent(whole["percent" if by_area else "area_percent"] / 100)
-        title += f": {share} of the area, {percent(of_seeable / 100)} of what can be seen"
+    views, by_area = summary["required_views"], "covered_area" in summary
+    title = f"Covered by {plural(summary['poses'], 'camera')}"
+    title += f", {views} a {'point' if by_area else 'face'}" if views > 1 else ""
     if "over_time" in summary:
         title += f" {summary['over_time']['in_words']}"
+    rows, has_seeable = part_rows(summary, level), bool(summary["unseeable_m2"]) or not by_area
+    names = ("area", "covered %" if by_area else "faces %", *["seeable %"] * has_seeable)
+    cells = [[_end_of(row.name), *_cells(row, unit, has_seeable)] for row in rows[:MOST_ROWS]]
+    for row, own in zip(rows, cells, strict=False):
+        own.append(row.reason)
     table = Table(title=title, title_justify="left", caption_justify="left")
     table.add_column("part" if summary["parts"] else "group", no_wrap=True, max_width=LONGEST_NAME)
-    for name in ("area", "covered %" if by_area else "faces %", "seeable %"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("mainly", no_wrap=True)
-    rows = part_rows(summary, level)
-    for row in rows[:MOST_ROWS]:
-        table.add_row(Text(_end_of(row.name)), *_cells(row, unit))
+    for at, name in enumerate(names, start=1):  # no figure is cut off
+        width = max(cell_len(text) for text in [name, *(own[at] for own in cells)])
+        table.add_column(name, justify="right", no_wrap=True, min_width=width)
+    if any(own[-1] for own in cells):
+        table.add_column("mainly")
+    for own in cells:
+        table.add_row(*map(Text, own[: len(table.columns)]))
     if rows[MOST_ROWS:]:
         table.caption = f"and {len(rows) - MOST_ROWS} more, see --json"
     occluders = [entry for entry in entries_at(summary, level or 1) if "covered" not in entry]
     for entry in occluders[:MOST_ROWS]:
         table.add_row(Text(_end_of(entry["name"])), "", "occluder", style="dim")
-    if len(rows) != 1:
-        table.add_section()
-        table.add_row("all to be seen", *_cells(PartRow.of(summary), unit), style="bold")
-    reasons = summary["not_covered_because"]
-    if reasons:
-        table.add_section()
-        table.add_row("not covered because", style="dim")
-    size = "area_percent" if by_area else "faces"
-    for name in sorted(reasons, key=lambda name: -float(reasons[name][size])):
-        own = reasons[name]
-        shown = [area(own["m2"], unit)] if by_area else [str(own["faces"])]
-        shown += [percent(own["area_percent"] / 100).removesuffix(" %")] if by_area else []
-        table.add_row(f"  {REASONS[name].label}", *shown)
     return table
 
 
@@ -74,18 +63,17 @@ def _end_of(name: str) -> str:
     return name if len(name) <= LONGEST_NAME else f"...{name[3 - LONGEST_NAME :]}"
 
 
-def _cells(row: PartRow, unit: str) -> tuple[str, ...]:
-    """Cells of a part after its name."""
-    shares = row.percent, row.of_seeable_percent
+def _cells(row: PartRow, unit: str, has_seeable: bool) -> list[str]:
+    """Figures of a part."""
+    shares = row.percent, *[row.of_seeable_percent] * has_seeable
     texts = ["" if each is None else percent(each / 100).removesuffix(" %") for each in shares]
     if row.bound_percent > 0:
         texts[0] = with_bound(row.percent, row.bound_percent).removesuffix(" %")
-    return area(row.area_m2, unit), *texts, row.reason
+    return [area(row.area_m2, unit), *texts]
 
 
 def run_table(summary: Mapping[str, Any]) -> Table:
-    """Size, speed, device and result of a run, from the summary of `run`."""
-    covered = summary["covered"]
+    """Size, speed and device of a run, from the summary of `run`."""
     table = Table(show_header=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
@@ -97,16 +85,6 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
     bound = f"; largest bound {summary['largest_visibility_bound']:.2g}"
     table.add_row("visibility", ", ".join(kinds) + bound if kinds else "none")
-    by_area = f"{percent(covered['area_percent'] / 100)} of the area"
-    faces = f"{percent(covered['percent'] / 100)} of the faces, {by_area}"
-    if "covered_area" in summary:
-        table.add_row("coverage", in_words(summary["covered_area"]), style="bold")
-        if "over_time" not in summary:
-            table.add_row("whole faces", faces)
-    else:
-        table.add_row("coverage", faces)
-    if summary.get("by_face_because"):
-        table.add_row("by face, because", summary["by_face_because"])
     return table
 
 

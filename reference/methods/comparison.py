@@ -9,7 +9,7 @@ area in px^2 of all faces in view from the front, including those partly outside
 
 import math
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -30,6 +30,9 @@ from rastercov.mesh import Mesh
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
     REFERENCES,
+    AnalyticReference,
+    Contender,
+    ReferenceModule,
     open_contender,
     open_engine,
     open_reference,
@@ -111,39 +114,19 @@ def compare(
     chosen = np.unique(np.linspace(0, len(matrices) - 1, SWEPT_POSES).astype(int)).tolist()
     sweeps = [(c, sweep) for c in swept for sweep in SWEEPS if convergence]
     total = len(matrices) + len(chosen) * sum(len(levels(sweep, camera)) for _, sweep in sweeps)
-    done, interrupted = 0, False
-    known: list[KnownFaces] = []
+    progress(0, total)
+    counter = count(1)
+    step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
     with ExitStack() as stack:
         reference = stack.enter_context(open_reference(against, mesh, camera))
         contenders = [
             stack.enter_context(open_contender(c, mesh, camera, matrices, worst)) for c in named
         ]
-        at_once = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // max(1, mesh.n_faces)))
-        try:
-            progress(0, total)
-            for start in range(0, len(matrices), at_once):
-                of_batch = matrices[start : start + at_once]
-                for observed in (*contenders, reference):
-                    observed.run(of_batch)
-                for row, pose in enumerate(of_batch):
-                    face = _in_view(mesh, camera, pose)
-                    areas = reference.areas(row, face)
-                    with interrupts_held():
-                        for contender in contenders:
-                            contender.add_pose(start + row, row, face, *areas)
-                        if start + row in chosen and sweeps:
-                            known.append(_partly_hidden(pose, face, *areas))
-                        done += 1
-                    progress(done, total)
-        except KeyboardInterrupt:
-            if not done:
-                raise
-            interrupted = True
+        own = chosen if sweeps else []
+        scene = mesh, camera, matrices
+        done, known, interrupted = _measure(*scene, reference, contenders, own, step)
     found: list[Convergence] = []
-    if not interrupted:
-        counter = count(done + 1)
-        step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
-        interrupted = _converge(sweeps, mesh, camera, known, step, found)
+    interrupted = interrupted or _converge(sweeps, mesh, camera, known, step, found)
     scores = tuple(contender.score() for contender in contenders)
     if not any(score.all_sizes.figures for score in scores):
         raise ConfigError("no face is in view from the front in any pose: nothing to compare")
@@ -162,6 +145,43 @@ def compare(
         interrupted=interrupted,
         run=_provenance(mesh, camera, matrices),
     )
+
+
+def _measure(
+    mesh: Mesh,
+    camera: Camera,
+    poses: FloatArray,
+    reference: AnalyticReference | ReferenceModule,
+    contenders: Sequence[Contender],
+    chosen: Collection[int],
+    step: Callable[[], None],
+) -> tuple[int, list[KnownFaces], bool]:
+    """Add the poses to all contenders: number of poses, faces of chosen ones, and if interrupted.
+
+    The interrupt is raised where it comes before the first pose is done.
+    """
+    done, known = 0, list[KnownFaces]()
+    at_once = max(1, min(POSES_A_BATCH, PAIRS_A_BATCH // max(1, mesh.n_faces)))
+    try:
+        for start in range(0, len(poses), at_once):
+            of_batch = poses[start : start + at_once]
+            for observed in (*contenders, reference):
+                observed.run(of_batch)
+            for row, pose in enumerate(of_batch):
+                face = _in_view(mesh, camera, pose)
+                areas = reference.areas(row, face)
+                with interrupts_held():
+                    for contender in contenders:
+                        contender.add_pose(start + row, row, face, *areas)
+                    if start + row in chosen:
+                        known.append(_partly_hidden(pose, face, *areas))
+                    done += 1
+                step()
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        return done, known, True
+    return done, known, False
 
 
 def _in_view(mesh: Mesh, camera: Camera, pose: FloatArray) -> IntArray:

@@ -1,7 +1,10 @@
 """Audits: every figure of a camera and of a frame against its definition, the slow way."""
 
 import math
+from dataclasses import replace
+from importlib import import_module
 from itertools import combinations
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,8 +15,10 @@ from nightly import examples
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.mesh import Group, Mesh, shapes
+from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy
 from rastercov.placement.audit import audit, groups_of
 
+audits = import_module("rastercov.placement.audit")
 MESH = shapes.torus(20, 10)
 WIDE = rc.Camera(width=320, height=240, fx=220, fy=230)
 LONG = rc.Camera(width=200, height=200, fx=300, fy=300, cx=90)
@@ -131,7 +136,38 @@ def test_a_subset_of_cameras_and_of_frames_covers_what_all_cover(seed, views, le
         for chosen in combinations(range(len(names)), n)
         if (covered(np.isin(owner, chosen)) == found.covered).all()
     ]
-    assert found.frames.subset.bound <= min(enough)
+    assert found.frames.subset.bound == len(found.frames.subset.chosen) == min(enough)
+    assert found.frames.subset.status == "optimal"
+
+
+@pytest.mark.parametrize("least", [0, 40])
+@pytest.mark.parametrize("views", [1, 2])
+def test_the_smallest_subset_is_proved_by_trying_all(views, least, monkeypatch):
+    """And without an integer program its bound holds, with those that are needed one at a time."""
+    task = rc.Task(views=views, min_angle_deg=least)
+    poses = looking_in(5 + views, 11)
+    found = audit(MESH, CAMERAS, poses, task, by="face")
+    size = next(
+        n
+        for n in range(12)
+        for chosen in combinations(range(11), n)
+        if (found.problem.covered_by(chosen)[1] >= found.covered).all()
+    )
+    assert len(found.subset.chosen) == found.subset.bound == size
+    monkeypatch.setattr(audits, "select_integer", Mock(side_effect=rc.ConfigError("no highspy")))
+    without = audit(MESH, CAMERAS, poses, task, by="face").subset
+    assert (found.lost_m2 > 0).sum() <= without.bound <= size <= len(without.chosen)
+
+
+def test_an_interrupt_of_the_proof_ends_the_audit(monkeypatch):
+    stopped = Mock(return_value=Mock(status="interrupted"))
+    monkeypatch.setattr(audits, "select_integer", stopped)
+    # A triangle of candidates: two are needed, and the linear program proves one and a half.
+    covers = np.kron(np.eye(5), np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]))
+    problem = problem_of_matrix(covers, FewestCameras(1.0, of_reachable=True))
+    monkeypatch.setattr(audits, "select_greedy", lambda p: replace(select_greedy(p), gap=0.5))
+    with pytest.raises(KeyboardInterrupt):
+        audits.fewest(problem, 0)
 
 
 def test_a_camera_twice_is_redundant_and_left_out_of_the_subset():

@@ -65,3 +65,24 @@ def test_weak_zones_and_overlap_are_their_definitions(seed, count):
     for row, kind in enumerate(kinds):  # zones of one kind have no corner in common
         assert (kind == kind[0]).all()
         assert not any(corners[row] & corners[n] for n in range(row) if kinds[n][0] == kind[0])
+
+
+def test_a_weak_zone_on_a_separate_component_says_so():
+    """A crumb beside a part is named, the part is not; a second half is no noise."""
+    for scale, is_noise in ((0.2, True), (0.95, False)):
+        crumb = np.add(np.multiply(MESH.vertices, scale), (0, 0, 3.0))
+        faces = np.concatenate([MESH.faces, MESH.faces + MESH.n_vertices])
+        both = rc.Mesh(np.concatenate([MESH.vertices, crumb]), faces)
+        for by in ("face", "area"):
+            zones = summary_of(audit(both, CAMERA, from_above(3), by=by))["weak"]["zones"]
+            share = 100 * scale**2 / (1 + scale**2)
+            apart = [zone for zone in zones if zone["centroid"][2] > 2]
+            assert 0 < len(apart) < len(zones)
+            for zone in zones:
+                is_apart = zone["centroid"][2] > 2
+                assert (zone["separate_percent"] is not None) == is_apart
+                assert (
+                    zone["advice"].startswith("on a separate component of the mesh (") == is_apart
+                )
+                assert ("may be noise" in zone["advice"]) == (is_apart and is_noise)
+            assert apart[0]["separate_percent"] == pytest.approx(share)

@@ -16,7 +16,9 @@ from commands import answer, call, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
-from rastercov.placement.plan.baseline import compare, words
+from rastercov.mesh import shapes
+from rastercov.mesh.groups import parts_above
+from rastercov.placement.plan.baseline import Tolerated, compare, words
 from rastercov.placement.plan.check import check, record
 from rastercov.placement.plan.file import plan_of
 
@@ -121,8 +123,150 @@ def test_a_baseline_with_any_number_of_it_replaced_is_refused_or_gives_finite_li
         assert not re.search(r"\b(nan|inf)\b", " ".join(lines)), path
 
 
-def test_a_difference_has_the_digits_of_its_bound():
-    share = {"name": "all", "share": 0.9085431, "before": 0.9147649}
-    texts = [words(share | {"bound": bound}) for bound in (5.4e-6, 0.03, 0.0)]
-    figures = ["0.62218 ± 0.00054", "0.6 ± 3", "0.622180 ± 0"]
-    assert [text.split(": ")[2] for text in texts] == [f"{each} points less" for each in figures]
+def test_a_difference_is_in_percentage_points_and_square_metres():
+    share = {"name": "all", "share": 0.9085431, "before": 0.9147649, "is_area": True, "lost": 3.664}
+    assert words(share) == "all: down 0.622 percentage points (3.66 m²) to 90.9 %"
+    share |= {"before": 0.9085, "is_area": False}
+    assert words(share) == "all: up 0.00431 percentage points to 90.9 %"
+
+
+def assembly(tmp_path, n_parts, rng):
+    """A plan of boxes whose faces are groups of parts, and its path."""
+    lines, n = [], 0
+    for part in range(n_parts):
+        box = shapes.box(tuple(rng.uniform(0.2, 1.5, 3)))
+        lines += [f"v {x} {y} {z}" for x, y, z in np.add(box.vertices, (3.0 * part, 0, 0)).tolist()]
+        for row, face in enumerate(box.faces + 1 + n):
+            lines += [f"g arm/box {part}/face {row // 2 + 1}"] * (row % 2 == 0)
+            lines.append("f " + " ".join(map(str, face)))
+        n += len(box.vertices)
+    path = tmp_path / "parts.obj"
+    path.write_text("\n".join([*lines, f"v 0 0 {-9}", f"g plate\nf 1 2 {n + 1}", ""]))
+    entries = {"meshes": [{"path": str(path)}], "camera": CAMERA | {"fx": 60, "fy": 60}}
+    return plan_of(entries, tmp_path / "plan.toml")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_all_parts_and_the_worst_faces_that_lost_more_than_is_accepted(tmp_path, seed):
+    """By shares of their own, recomputed from the areas of groups."""
+    rng = np.random.default_rng(seed)
+    plan = assembly(tmp_path, 3, rng)
+    poses = rc.look_at(np.array([3.0, 0, 0]) + rng.uniform(6, 9) * SIDES, np.array([3.0, 0, 0]))
+    kept = rng.choice(6, 4, replace=False)
+    before, now = (
+        record(check(plan, Path("r"), {}, poses=poses[rows])) for rows in ([*range(6)], kept)
+    )
+
+    def lost(told, other):
+        areas = (
+            {each["group"]: (each["m2"], each["of_m2"]) for each in one["groups"]}
+            for one in (told, other)
+        )
+        then, new = areas
+        for place in {"", *(above for name in then for above in [*parts_above(name), name])}:
+            own = [name for name in then if f"{name}/".startswith(f"{place}/") or not place]
+            whole = sum(new[name][1] for name in own)
+            yield place, sum(then[name][0] - new[name][0] for name in own), whole
+
+    losses = {place: (m2, whole) for place, m2, whole in lost(before, now)}
+    sizes = [0.0, *rng.uniform(0, 60, 3), 100.0]
+    for text in [*map(str, sizes), *(f"{1e4 * m2:.6f} cm2" for m2 in rng.uniform(0, 4, 4))]:
+        value = float(text.split()[0])
+        found = compare({**before, "file": "b", "tolerated": Tolerated.of(text)}, now)
+        accepted = {
+            place: 1e-4 * value if "cm2" in text else value / 100 * whole
+            for place, (_, whole) in losses.items()
+        }
+        worse = {
+            place for place, (m2, whole) in losses.items() if m2 > accepted[place] + 1e-6 * whole
+        }
+        said = {each["group"] or "" for each in found.shares if each["status"] == "worse"}
+        several = {
+            place
+            for place in losses
+            if place in {"", "plate"} or place.count("/") or place == "arm"
+        }
+        assert said == worse & several
+        own = [each["kind"] for each in found.worse()]
+        assert own == sorted(own, key=["all", "goal", "part", "group"].index)
+        faces = [each["lost"] for each in found.worse() if each["kind"] == "group"]
+        assert faces == sorted(faces, reverse=True)
+        lines = [line for line in found.losses() if line.startswith("worse: group ")]
+        assert len(lines) == min(5, len(faces))
+        assert (f"worse: and {len(faces) - 5} more groups" in found.losses()) == (len(faces) > 6)
+        for level in (1, 2, 3):
+            named = re.findall(
+                r"worse: (?:part|group) (\S.*?): down", "\n".join(found.losses(level))
+            )
+            assert all(name.count("/") < level for name in named)
+        assert found.is_worse == bool(worse or found.zones)
+    much = Tolerated.of("1e6m2")
+    assert not compare({**before, "file": "b", "tolerated": much}, now).is_worse
+    assert not compare({**before, "file": "b"}, before).is_worse
+
+
+def test_a_reviewer_reads_what_fails_only(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assembly(tmp_path, 9, np.random.default_rng(0))
+    camera = ", ".join(f"{name} = {value}" for name, value in (CAMERA | {"fx": 30}).items())
+    Path("plan.toml").write_text(f'meshes = [{{ path = "parts.obj" }}]\ncamera = {{ {camera} }}\n')
+    write_poses("rig.json", rc.look_at(np.array([12.0, 0, 0]) + 20 * SIDES, np.array([12.0, 0, 0])))
+    assert call(capsys, f"{CHECK} --min-coverage 0.01 --out base")[0] == 0
+    line = f"{CHECK} --baseline base/check.json --summary s.md --junit j.xml"
+    assert call(capsys, line)[0] == 0
+    assert "|" not in Path("s.md").read_text()
+    write_poses(
+        "rig.json", rc.look_at(np.array([12.0, 0, 0]) - 20 * SIDES[:1], np.array([12.0, 0, 0]))
+    )
+    for level in ("", " --level 1"):
+        code, out, _ = call(capsys, line + level)
+        rows = Path("s.md").read_text().splitlines()[4:]
+        assert code == 1
+        assert rows[0].startswith("| fails | all: down ")
+        assert not any(row.startswith("| holds") for row in rows)
+        n_faces = sum("fails | group arm" in row for row in rows)
+        assert n_faces == 0 if level else n_faces in (4, 5)
+        assert any(re.match(r"\| \| and \d+ more groups", row) for row in rows) == (not level)
+        below = (
+            r"worse: (and )?\d+ (more )?groups below level 1" if level else r"and \d+ more groups"
+        )
+        assert re.search(below, out)
+        assert out.count("dead zone") <= 12
+        zones = [row for row in rows if "dead zone " in row]
+        assert all("advice: " in row for row in zones)
+        assert all("/face" not in row for row in zones) or not level
+    assert "--baseline" in refusal(capsys, f"{CHECK} --allow-worse 1 --min-coverage 0.1")
+
+
+WRONG = (
+    "",
+    "x",
+    "-1",
+    "101",
+    "nan",
+    "inf",
+    "1e999",
+    "1.2.3",
+    "2m3",
+    "1 2",
+    "m2",
+    "0x1",
+    "5 %%",
+    "²",
+)
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_no_loss_is_refused(text):
+    with pytest.raises(rc.ConfigError, match="expected 0 to 100 percentage points"):
+        Tolerated.of(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "share", "m2"),
+    [("0.5", 0.005, 0), (3, 0.03, 0), ("1e-1 %", 0.001, 0), ("2 cm2", 0, 2e-4), ("1e3MM²", 0, 1e-3),
+     ("2.5 points", 0.025, 0), ("1m^2", 0, 1)],
+)  # fmt: skip
+def test_a_loss_is_of_points_or_of_an_area(text, share, m2):
+    found = Tolerated.of(text)
+    assert (found.share, found.m2) == pytest.approx((share, m2))

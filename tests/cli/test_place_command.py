@@ -66,7 +66,7 @@ def placed(capsys, text):
 def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
     code, out, err = call(capsys, "place plan.toml")
     assert (code, err) == (0, "")
-    assert out.endswith("plan/plan.json\n")
+    assert "plan/plan.json" in out.splitlines()[:5]
     assert "20 candidates: 20 sphere" in out
     told = figures()
     assert told["met"]
@@ -164,7 +164,7 @@ def test_the_page_is_written_and_a_stale_one_removed(capsys):
     pages = [Path("plan/page.html"), Path("plan/view.html")]
     code, out, _ = placed(capsys, QUICK.replace("page = false", ""))
     assert code == 0
-    assert out.endswith(f"{pages[0]}\n")
+    assert str(pages[0]) in out.splitlines()[:5]
     texts = [page.read_text(encoding="utf-8") for page in pages]
     assert texts[0].lower().startswith("<!doctype html>")
     assert all("plan.toml" in text for text in texts)
@@ -273,7 +273,7 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     assert len(read_poses("plan/poses.json")) == len(told["cameras"]) > 0
     assert page.exists() == (STEPS[step] != "page")
     assert not page.exists() or words in page.read_text()
-    assert out.endswith(f"plan/{'page.html' if page.exists() else 'plan.json'}\n")
+    assert f"plan/{'page.html' if page.exists() else 'plan.json'}" in out.splitlines()[:5]
 
 
 def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
@@ -300,7 +300,7 @@ def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
     monkeypatch.setattr(drawing, Mock(side_effect=KeyboardInterrupt))
     code, out, _ = stopped(capsys, monkeypatch, refining, KeyboardInterrupt())
     assert (code, figures()["interrupted"]) == (130, "refinement")
-    assert out.endswith("plan/plan.json\n")
+    assert "plan/plan.json" in out.splitlines()[:5]
     assert not Path("plan/page.html").exists()
 
 
@@ -345,7 +345,8 @@ def test_a_rig_that_covers_enough_passes(capsys):
     code, out, err = call(capsys, CHECK)
     assert (code, err) == (0, "")
     assert out.startswith(
-        "holds: all: 100.0 % covered, 100.0 % wanted\nby face, because min_pixels"
+        "covered: 100.0 % of the faces, 100.0 % of the area\n"
+        "holds: all: 100.0 % covered, 100.0 % required\nby face, because min_pixels"
     )
 
 
@@ -371,7 +372,7 @@ def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(cap
     code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=1e-9")
     assert code == 1
     for words in ("holds: all: 0.0 % covered", "holds: group rest",
-                  "fails: group lid: 0.0 % covered, 50.0 % wanted: 50.0 points short, 2 faces",
+                  "fails: group lid: 0.0 % covered, 50.0 % required: 50.0 percentage points below",
                   "group lid: 2 faces uncovered: 2 too few views"):  # fmt: skip
         assert words in out
     write_poses("rig.json", np.concatenate((axis_poses(), axis_poses())))
@@ -392,7 +393,8 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
-    assert out.startswith("undecided: all: 100.0 % covered, 90.0 % wanted: not decided, the bound")
+    said = "undecided: all: 100.0 % covered, 90.0 % required: not decided, the bound"
+    assert out.splitlines()[1].startswith(said)
     told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
     (failure,) = ElementTree.parse("j.xml").iter("failure")
@@ -415,7 +417,7 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     assert {case.get("classname") for case in suite} == {"rastercov.plan"}
     assert [case.get("name") for case in suite][:2] == ["coverage of all", "coverage of rest"]
     failure = suite[0].find("failure")
-    assert "6.7 points short" in failure.get("message")
+    assert "6.7 percentage points below the goal" in failure.get("message")
     assert "faces uncovered: 2 back facing" in failure.text
 
 
@@ -524,7 +526,7 @@ def test_the_rig_is_audited(capsys):
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0
     code, out, _ = call(capsys, f"check {plan} -p {rig} --views 2")
     page = (EXAMPLES.parents[1] / "docs" / "check.md").read_text(encoding="utf-8")
-    assert (code, [out]) == (1, re.findall(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL))
+    assert (code, [out]) == (1, re.findall(r"--views 2\n(covered.*?)\$ echo", page, re.DOTALL))
     assert call(capsys, f"place {plan} --out audit")[0] == 0
     assert len(figures("audit")["cameras"]) < len(read_poses(rig))
 

@@ -191,7 +191,7 @@ def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     faces = mesh.face_group == 1
     of_arm, of_tool = judge(mesh, np.ones(48, np.int64), {"arm": 0.3, "arm/tool": 0.6}, faces)
     assert (of_arm.status, of_arm.share, of_arm.n_groups) == ("holds", pytest.approx(1 / 3), 3)
-    assert of_tool.words().startswith("part arm/tool: 50.0 % covered, 60.0 % wanted")
+    assert of_tool.words().startswith("part arm/tool: 50.0 % covered, 60.0 % required")
 
 
 @pytest.mark.parametrize(("percent", "reason"), [(100.0, ""), (99.9, "too few pixels")])

@@ -147,3 +147,19 @@ def test_what_the_scene_refuses_has_a_line_too(step, text, line):
     with pytest.raises(PlanError) as caught:
         step(plan_of(text))
     assert [found for found in caught.value.lines if found.startswith(f"plan.toml: {line}")]
+
+
+@pytest.mark.parametrize("failing", ['above = "flor"\nheight = 1', 'file = "bad.obj"'])
+@pytest.mark.parametrize("name", ["", 'name = "eyes"\n'])
+def test_a_target_that_failed_gives_one_line_only(failing, name, tmp_path, monkeypatch):
+    """Whatever else names it, and though nothing is left to be seen without it."""
+    monkeypatch.chdir(tmp_path)
+    Path("bad.obj").write_text("nothing")
+    group = "eyes" if name else "bad" if "file" in failing else "flor + 1 m"
+    text = TARGET.replace("[camera]", 'role = "occluder"\n[camera]') + name + failing
+    text += f'\n[task]\nviews = {{ "{group}" = 2 }}\n[selection]\ngoal = "fewest_cameras"\n'
+    text += f'coverage = 0.5\ngroups = {{ "{group}" = 0.6, "{group[:3]}*" = 0.1 }}\n'
+    with pytest.raises(PlanError) as caught:
+        scene(plan_of(text))
+    (line,) = caught.value.lines
+    assert "targets[0]." in line

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import numpy as np
-
 from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
@@ -67,7 +65,9 @@ class CarriedPoses:
 
     def line(self) -> str:
         """Joint angles for people."""
-        least = distance(float(self.clearance.min(initial=np.inf)))
+        if not len(self.clearance):
+            return "no pose was chosen, so joints.csv has none"
+        least = distance(float(self.clearance.min()))
         most = float(self.lost.max(initial=0.0))
         flips = plural(self.flips, "wrist flip")
         text = f"joint angles in the order of a tour with {flips}: joints.csv"

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.files import parsed_json
-from rastercov.base.format import InNotebook, InOneLine, plural
+from rastercov.base.format import InNotebook, InOneLine, first_of, plural
+from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
@@ -28,9 +29,11 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import unmet_lines
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.headline import by_reason, first_lines, other_lines
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import Names, listed, quoted, rows_at, rows_of
+from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.baseline import Against, Told, compare
 from rastercov.placement.plan.file import Plan, PlanError
@@ -40,8 +43,8 @@ from rastercov.placement.plan.network import (
     Measured,
     Requirement,
     Rows,
-    area_lines,
     counting,
+    goal_lines,
     judge,
     judge_areas,
     left_over,
@@ -106,52 +109,128 @@ class Checked(InOneLine, InNotebook):
     @property
     def is_met(self) -> bool:
         """True where every requirement holds, and nothing is worse than in the baseline."""
-        losses = self.against and self.against.losses()
-        return not losses and all(each.status == HOLDS for each in self.requirements)
+        is_worse = self.against is not None and self.against.is_worse
+        return not is_worse and all(each.status == HOLDS for each in self.requirements)
 
-    def lines(self) -> list[str]:
-        """The outcome for people: each requirement with the reasons why it fails."""
-        said = [f"{each.status}: {each.words()}" for each in self.requirements]
-        said += [f"  {line}" for each in self.requirements for line in self.reasons(each)]
-        said += area_lines(self.summary())
-        return said if self.against is None else said + self.against.lines()
+    def lines(self, level: int | None = None) -> list[str]:
+        """The outcome for people; `level` is that of the parts that are named."""
+        return [*self.first_lines(level), *self.other_lines(level)]
+
+    def first_lines(self, level: int | None = None) -> list[str]:
+        """Up to four lines: covered area, goal, worst dead zone, and advice for it.
+
+        Where only the baseline fails, its verdict, and the zone that grew most.
+        """
+        goal, _ = goal_lines(self.requirements)
+        if (lost := self._lost_alone) is None:
+            return first_lines(self.summary(), goal, level)
+        lines = first_lines(self.summary(), lost.lines()[0], level)
+        return [*lines[:2], *lost.words_of_zone(lost.zones[0], level)] if lost.zones else lines
+
+    def other_lines(self, level: int | None = None) -> list[str]:
+        """The rest: other goals, reasons why one fails, losses, and other dead zones."""
+        goal, lines = goal_lines(self.requirements)
+        reasons = [f"  {line}" for each in self.requirements for line in self.reasons(each, level)]
+        before, rows = set(self.first_lines(level)), {0}
+        lines = [*([goal] * (goal != "")), *lines, *reasons]
+        if self.against is not None:
+            lines += self.against.lines(level)
+            changed = [zone["row"] for zone in self.against.zones]
+            rows = {*changed} if self._lost_alone and changed else {0, *changed}
+        lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
+        return [line for line in lines if line not in before]
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, with its covered area where the plan counts that."""
         return summary_of(self.plan, self.cameras, self.asked_views)
 
-    def reasons(self, requirement: Requirement) -> list[str]:
-        """Reasons why it does not hold, by the groups or parts in it, the most uncovered first."""
+    def reasons(self, requirement: Requirement, level: int | None = None) -> list[str]:
+        """Reasons why it does not hold, by the groups or parts in it, the most uncovered first.
+
+        The parts are those of the level below its own unless `level` is given.
+        """
         if requirement.status == HOLDS:
             return []
         if requirement.goal in self.goals:
-            return self.goals[requirement.goal].reasons(requirement)
+            return self.goals[requirement.goal].reasons(requirement, level)
         if requirement.is_most:
             return self._seen_by
-        groups, level, own = self.mesh.groups, 1, None
+        groups, below, own = self.mesh.groups, 1, None
         if requirement.group is not None:
             own = rows_of([group.name for group in groups], requirement.group)
-            level = requirement.group.count("/") + 2
-        parts = rows_at(groups, level, own)
-        weights = weights_of(self.mesh, self.plan.task.weight_by) * self.leftover.left
-        by_group = np.bincount(self.mesh.face_group, weights, len(groups))
+            below = requirement.group.count("/") + 2
+        below = level or below
+        parts, lines = rows_at(groups, below, own), list[str]()
+        by_group = self._uncovered.sum(axis=1)
         wanted = sorted(parts, key=lambda name: -by_group[parts[name]].sum())
-        lines = []
         for name in wanted[:MOST_GROUPS]:
-            entry = self.leftover.of_groups(name, parts[name], level)
-            if not entry["left"]["faces"]:
-                continue
-            shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
-            why = ", ".join(
-                f"{share['faces']} {reason.replace('_', ' ')}" for reason, share in shares
-            )
-            how = "uncovered" if self.cameras.areas is None else "not covered as a whole"
-            kind = "group" if len(parts[name]) == 1 else "part"
-            text = f"{kind} {name}: {plural(entry['left']['faces'], 'face')} {how}: {why}"
-            if hidden := list(entry["hidden_by"]):
-                text += f"; in the way: {', '.join(hidden[:3])}"
-            lines.append(text)
+            if by_group[parts[name]].any():
+                kind = "group" if len(parts[name]) == 1 else "part"
+                entry = self.leftover.of_groups(name, parts[name], below)
+                text = f"{kind} {name}: {self._why(parts[name], entry)}"
+                hidden = list(entry["hidden_by"]) if REASONS["occluded"].label in text else []
+                lines.append(text + (f"; hidden by {', '.join(hidden[:3])}" if hidden else ""))
+        if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
+            lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
+
+    def _why(self, rows: Sequence[int], entry: Mapping[str, Any]) -> str:
+        """Uncovered areas, or faces, of some groups by reason."""
+        if self.cameras.areas is not None:
+            m2 = self._uncovered[rows].sum(axis=0)
+            known = {NAMES[row]: float(m2[row]) for row in np.flatnonzero(m2)}
+            return by_reason(known)
+        shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
+        why = ", ".join(f"{share['faces']} {name.replace('_', ' ')}" for name, share in shares)
+        return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
+
+    @cached_property
+    def _uncovered(self) -> FloatArray:
+        """(G, R) uncovered area by group and reason, m^2.
+
+        By face, (G, 1): the uncovered weight.
+        """
+        mesh, areas = self.mesh, self.cameras.areas
+        if areas is None:
+            weights = weights_of(mesh, self.plan.task.weight_by) * self.leftover.left
+            uncovered = np.bincount(mesh.face_group, weights, len(mesh.groups))
+            return uncovered.astype(np.float64)[:, None]
+        by_group = views_by_group(self.plan, self.asked_views)
+        zones = areas.zones(self.plan.rig, self.cameras.placed, by_group)
+        found = np.zeros((len(mesh.groups), len(NAMES)))
+        np.add.at(found, (mesh.face_group[zones.face], zones.reason), zones.piece_area)
+        return found
+
+    def parts(self) -> list[dict[str, Any]]:
+        """Shares of parts of several groups, from those of the groups, ready for JSON."""
+        members: dict[str, list[Requirement]] = {}
+        for each in self.groups:
+            for part in parts_above(str(each.group)):
+                members.setdefault(part, []).append(each)
+        whole = weights_of(self.mesh, self.plan.task.weight_by) * self.mesh.task_mask
+        by_group = np.bincount(self.mesh.face_group, whole, len(self.mesh.groups))
+        names: list[str | None] = [group.name for group in self.mesh.groups]
+        weight = dict(zip(names, by_group.tolist(), strict=True))
+        found = []
+        for part, own in members.items():
+            outer = members.get(part.rpartition("/")[0], self.groups)
+            if 1 < len(own) < len(outer):
+                entry: dict[str, Any] = {"group": part, "faces": sum(each.faces for each in own)}
+                sizes = np.array([getattr(each, "of_m2", weight[each.group]) for each in own])
+                for name in ("low", "share", "high"):
+                    values = np.array([getattr(each, name) for each in own])
+                    total = float(sizes.sum())
+                    entry[name] = float(sizes @ values) / total if total > 0 else 1.0
+                if self.cameras.areas is not None:
+                    entry["of_m2"] = float(sizes.sum())
+                found.append(entry)
+        return found
+
+    @property
+    def _lost_alone(self) -> Against | None:
+        """Differences from the baseline where something is worse, and all goals hold."""
+        is_held = all(each.status == HOLDS for each in self.requirements)
+        return self.against if is_held and self.against and self.against.is_worse else None
 
     @cached_property
     def _regions(self) -> Regions | None:
@@ -176,9 +255,7 @@ class Checked(InOneLine, InNotebook):
         if (found := self._regions) is not None:
             sees[found.pair_pose[found.area > 0]] = True
         rows = np.flatnonzero(sees).tolist()
-        names = [self.names[row] for row in rows[:MOST_GROUPS]]
-        more = f" and {len(rows) - len(names)} more" if len(rows) > len(names) else ""
-        return [f"seen by {', '.join(names)}{more}"] if names else []
+        return [f"seen by {first_of([self.names[row] for row in rows])}"] if rows else []
 
 
 def limits(
@@ -251,7 +328,7 @@ def check(
         Poses of the rig, instead of reading the file; `Poses.camera` counts the cameras of the
         plan, and views are taken as those of a file.
     baseline : mapping, optional
-        Outcome of an earlier check to hold it against, see `read_baseline`.
+        Outcome of an earlier check to compare it with, see `read_baseline`.
 
     Raises
     ------
@@ -409,6 +486,7 @@ def to_json(checked: Checked) -> dict[str, Any]:
         ],
         "all": asdict(checked.whole),
         "groups": [asdict(each) for each in checked.groups],
+        "parts": checked.parts(),
         "task": asdict(checked.task)
         | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
         **{name: network[name] for name in ("covered_area",) if name in network},

@@ -24,12 +24,10 @@ from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, is_joint, rows_of_result
-from rastercov.coverage.area.by_camera import ByCamera, cameras_apart, lines_of
-from rastercov.coverage.area.figures import in_words
+from rastercov.coverage.area.by_camera import ByCamera, cameras_apart
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.zones import zone_lines
 from rastercov.coverage.coverage import Coverage, evaluate_batches, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network, share_of_faces
@@ -125,18 +123,28 @@ class Requirement:
         status = HOLDS if self.high <= limit + SHARE_TOLERANCE else status
         return replace(self, goal=goal, limit=limit, status=status, is_most=True)
 
-    def words(self) -> str:
-        """The requirement and its outcome in one line."""
+    def words(self, *, has_share: bool = True) -> str:
+        """The requirement and its outcome in one line.
+
+        Without its share where that is the covered area, which another line has.
+        """
         covered, uncovered, ends = self._parts()
-        asked = "permitted at most" if self.is_most else "wanted"
-        text = f"{self.name}: {percent(self.share)} {covered}, {percent(self.limit)} {asked}"
+        asked = "permitted at most" if self.is_most else "required"
+        share = f"{percent(self.share)} {covered}, "
+        share = share if has_share or not self._is_covered_area else ""
+        text = f"{self.name}: {share}{percent(self.limit)} {asked}"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
-            end = "too much" if self.is_most else f"short, {uncovered} uncovered"
-            return f"{text}: {points} points {end}"
+            end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
+            return f"{text}: {points} percentage points {end}"
         if self.status == UNDECIDED:
             return f"{text}: not decided, {ends}"
         return f"{text}: proved" if self.is_most else text
+
+    @property
+    def _is_covered_area(self) -> bool:
+        """True where the share is that of the covered area of all."""
+        return False
 
     def _parts(self) -> tuple[str, str, str]:
         """Words on what is covered, on what is not, and on the bounds of both."""
@@ -164,6 +172,10 @@ class AreaRequirement(Requirement):
     of_m2: float = 0.0
     of_seeable: bool = False
 
+    @property
+    def _is_covered_area(self) -> bool:
+        return self.group is None and not (self.goal or self.of_seeable or self.of_reachable)
+
     def _parts(self) -> tuple[str, str, str]:
         of = "of what can be seen covered" if self.of_seeable else "of the area covered"
         of = "of the area that can be covered" if self.of_reachable else of
@@ -175,9 +187,9 @@ class AreaRequirement(Requirement):
 class CellRequirement(Requirement):
     """A required share of what can be covered; `faces` and `uncovered` are cells."""
 
-    def words(self) -> str:
+    def words(self, *, has_share: bool = True) -> str:
         """The requirement and its outcome in one line."""
-        return f"{super().words().replace('faces', 'cells')} (on cells)"
+        return f"{super().words(has_share=has_share).replace('faces', 'cells')} (on cells)"
 
 
 def status_of(low: float, high: float, limit: float) -> str:
@@ -497,16 +509,13 @@ def _by_camera(rig: Rig, cameras: Measured) -> list[dict[str, Any]]:
     return found
 
 
-def area_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines about the covered area and the largest dead zones, or why there are none.
-
-    `summary` is one of `summary_of`.
-    """
-    if "covered_area" in summary:
-        of_time = summary.get("over_time", {}).get("lines", ())
-        missed = [*of_time, *lines_of(summary)]
-        return [f"covered: {in_words(summary['covered_area'])}", *missed, *zone_lines(summary)]
-    return [f"by face, because {reason}" for reason in [summary["by_face_because"]] if reason]
+def goal_lines(requirements: Sequence[Requirement]) -> tuple[str, list[str]]:
+    """The requirement that lacks most, or the first, in one line, "" for none; then the others."""
+    if not requirements:
+        return "", []
+    worst = max(requirements, key=lambda each: each.lack)
+    others = [f"{each.status}: {each.words()}" for each in requirements if each is not worst]
+    return f"{worst.status}: {worst.words(has_share=False)}", others
 
 
 def measured(

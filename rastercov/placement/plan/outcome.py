@@ -12,14 +12,18 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
 from rastercov.base.output import check_place, write_bytes, write_text
 from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
-from rastercov.placement.plan.baseline import words
+from rastercov.coverage.headline import advice_line, with_parts
+from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.network import HOLDS
 
 MOST_ZONES = 20
 """Dead zones with a case of their own, the largest, and those that differ from the baseline."""
+MOST_ROWS = MOST_OF_KIND | {"dead zone": MOST_WORST}
+"""Failing cases of each kind that have a row for a reviewer, those that lose most."""
 TITLE, GOAL = "## rastercov check", "coverage of "
 COLUMNS = "\n| | | why, and what would help |\n|--|--|--|"
 KINDS = {"": "system-out", "error": "error"}
@@ -31,34 +35,56 @@ OURS = rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]|" + TITLE.encode()
 class Case(NamedTuple):
     """A case: its name, its status, empty where it holds, and lines on it.
 
-    Status "error" is of a check that could not be made.
+    Status "error" is of a check that could not be made. The kind is one of `MOST_OF_KIND`.
     """
 
     name: str
     status: str
     lines: list[str]
+    kind: str = "goal"
 
 
-def cases(checked: Checked) -> list[Case]:
-    """Requirements, shares against the baseline, and dead zones of a check."""
+def cases(checked: Checked, level: int | None = None) -> list[Case]:
+    """Requirements, shares against the baseline, and dead zones of a check.
+
+    Parts and groups below a level have one case together.
+    """
     found, short, changed = [], set(), {}
     for each in checked.requirements:
         status = "" if each.status == HOLDS else each.status
         short |= {each.group} if status and not each.goal else set()
-        lines = [each.words(), *checked.reasons(each)]
+        lines = [each.words(), *checked.reasons(each, level)]
         found.append(Case(GOAL + (each.group or each.name), status, lines))
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
-        for share in checked.against.shares:
-            status = share["status"] if share["status"] == "worse" else ""
-            name = f"{GOAL}{share['name'].removeprefix('group ')} against the baseline"
-            found.append(Case(name, status, [words(share)]))
+        found += _against(checked.against, level)
     for row, zone in enumerate(checked.summary().get("dead_zones", ())):
         if row in changed or (row < MOST_ZONES and zone["percent"] >= LEAST_PERCENT):
             status = "" if short.isdisjoint({None, *zone["groups"]}) else zone["reason"]
-            told = {"status": status, "line": zone_line(zone)} | changed.get(row, {})
-            lines = [told["line"], zone["advice"] or ""]
-            found.append(Case(zone_line(zone), told["status"], lines))
+            named = with_parts(zone, level)
+            lines = [zone_line(named), *filter(None, [advice_line(zone)])]
+            if row in changed:
+                status = changed[row]["status"]
+                lines = Against.words_of_zone(changed[row], level)
+            found.append(Case(zone_line(named), status, lines, "dead zone"))
+    return found
+
+
+def _against(against: Against, level: int | None) -> list[Case]:
+    """Shares against the baseline: those that are worse first, those that lost most before."""
+    worse = against.worse()
+    others = [share for share in against.shares if share["status"] != "worse"]
+    found, below = list[Case](), list[Case]()
+    for share in [*worse, *others]:
+        name = f"{GOAL}{share['name'].removeprefix('group ')} against the baseline"
+        status = share["status"] if share["status"] == "worse" else ""
+        is_below = level is not None and share["level"] > level
+        (below if is_below else found).append(Case(name, status, [words(share)], share["kind"]))
+    if lines := [case.lines[0] for case in below if case.status]:
+        name, count = f"{GOAL}what is below level {level}", plural(len(lines), "part", "are worse")
+        more = [f"and {len(lines) - MOST_WORST} more"] if len(lines) > MOST_WORST else []
+        lines = [f"below level {level}, {count}", *lines[:MOST_WORST], *more]
+        found.append(Case(f"{name} against the baseline", "worse", lines, "part"))
     return found
 
 
@@ -71,15 +97,23 @@ def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[
 
 
 def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
-    """Write what fails, and each goal, in Markdown: a row of a table a case."""
-    verdict = "fails" if any(case.status for case in found) else "holds"
-    lines = [f"{TITLE} {plan.name}: {verdict}", COLUMNS]
-    for case in sorted(found, key=lambda case: not case.status):
-        if case.status or case.name.startswith(GOAL):
-            cells = ["fails" if case.status else "holds", case.lines[0], "\n".join(case.lines[1:])]
-            marked = [re.sub(r"[\\|`*_<>\[\]]", r"\\\g<0>", _printed(text)) for text in cells]
-            lines.append(f"| {' | '.join(marked)} |".replace("\n", "<br>"))
+    """Write what fails in Markdown, a row of a table a case, those that lose most first."""
+    failing = [case for case in found if case.status]
+    lines = [f"{TITLE} {plan.name}: {'fails' if failing else 'holds'}"]
+    lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in found[:1])]
+    for kind, most in MOST_ROWS.items():
+        own = [case for case in failing if case.kind == kind]
+        for case in own[:most]:
+            cells = ["fails", case.lines[0], "\n".join(case.lines[1:])]
+            lines.append(f"| {' | '.join(map(_marked, cells))} |".replace("\n", "<br>"))
+        if own[most:]:
+            lines.append(f"| | and {len(own) - most} more {kind}s | |")
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _marked(text: str) -> str:
+    """A text with the marks of Markdown as they are."""
+    return re.sub(r"[\\|`*_<>\[\]]", r"\\\g<0>", _printed(text))
 
 
 def _write_junit(path: Path, plan: Path, found: Sequence[Case]) -> None:
@@ -90,7 +124,7 @@ def _write_junit(path: Path, plan: Path, found: Sequence[Case]) -> None:
     suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
     about = {"name": _printed(f"rastercov check {plan.name}"), "skipped": "0"}
     suite = ElementTree.SubElement(suites, "testsuite", about | counts)
-    for (name, status, lines), kind in zip(found, kinds, strict=True):
+    for (name, status, lines, _), kind in zip(found, kinds, strict=True):
         about = {"classname": _printed(f"rastercov.{plan.stem}"), "name": _printed(name)}
         case = ElementTree.SubElement(suite, "testcase", about)
         outcome = {"type": status, "message": _printed(lines[0])} if status else {}

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -102,8 +103,10 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     plan = plan.with_rooms(mesh)
     robots = [] if any(isinstance(each, OnArm) for each in plan.candidates) else plan.robots()
     mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
-    mesh, lines = _with_targets(plan, mesh, of_files)
-    names = Names((group.name for group in mesh.groups), of_files)
+    mesh, failed = _with_targets(plan, mesh, of_files)
+    lines = list(failed.values())
+    # Other entries may name targets that could not be made: one line on these is enough.
+    names = Names((*(group.name for group in mesh.groups), *failed), of_files)
     changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
     if plan.selection is not None:
         changes["selection"] = _with_names(plan.selection, "selection", names, lines)
@@ -115,7 +118,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         name: _with_names(goal, f"goals.{name}", names, lines) for name, goal in plan.goals.items()
     }
     plan = plan.model_copy(update=changes)
-    if not mesh.task_mask.any():
+    if not mesh.task_mask.any() and not failed:
         lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
     if lines:
         raise PlanError(plan.name, lines)
@@ -168,31 +171,40 @@ def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
     return mesh.with_groups(hiding, two_sided, transparent)
 
 
-def _with_targets(plan: Plan, mesh: Mesh, files: Sequence[FileGroups]) -> tuple[Mesh, list[str]]:
-    """The mesh with the targets of the plan, and a line for each that cannot be made.
+def _with_targets(
+    plan: Plan, mesh: Mesh, files: Sequence[FileGroups]
+) -> tuple[Mesh, dict[str, str]]:
+    """The mesh with the targets of the plan, and a line for each that cannot be made, by its name.
 
     Targets refer to groups of the meshes, not to each other.
     """
-    lines, scene_of_meshes = [], mesh
+    failed, scene_of_meshes = dict[str, str](), mesh
     names = Names((group.name for group in mesh.groups), files)
     for row, entry in enumerate(plan.targets):
         field = next(name for name in ("above", "box", "file") if getattr(entry, name) is not None)
+        taken = [*(group.name for group in mesh.groups), *failed]
+        name = unique_names([*taken, _name_of(entry)], "target")[-1]
         try:
-            target, name = _target(plan, entry, scene_of_meshes, names)
+            target = _target(plan, entry, scene_of_meshes, names)
         except RastercovError as error:
-            lines.append(f"targets[{row}].{field}: {error}")
+            failed[name] = f"targets[{row}].{field}: {error}"
             continue
-        name = unique_names([*(group.name for group in mesh.groups), name], "target")[-1]
         both = entry.box is not None if entry.two_sided is None else entry.two_sided
         mesh = with_target(mesh, target, name, two_sided=both)
-    return mesh, lines
+    return mesh, failed
 
 
-def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> tuple[Mesh, str]:
-    """Faces of a target, and the name of its group."""
+def _name_of(entry: TargetEntry) -> str:
+    """Name of the group of a target."""
+    if entry.name or entry.box is not None:
+        return entry.name or "volume"
+    return Path(entry.file).stem if entry.file else f"{entry.above} + {entry.height:g} m"
+
+
+def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
+    """Faces of a target."""
     if entry.above is not None:
         assert entry.height is not None
-        name = entry.name or f"{entry.above} + {entry.height:g} m"
         sheet = sheet_above(mesh, names.groups_of(entry.above), entry.height)
         outlines = []
         if entry.room is not None:
@@ -202,16 +214,15 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> tuple[M
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
             outlines.append(around_faces(mesh, near, entry.within))
-        return (clipped_sheet(sheet, outlines) if outlines else sheet), name
+        return clipped_sheet(sheet, outlines) if outlines else sheet
     if entry.file is not None:
-        path = plan.folder / entry.file
-        return Mesh.load(path, entry.unit), entry.name or path.stem
+        return Mesh.load(plan.folder / entry.file, entry.unit)
     assert entry.box is not None
     low, high = entry.box
     count = entry.count or [1, 1, 1]
     if entry.spacing:
         count = count_for(low, high, entry.spacing).tolist()
-    return box_grid(low, high, count, entry.size), entry.name or "volume"
+    return box_grid(low, high, count, entry.size)
 
 
 OF_GROUPS = ("groups", "two_sided", "nearest", "views")

@@ -1,0 +1,117 @@
+"""Lines of a result for people: the answer, the goal, the worst dead zone and advice, then others.
+
+All are made of the summary of a network as commands print it, which has its dead zones.
+"""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from rastercov.base.format import area, percent, plural
+from rastercov.coverage.advice import general_advice
+from rastercov.coverage.area.by_camera import lines_of
+from rastercov.coverage.area.figures import in_words
+from rastercov.coverage.area.zones import LEAST_PERCENT, MOST_LINES, zone_line
+from rastercov.coverage.reasons import REASONS
+from rastercov.mesh.groups import at_level
+
+Summary = Mapping[str, Any]
+
+
+def answer(summary: Summary) -> str:
+    """The covered share, in one line."""
+    if "covered_area" not in summary:
+        covered = summary["covered"]
+        shares = (f"{percent(covered[name] / 100)}" for name in ("percent", "area_percent"))
+        text = "covered: {} of the faces, {} of the area".format(*shares)
+        return text + (
+            f", each by {views} cameras" if (views := summary["required_views"]) > 1 else ""
+        )
+    over_time = (line.partition(" of the area")[2] for line in _time_lines(summary)[:1])
+    text = f"covered: {in_words(summary['covered_area'])}{''.join(over_time)}"
+    of_seeable = summary["covered_of_seeable_percent"]
+    if summary["unseeable_m2"] and of_seeable is not None:
+        text += f"; {percent(of_seeable / 100)} of what can be seen"
+    return text
+
+
+def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> list[str]:
+    """Answer, goal if any, the worst dead zone or reason, and advice for it.
+
+    Zones are named by parts of a level, as `with_parts` has them.
+    """
+    lines = [answer(summary), goal]
+    zones = [with_parts(zone, level) for zone in _zones(summary)[:1]]
+    reasons = {} if "covered_area" in summary else summary["not_covered_because"]
+    if zones:
+        lines += [zone_line(zones[0]), advice_line(zones[0])]
+    elif reasons:
+        worst = max(reasons, key=lambda name: int(reasons[name]["faces"]))
+        faces, share = reasons[worst]["faces"], percent(reasons[worst]["area_percent"] / 100)
+        label = REASONS[worst].label
+        lines.append(f"not covered: {plural(faces, 'face')} ({share} of the area), {label}")
+        lines.append(advice_line({"advice": general_advice(worst)}))
+    return [line for line in lines if line]
+
+
+def with_parts(zone: Summary, level: int | None) -> Summary:
+    """A zone on the parts of a level, and hidden by one, instead of on their groups."""
+    if level is None:
+        return zone
+    groups = dict.fromkeys(at_level(group, level) for group in zone["groups"])
+    hider = zone["hidden_by"] and at_level(zone["hidden_by"], level)
+    return {**zone, "groups": list(groups), "hidden_by": hider}
+
+
+def advice_line(zone: Summary) -> str:
+    """The advice for a zone; none where there is none."""
+    return f"advice: {zone['advice']}" if zone["advice"] else ""
+
+
+def other_lines(
+    summary: Summary,
+    level: int | None = None,
+    *,
+    has_reasons: bool = True,
+    said: Collection[int] = (0,),
+) -> list[str]:
+    """Losses by single cameras, the other dead zones and, unless left out, reasons by area.
+
+    By face the other reasons, and why it is by face. Rows of zones that were named before are left
+    out.
+    """
+    zones, why = _zones(summary), summary["not_covered_because"]
+    reasons = {name: each["m2"] for name, each in why.items() if "m2" in each}
+    zones = [zone for row, zone in enumerate(zones) if row not in said]
+    lines = [*_time_lines(summary)[1:], *lines_of(summary)]
+    lines += [zone_line(with_parts(zone, level)) for zone in zones[: MOST_LINES - 1]]
+    if rest := zones[MOST_LINES - 1 :]:
+        others = summary["other_dead_zones"]
+        m2 = sum(zone["area_m2"] for zone in rest) + others["area_m2"]
+        count = plural(len(rest) + others["zones"], "more dead zone")
+        lines.append(f"and {count}, {area(m2)} in all")
+    if len(reasons) > 1 and has_reasons:
+        lines.append(f"not covered: {by_reason(reasons)}")
+    elif "covered_area" not in summary:
+        ranked = sorted(why, key=lambda name: -int(why[name]["faces"]))[1:]
+        each = [f"{why[name]['faces']:,} {REASONS[name].label}" for name in ranked]
+        if each and has_reasons:
+            lines.append(f"other faces not covered: {', '.join(each)}")
+        if summary.get("by_face_because"):
+            lines.append(f"by face, because {summary['by_face_because']}")
+    return lines
+
+
+def _time_lines(summary: Summary) -> list[str]:
+    """Lines on a result over time."""
+    return list(summary.get("over_time", {}).get("lines", ()))
+
+
+def _zones(summary: Summary) -> list[Summary]:
+    """Dead zones that have a line."""
+    return [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
+
+
+def by_reason(m2: Mapping[str, float]) -> str:
+    """Areas by reason, the largest first, in words."""
+    ranked, whole = sorted(m2, key=lambda name: -m2[name]), sum(m2.values())
+    return ", ".join(f"{area(m2[name], whole=whole)} {REASONS[name].label}" for name in ranked)

@@ -1,0 +1,129 @@
+"""What a terminal shows: the first five lines, figures once, 80 columns, no faces by area."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commands import call, write_part
+
+import rastercov as rc
+from rastercov.placement.plan.carrier import CarriedPoses
+from rastercov.report.plan import cameras_table
+
+CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"
+PLAN = f"""
+meshes = [{{ path = "part.obj" }}]
+task = {{ max_incidence_deg = 80 }}
+candidates = [{{ generator = "on_sphere", count = 12, distances = [3.0] }}]
+selection = {{ SELECTION }}
+[camera]
+{CAMERA}
+"""
+BEST = 'goal = "best_coverage", cameras = 2'
+FEWEST = 'goal = "fewest_cameras", coverage = 0.9'
+ZONE = r"dead zone .* m² .*: .*"
+
+
+@pytest.fixture(autouse=True)
+def files(here):
+    write_part("part.obj")
+    (here / "camera.toml").write_text(CAMERA)
+    rc.write_poses("rig.json", rc.look_at([(3, 0.5, 1), (0, 3, 1), (0, 3, 1.01)], np.zeros(3)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "selection", "goal", "file"),
+    [
+        ("place plan.toml -o out", BEST, "goal: most coverage with at most 2 cameras", "page.html"),
+        ("place plan.toml -o out", FEWEST, r"(holds|fails): all: 90.0 % required.*", "page.html"),
+        ("check plan.toml -p rig.json -o out", FEWEST, "fails: all: 90.0 % req.*", "check.html"),
+        ("check plan.toml -p rig.json -o out --min-coverage 0.1", BEST, "holds: .*", "check.html"),
+        ("evaluate part.obj -c camera.toml -p rig.json -o out", BEST, None, "report.html"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("level", ["", " --level 1"])
+def test_answer_goal_worst_zone_advice_and_file_come_first(
+    here, capsys, line, selection, goal, file, level
+):
+    few = PLAN.replace("count = 12", "count = 2")
+    (here / "plan.toml").write_text(few.replace("SELECTION", selection))
+    code, out, _ = call(capsys, line + level)
+    lines = out.splitlines()
+    wanted = [r"covered: [\d.]+ ± [\d.]+ % of the area", goal, ZONE, "advice: .+", rf"out/{file}"]
+    for text, found in zip(filter(None, wanted), lines, strict=False):
+        assert re.fullmatch(text, found), (text, found)
+    assert code in (0, 1)
+    rest = out.replace("12 faces, 1 x 1 x 1 m", "").replace("│ faces", "")
+    assert not re.search(r"\bfaces?\b", rest), "by area, nothing is said of faces"
+    assert out.count(lines[0].removeprefix("covered: ")) == 1
+    said = [each for each in lines if each.strip() and each[0] not in "┏┃┡│├└┌"]
+    assert len({*said}) == len(said)
+    assert out.count("out/") == 1
+    assert all(len(each) <= 80 for each in lines if each[:1] in "┏┃┡│├└")
+
+
+def test_by_face_the_worst_reason_takes_the_place_of_a_zone(capsys):
+    _, out, _ = call(capsys, "evaluate part.obj -c camera.toml -p rig.json -o out --by face")
+    answer, worst, advice, file = out.splitlines()[:4]
+    assert answer == "covered: 50.0 % of the faces, 50.0 % of the area"
+    assert worst == "not covered: 6 faces (50.0 % of the area), seen from behind"
+    assert advice.startswith("advice: ")
+    assert file == "out/report.html"
+    assert out.count("6 faces") == 1
+
+
+@pytest.mark.slow
+def test_cameras_that_add_under_one_percent_are_named(here, capsys):
+    goal = 'goal = "best_coverage", cameras = 12'
+    (here / "plan.toml").write_text(PLAN.replace("SELECTION", goal))
+    _, out, _ = call(capsys, "place plan.toml -o out")
+    rows = re.findall(r"^│ (\d+) │.*│ +([\d.]+) % │ +[\d.]+ % │$", out, re.MULTILINE)
+    few = [row for row, added in rows if float(added) < 1]
+    words = re.findall(r"^cameras? ([\d, ]+) adds? under 1 % of the total each$", out, re.MULTILINE)
+    assert words == ([", ".join(few)] if few else [])
+
+
+@pytest.mark.parametrize("far", [1.0, 99.96, 12_345.6, 5e6])
+@pytest.mark.parametrize("several", [False, True])
+def test_coordinates_of_cameras_fit_80_columns(far, several):
+    rng = np.random.default_rng(3)
+    n = 40
+    poses = rc.look_at(far * rng.uniform(-1, 1, (n, 3)), np.zeros(3))
+    names = ["pair/left", "a very long name of a camera", "long"]
+    cameras = SimpleNamespace(
+        poses=poses, placed=rc.Poses.of(poses, camera=np.arange(n) % 3), owner=np.arange(n),
+        curve=np.linspace(0.1, 1, n), network=SimpleNamespace(covered_faces=np.arange(n)),
+    )  # fmt: skip
+    prepared = SimpleNamespace(
+        plan=SimpleNamespace(chooses_cameras=False), camera=[None] * (1 + 2 * several),
+        mounts=SimpleNamespace(rig=SimpleNamespace(names=names, __len__=None), has_rigs=False),
+        pool=SimpleNamespace(costs=np.ones(n)),
+    )  # fmt: skip
+    prepared.mounts.rig = type("Rig", (), {"names": names, "__len__": lambda _: 1 + 2 * several})()
+    found = SimpleNamespace(
+        cameras=cameras, prepared=prepared, origin=["walls, searched, refined"] * n
+    )
+    console = rc_console()
+    console.print(cameras_table(found))
+    text = console.file.getvalue()
+    assert all(len(line) <= 80 for line in text.splitlines())
+    assert "…" not in text
+    digits = max(0, 2 - int(np.floor(np.log10(np.abs(poses[:, :3, 3]).max()))))
+    for pose in poses[:30]:
+        assert " ".join(f"{value:.{digits}f}" for value in pose[:3, 3]) in text
+
+
+def rc_console():
+    from io import StringIO
+
+    from rich.console import Console
+
+    return Console(file=StringIO(), width=80, color_system=None)
+
+
+def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
+    none = np.zeros((0, 6))
+    found = CarriedPoses((), none, none[:, 0], none[:, 0], none[:, 0].astype(int), 0.0, 0)
+    assert "inf" not in found.line()
