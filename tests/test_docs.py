@@ -202,7 +202,7 @@ def test_pages_keep_to_the_time_of_their_reader():
     }
     assert {page: count for page, count in prose.items() if count > 1000} == {}
     assert sum(everything.values()) <= 29_500
-    assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 1_180
+    assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 1_450
 
 
 def test_links_of_the_first_pages_lead_somewhere():
