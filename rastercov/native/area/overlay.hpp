@@ -72,7 +72,9 @@ class Parts {
         copy_polygon(polygon, n, (*this)[0]);
         counts[0] = n;
     }
-    exact::Pieces view() { return {{xy.data(), {room(), PIECE_ROOM, 2}}, {counts.data(), {room()}}}; }
+    exact::Pieces view() {
+        return {{xy.data(), {room(), PIECE_ROOM, 2}}, {counts.data(), {room()}}};
+    }
 
   private:
     std::vector<double> xy;

@@ -279,8 +279,8 @@ void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
 template <> struct Record<coverage::Scene> {
     using S = coverage::Scene;
     static constexpr auto fields =
-        Fields<&S::vertices, &S::faces, &S::normals, &S::own, &S::two_sided, &S::offsets,
-               &S::reach, &S::doubtful_cosine>();
+        Fields<&S::vertices, &S::faces, &S::normals, &S::own, &S::two_sided, &S::offsets, &S::reach,
+               &S::doubtful_cosine>();
 };
 template <class Count> struct Record<coverage::Seen<Count>> {
     using S = coverage::Seen<Count>;

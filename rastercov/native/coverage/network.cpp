@@ -169,8 +169,7 @@ template <class View> struct Adder {
         const auto [a, b, c] = read_triple<N>(scene.normals.begin() + 3 * f);
         const N height = a * N(pose(0, 3)) + b * N(pose(1, 3)) + c * N(pose(2, 3)) -
                          read<N>(scene.offsets.begin() + f);
-        const Mask<N> is_degenerate =
-            read<Whole<N>>(scene.own.begin() + f) == Whole<N>(DEGENERATE);
+        const Mask<N> is_degenerate = read<Whole<N>>(scene.own.begin() + f) == Whole<N>(DEGENERATE);
         const Mask<N> is_behind =
             (height < N(-rounding)) & !read_mask<N>(scene.two_sided.begin() + f);
         if (!all(is_behind | is_degenerate)) return false;

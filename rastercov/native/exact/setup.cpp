@@ -81,9 +81,10 @@ template <class Operation> double reduce(Lane lanes, Operation of) {
     return lanes[0];
 }
 
-// A face is wide enough where twice its area is at least `narrow` times its extent. By itself: in the
-// loop over the blocks GCC keeps some of its vectors in memory.
-[[gnu::noinline]] void measure_block(int64_t first, const Projected &projected, double narrow, Measures &out) {
+// A face is wide enough where twice its area is at least `narrow` times its extent. By itself: in
+// the loop over the blocks GCC keeps some of its vectors in memory.
+[[gnu::noinline]] void measure_block(int64_t first, const Projected &projected, double narrow,
+                                     Measures &out) {
     Lane least_u = everywhere(INF), least_v = least_u, least_twice = least_u, margin = least_u;
     Lane most_u = everywhere(-INF), most_v = most_u, most_twice = most_u;
     Lane widths = everywhere(0.0), heights = widths, areas = widths;
