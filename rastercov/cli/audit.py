@@ -109,6 +109,7 @@ def audit(
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
     cells = "cells" if summary["cell_size_m"] else "faces"
+    from rastercov.coverage.headline import advice_line
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS
 
@@ -118,7 +119,7 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
         at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
         kind = WEAK_LABELS[KINDS.index(zone["kind"])]
         lines.append(f"weak zone {area(zone['m2'], unit)} at ({at}): {kind}")
-        lines.append(f"advice: {zone['advice']}")
+        lines.append(advice_line(zone))
     print(*lines, out / "audit.html", sep="\n")
     print(*(text for text in summary["sentences"] if text not in weak), sep="\n")
     if level is not None:

@@ -10,6 +10,7 @@ from rastercov.base.format import area, percent, plural
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.by_camera import lines_of
 from rastercov.coverage.area.figures import in_words
+from rastercov.coverage.area.stages import SLIVER_REL
 from rastercov.coverage.area.zones import LEAST_PERCENT, MOST_LINES, zone_line
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import at_level
@@ -63,8 +64,12 @@ def with_parts(zone: Summary, level: int | None) -> Summary:
 
 
 def advice_line(zone: Summary) -> str:
-    """The advice for a zone; none where there is none."""
-    return f"advice: {zone['advice']}" if zone["advice"] else ""
+    """The advice for a zone, with the camera that comes nearest; "" where there is none."""
+    text, nearest = zone["advice"], zone.get("nearest")
+    if text and nearest is not None:
+        noun = "pose" if zone.get("device") else "camera"  # of a rig with a rule
+        text = f"{noun} {nearest['pose'] + 1} comes nearest: {text}"
+    return f"advice: {text}" if text else ""
 
 
 def other_lines(
@@ -113,5 +118,8 @@ def _zones(summary: Summary) -> list[Summary]:
 
 def by_reason(m2: Mapping[str, float]) -> str:
     """Areas by reason, the largest first, in words."""
-    ranked, whole = sorted(m2, key=lambda name: -m2[name]), sum(m2.values())
+    whole = sum(m2.values())
+    ranked = sorted(
+        (name for name in m2 if m2[name] > SLIVER_REL * whole), key=lambda name: -m2[name]
+    )
     return ", ".join(f"{area(m2[name], whole=whole)} {REASONS[name].label}" for name in ranked)

@@ -479,15 +479,6 @@ def summary_of(
     }
 
 
-def zone_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines about the largest zones of a summary, with advice on the first where all is dead."""
-    zones = [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
-    lines = [zone_line(zone) for zone in zones[:MOST_LINES]]
-    if lines and summary.get("covered_area", {}).get("m2") == 0:
-        lines[0] += f"; {zones[0]['advice']}"
-    return lines
-
-
 def zone_line(zone: Mapping[str, Any]) -> str:
     """Line about one zone."""
     size = math.sqrt(zone["area_m2"])

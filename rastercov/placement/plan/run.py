@@ -29,6 +29,7 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.coverage import in_batches
+from rastercov.coverage.headline import advice_line
 from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -589,7 +590,7 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
             f"{', '.join(missing)}"
         )
     tried = [zone for zone in listed_zones if zone["tried"]]
-    lines += [f"what would help most: {zone_line(zone)}; {zone['advice']}" for zone in tried[:1]]
+    lines += [f"what would help most: {zone_line(zone)}; {advice_line(zone)}" for zone in tried[:1]]
     return replace(prepared, notes=(*prepared.notes, *lines), is_beyond=True)
 
 
