@@ -590,7 +590,10 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
             f"{', '.join(missing)}"
         )
     tried = [zone for zone in listed_zones if zone["tried"]]
-    lines += [f"what would help most: {zone_line(zone)}; {advice_line(zone)}" for zone in tried[:1]]
+    lines += [
+        f"what would help most: {zone_line(zone)}; {advice_line(zone, 'candidate')}"
+        for zone in tried[:1]
+    ]
     return replace(prepared, notes=(*prepared.notes, *lines), is_beyond=True)
 
 
