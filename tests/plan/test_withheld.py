@@ -54,3 +54,18 @@ def test_zones_that_no_view_would_cover_have_none():
     none = placed(PLAN, constraints={"stand_off": [0.1, 5.0]})
     assert not any(none.withheld)
     assert "refused" not in told()["dead_zones"][0]
+
+
+def test_advice_of_a_plan_takes_places_that_it_allows():
+    """Those of its candidates for `place`, those within its constraints for `check`."""
+    found = placed(PLAN | {"selection": {"goal": "best_coverage", "cameras": 2}})
+    eyes = found.prepared.pool.candidates.poses[:, :3, 3]
+    zones = found.cameras.areas.dead_zones(found.prepared.plan.rig, found.cameras.placed)
+    moved = [each["tried"] for each in zones["dead_zones"] if each["tried"]]
+    assert moved
+    for each in moved:
+        assert np.linalg.norm(eyes - each["position"], axis=1).min() < 0.01  # to its digits
+    checked = rc.check(found.prepared.plan, found.cameras.poses, min_coverage=0.9)
+    tried = [each["tried"] for each in checked.summary()["dead_zones"] if each["tried"]]
+    assert tried
+    assert all(each["position"][2] < 0.6 for each in tried)

@@ -13,6 +13,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
+from rastercov.coverage.area.remedies import Places
 from rastercov.coverage.area.spread import SpreadUnion, check_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
@@ -94,7 +95,11 @@ class AreaNetwork:
         Least and largest number of cameras that may be wanted: 2 and more with `min_angle_deg`.
     cut_short : float
         Sum of `Regions.cut_short`, m^2.
+    places : Places or None
+        Where cameras may be that advice names; anywhere for None.
     """
+
+    places: Places | None = None
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
@@ -220,7 +225,7 @@ class AreaNetwork:
         `views` as for `summary`. The result is kept until regions are added.
         """
         zones = self.zones(camera, poses, views)
-        return self._once(zones, lambda: summary_of(zones, camera, self.task, poses))
+        return self._once(zones, lambda: summary_of(zones, camera, self.task, poses, self.places))
 
     def zones(
         self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None

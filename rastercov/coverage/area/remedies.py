@@ -8,7 +8,7 @@ together then cover no less, exactly; otherwise it is one of another camera of t
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, ClassVar, NamedTuple
@@ -47,6 +47,11 @@ LONGER = (1.05, 1.4)
 """Times the focal length that is missing."""
 MOST_PAIRS = 1_000_000
 """Pairs of camera and face up to which the area after a change is measured, of all zones."""
+
+
+Places = Callable[[FloatArray, FloatArray], FloatArray]
+"""Of a point that is to be covered, and places around it for a camera, (N, 3), those that are
+allowed, or others that are."""
 
 
 class Spot(NamedTuple):
@@ -118,6 +123,8 @@ class Remedies:
         The network.
     covered_m2 : float or None
         What it covers; None where that is not by one camera a part.
+    places : Places or None
+        Where cameras may be.
     pairs : int
         Pairs of camera and face that were measured so far, see `MOST_PAIRS`.
     most_judged : int
@@ -129,6 +136,7 @@ class Remedies:
     task: Task
     poses: Poses
     covered_m2: float | None
+    places: Places | None = None
     pairs: int = 0
     most_judged: ClassVar[int] = 64
 
@@ -321,6 +329,8 @@ class Remedies:
         ways = ways[fronts >= SURE]
         places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
         places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
+        if self.places is not None:
+            places = self.places(spot.at, places)
         for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
             eye, text = _rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             moved = in_metres(float(np.linalg.norm(eye - origin)))

@@ -29,7 +29,7 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
-from rastercov.coverage.area.remedies import Remedies, Spot
+from rastercov.coverage.area.remedies import Places, Remedies, Spot
 from rastercov.coverage.area.rows import limit_advice
 from rastercov.coverage.area.stages import Parts, divided
 from rastercov.coverage.area.union import Covered, with_rest
@@ -451,7 +451,11 @@ LEAST_PERCENT = 1e-3
 
 
 def summary_of(
-    zones: DeadZones, camera: Cameras, task: Task, poses: ArrayLike | Poses
+    zones: DeadZones,
+    camera: Cameras,
+    task: Task,
+    poses: ArrayLike | Poses,
+    places: Places | None = None,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -470,9 +474,11 @@ def summary_of(
         Camera or cameras, and thresholds of their regions.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera of all cameras.
+    places : Places, optional
+        Where cameras may be that advice names.
     """
     n = zones.listed()
-    why = _reasons(zones, camera, task, Poses.of(poses), n)
+    why = _reasons(zones, Remedies(zones.mesh, camera, task, Poses.of(poses), None, places), n)
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),
@@ -503,19 +509,18 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
     return text + (f" ({zone['device']})" if zone.get("device") else "")
 
 
-def _reasons(
-    zones: DeadZones, camera: Cameras, task: Task, poses: Poses, n: int
-) -> list[dict[str, Any]]:
+def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any]]:
     """Reason, what hides it, and advice, of the first n zones."""
     if not n:
         return []
-    mesh = zones.mesh
+    mesh, camera, task, poses = zones.mesh, remedies.camera, remedies.task, remedies.poses
     shares = 100 * zones.area[:n] / max(zones.total(), np.finfo(float).tiny)
     n_tried = max(min(n, MOST_LINES), int((shares >= TRIED_PERCENT).sum()))
     judged = _Judged.of(zones, camera, task, poses, n)
     is_single = not (zones.views > 0).any() and task.views == 1 and task.min_angle_deg == 0
-    covered = zones.total() - float(zones.area.sum()) if is_single else None
-    remedies, found = Remedies(mesh, camera, task, poses, covered), []
+    if is_single:
+        remedies.covered_m2 = zones.total() - float(zones.area.sum())
+    found = []
     points, piece = points_of(zones, n_tried, CHECKED)
     spots = [
         Spot.of(points[own], zones.face[piece[own]].astype(np.int64))

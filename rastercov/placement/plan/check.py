@@ -59,7 +59,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
@@ -394,6 +394,8 @@ def _checked(
                 most = plan.build_task(most_views(plan, views))
                 with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
                     cameras = with_areas(plan, cameras, finder, views, progress)
+                    assert cameras.areas is not None
+                    cameras.areas.places = places_of(plan, mesh)
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network)

@@ -80,7 +80,7 @@ from rastercov.placement.plan.prepare import (
     prepare,
     quiet,
 )
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import named_scene, places_of_candidates
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
@@ -465,6 +465,7 @@ def _by_area(
             share=curve[-1] if curve else 0.0,
         )
     assert cameras.areas is not None
+    cameras.areas.places = places_of_candidates(prepared.pool.candidates.poses[:, :3, 3])
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
@@ -571,6 +572,7 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
     if not failing:
         return prepared
     wanted = views_by_group(plan, None)
+    areas.places = places_of_candidates(prepared.pool.candidates.poses[:, :3, 3])
     with clock("what candidates leave"):
         zones = areas.zones(finder.camera, poses, wanted)
         listed_zones = areas.dead_zones(finder.camera, poses, wanted)["dead_zones"]

@@ -20,6 +20,7 @@ from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
 from rastercov.camera.formats.conventions import unique_names
+from rastercov.coverage.area.remedies import Places
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
@@ -225,6 +226,8 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
     return box_grid(low, high, count, entry.size)
 
 
+ANYWHERE = np.array([[-1e100] * 3, [1e100] * 3])
+"""Box of all places."""
 OF_GROUPS = ("groups", "two_sided", "nearest", "views")
 """Entries with names of groups: lists of them, or values by them."""
 
@@ -414,6 +417,28 @@ def _misplaced(
         key = kind.name.lower()
         words = DROPPED[key].format(what)
         yield Refusal(found.poses[row], str(name), key, words, camera=int(found.camera[row]))
+
+
+def places_of(plan: Plan, mesh: Mesh) -> Places:
+    """Of places for a camera that advice would name, those that satisfy the constraints."""
+    limits = plan.constraints
+    boxes = [np.array([space.low, space.high]) for space in limits.spaces]
+    space = PoseSpace(
+        mesh=mesh,
+        boxes=np.array(boxes) if boxes else ANYWHERE,
+        stand_off=no_limit(limits.stand_off),
+        clearance=limits.clearance,
+        keep_out=keep_outs(plan),
+    )
+    return lambda at, places: places[space.judge(places) == Place.ALLOWED]
+
+
+def places_of_candidates(eyes: FloatArray) -> Places:
+    """For places that advice would name, as many of those of candidates, (N, 3), the nearest."""
+    eyes = np.unique(eyes, axis=0)
+    return lambda at, places: eyes[
+        np.argsort(np.linalg.norm(eyes - at, axis=1), kind="stable")[: len(places)]
+    ]
 
 
 def keep_outs(plan: Plan) -> list[KeepOut]:
