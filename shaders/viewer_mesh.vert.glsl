@@ -3,7 +3,7 @@
 // Positions are not indexed, so the face is gl_VertexID / 3. Level and group of each face are texels
 // of textures TEXELS_A_ROW wide; a row of `palette` belongs to a level (alpha: its hatch), and one of
 // `groups` to a group. PICKING leaves colours out. PIECES are parts of faces: triangles that name
-// their face.
+// their face, and have a level of their own.
 
 uniform mat4 clip_from_world;
 uniform vec3 eye;                   // where one looks from; a parallel view: minus its direction
@@ -18,6 +18,7 @@ uniform int which;                  // 0: all faces, 1: opaque ones, 2: transpar
 #ifdef PIECES
 in uint parent;                     // face that the corner is of
 in vec3 weights;                    // its barycentric coordinates there
+in uint level;
 #endif
 in vec3 position;                   // metres from the origin of the soup
 
@@ -52,7 +53,10 @@ void main() {
     colour = vec3(0.0);
     hatch = 0u;
 #else
-    vec4 row = texelFetch(palette, ivec2(texelFetch(levels, texel(face), 0).r, 0), 0);
+#ifndef PIECES
+    uint level = texelFetch(levels, texel(face), 0).r;
+#endif
+    vec4 row = texelFetch(palette, ivec2(level, 0), 0);
     colour = row.rgb;
     hatch = uint(round(255.0 * row.a));
 #endif

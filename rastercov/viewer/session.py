@@ -333,15 +333,16 @@ class Session:
     def pieces(self) -> bytes:
         """Frame of the convex pieces that too few cameras cover; ConfigError as `areas`.
 
-        Number of pieces, face of each, and corners of each, uint32; then the corners, float32 from
-        the origin of the soup.
+        Number of pieces, face of each, row of its reason in `REASONS`, and its corners, uint32;
+        then the corners, float32 from the origin of the soup.
         """
         with self.lock:
             moment, found = self.moment, self.areas()
         zones = found.zones
         counts, origin = np.diff(zones.starts), soup_of(self.scene.mesh)[0]
         corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
-        numbers = np.concatenate(([len(counts)], moment.kept[zones.face], counts)).astype("<u4")
+        of_pieces = moment.kept[zones.face], zones.reason, counts
+        numbers = np.concatenate(([len(counts)], *of_pieces)).astype("<u4")
         return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:

@@ -197,6 +197,13 @@ def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
     is_covered = zones_at(zones, faces, points, 1) < 0
     levels = np.frombuffer(tab.levels(), np.uint8)[faces]
     assert (shown == is_covered).mean() > 0.98  # float32 on the borders of pieces
+    of_zone = zones_at(zones, faces, points, zones.count())
+    at = of_zone >= 0
+    reasons = zones.reasons(zones.count())[of_zone[at]]
+    flat = np.array([words.colour for words in REASONS.values()])[reasons]
+    drawn = np.array(tab.js(read, pixels))[at]
+    is_own = [np.abs(drawn - each).max(axis=1) <= 1.6 for each in (flat, 0.55 * flat + 0.45 * 255)]
+    assert np.any(is_own, axis=0).mean() > 0.98  # of its reason, plain or hatched
     assert (shown != (levels == Reason.COVERED)).any()
 
 

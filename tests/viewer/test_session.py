@@ -352,8 +352,8 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
     head, payload = unframed(session.pieces())
     numbers = np.frombuffer(payload, np.uint32)
     n = int(numbers[0])
-    faces, counts = numbers[1 : n + 1], numbers[n + 1 : 2 * n + 1]
-    corners = np.split(np.frombuffer(payload[4 + 8 * n :], np.float32).reshape(-1, 3),
+    faces, reasons, counts = numbers[1 : 3 * n + 1].reshape(3, n)
+    corners = np.split(np.frombuffer(payload[4 + 12 * n :], np.float32).reshape(-1, 3),
                        np.cumsum(counts)[:-1])  # fmt: skip
     sizes = [
         np.linalg.norm(np.cross(c[1:-1] - c[0], c[2:] - c[0]).sum(axis=0)) / 2 for c in corners
@@ -364,6 +364,7 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
         dead, MESH.areas - found.covered.area[0], atol=1e-5 * MESH.areas.max()
     )
     assert head == {}
+    assert np.array_equal(reasons, session.areas().zones.reason)
     acted(session, do="task", changes={"min_pixels": 9})
     with pytest.raises(rc.ConfigError, match="min_pixels is of a face"):
         session.pieces()

@@ -32,7 +32,7 @@ export class MeshPass {
     const defines = { TEXELS_A_ROW, SHADE_LEAST: SHADE_LEAST.toFixed(4) };
     this.colours = program(gl, MESH_STAGES, ["position"], defines);
     this.picks = program(gl, MESH_STAGES, ["position"], { ...defines, PICKING: 1 });
-    this.parts = program(gl, MESH_STAGES, ["position", "parent", "weights"], { ...defines, PIECES: 1 });
+    this.parts = program(gl, MESH_STAGES, ["position", "parent", "weights", "level"], { ...defines, PIECES: 1 });
     this.corners = gl.createVertexArray();
     gl.bindVertexArray(this.corners);
     this.soup = gl.createBuffer();
@@ -40,8 +40,7 @@ export class MeshPass {
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     this.levels = table(gl, this.nFaces, gl.R8UI);
-    this.pieceLevels = table(gl, this.nFaces, gl.R8UI);
-    this.pieces = { corners: gl.createVertexArray(), buffers: [0, 1, 2].map(() => gl.createBuffer()), count: 0 };
+    this.pieces = { corners: gl.createVertexArray(), buffers: [0, 1, 2, 3].map(() => gl.createBuffer()), count: 0 };
     this.faceGroups = table(gl, this.nFaces, gl.R16UI);
     write(gl, this.faceGroups, faceGroups, gl.UNSIGNED_SHORT);
     this.creases = table(gl, this.nFaces, gl.R8UI);
@@ -71,14 +70,18 @@ export class MeshPass {
     pieces.count = made ? made.parents.length : 0;
     if (!made || pieces.made === made) return;
     pieces.made = made;
-    write(gl, this.pieceLevels, made.levels, gl.UNSIGNED_BYTE);
     gl.bindVertexArray(pieces.corners);
-    const arrays = [new Float32Array(made.positions), new Uint32Array(made.parents), new Float32Array(made.weights)];
+    const arrays = [
+      new Float32Array(made.positions),
+      new Uint32Array(made.parents),
+      new Float32Array(made.weights),
+      new Uint32Array(made.levels),
+    ];
     arrays.forEach((values, at) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, pieces.buffers[at]);
       gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
       gl.enableVertexAttribArray(at);
-      if (at === 1) gl.vertexAttribIPointer(at, 1, gl.UNSIGNED_INT, 0, 0);
+      if (values instanceof Uint32Array) gl.vertexAttribIPointer(at, 1, gl.UNSIGNED_INT, 0, 0);
       else gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 0, 0);
     });
   }
@@ -127,7 +130,7 @@ export class MeshPass {
 
   #drawPieces(look) {
     const { gl } = this;
-    this.#prepare(this.parts, look, this.pieces.corners, this.pieceLevels);
+    this.#prepare(this.parts, look, this.pieces.corners);
     gl.enable(gl.POLYGON_OFFSET_FILL); // over the face that they lie in
     gl.polygonOffset(-0.05, -4); // corners are rounded to parts of a pixel, depths to units
     this.#triangles(this.parts, look.hasTransparent ? 1 : 0, 1, this.pieces.count);
@@ -156,7 +159,7 @@ export class MeshPass {
     return { face: found[0] - 1, point: [...new Float32Array(found.buffer, 4, 3)] };
   }
 
-  #prepare({ program: used, uniforms }, look, corners = this.corners, levels = this.levels) {
+  #prepare({ program: used, uniforms }, look, corners = this.corners) {
     const { gl } = this;
     gl.useProgram(used);
     gl.enable(gl.DEPTH_TEST);
@@ -172,7 +175,7 @@ export class MeshPass {
     gl.uniform1i(uniforms.has_edges, look.hasEdges ? 1 : 0);
     gl.uniform3fv(uniforms.accent, look.accent);
     const textures = [
-      [uniforms.levels, levels.texture],
+      [uniforms.levels, this.levels.texture],
       [uniforms.face_groups, this.faceGroups.texture],
       [uniforms.creases, this.creases.texture],
       [uniforms.groups, this.groups.texture],

@@ -79,10 +79,16 @@ export function legendOfPieces(session, figures, pieces) {
   const dead = [...pieces.areas.values()].reduce((sum, area) => sum + area, 0);
   const whole = figures.summary.covered_area.percent;
   const share = (level) => ((pieces.areas.get(level) ?? 0) / dead) * (100 - whole) || 0;
-  const others = (figures.legend ?? []).filter((each) => each.level !== pieces.covered);
-  const known = others.filter(({ percent: by }) => by !== null).map((each) => ({
-    ...each,
-    percent: share(each.level),
+  const legend = figures.legend ?? [];
+  const others = legend.filter((each) => each.level !== pieces.covered);
+  const labels = Object.values(session.scene.reasons);
+  const known = [...pieces.areas.keys()].map((level) => ({
+    ...(legend.find((each) => each.level === level) ?? {
+      level,
+      label: labels[level],
+      colour: colourOf(session, level),
+    }),
+    percent: share(level),
   }));
   const covered = { level: pieces.covered, label: "covered", percent: whole };
   const rows = [{ ...covered, colour: colourOf(session, pieces.covered) }, ...known];
@@ -92,38 +98,33 @@ export function legendOfPieces(session, figures, pieces) {
 
 const colourOf = (session, level) => [...session.palette.subarray(3 * level, 3 * level + 3)];
 
-/** Triangles of the pieces, level of each face beside them, and area by level. */
+/** Triangles of the pieces with their levels, those of each face beside them, and area by level. */
 function trianglesOf(session, payload) {
   const names = Object.keys(session.scene.reasons);
-  const hidden = session.state.lamps?.length ? "unlit" : "occluded"; // what a threshold forgave the whole face
-  const [covered, lost, tooFew] = ["covered", hidden, "too_few_views"].map((name) => names.indexOf(name));
+  const covered = names.indexOf("covered");
   const data = payload.slice().buffer;
   const n = new Uint32Array(data, 0, 1)[0];
   const faces = new Uint32Array(data, 4, n);
-  const counts = new Uint32Array(data, 4 + 4 * n, n);
-  const corners = new Float32Array(data, 4 + 8 * n);
-  const levels = session.levels.slice();
-  const level = (face) => {
-    if (levels[face] !== covered) return levels[face];
-    return session.state.task.views > 1 ? tooFew : lost;
-  };
-  const base = levels.slice();
+  const reasons = new Uint32Array(data, 4 + 4 * n, n);
+  const counts = new Uint32Array(data, 4 + 8 * n, n);
+  const corners = new Float32Array(data, 4 + 12 * n);
+  const base = session.levels.slice();
   base.forEach((each, face) => (base[face] = each < names.length ? covered : each));
   const areas = new Map();
-  const made = { positions: [], weights: [], parents: [], levels };
+  const made = { positions: [], weights: [], parents: [], levels: [] };
   let first = 0;
   for (let piece = 0; piece < n; piece++) {
-    const [face, count] = [faces[piece], counts[piece]];
+    const [face, level, count] = [faces[piece], reasons[piece], counts[piece]];
     const corner = (k) => [0, 1, 2].map((axis) => corners[3 * (first + k) + axis]);
     const frame = frameOf(session.corners, face);
     const polygon = Array.from({ length: count }, (_, k) => corner(k));
     let twice = 0;
     for (let k = 2; k < count; k++)
       twice += Math.hypot(...cross(subtract(polygon[k - 1], polygon[0]), subtract(polygon[k], polygon[0])));
-    areas.set(level(face), (areas.get(level(face)) ?? 0) + twice / 2);
+    areas.set(level, (areas.get(level) ?? 0) + twice / 2);
     first += count;
     if (twice > WHOLE * Math.sqrt(frame.size)) {
-      base[face] = level(face);
+      base[face] = level;
       continue;
     }
     for (let k = 2; k < count; k++) {
@@ -131,10 +132,10 @@ function trianglesOf(session, payload) {
         made.positions.push(...point);
         made.weights.push(...weightsOf(frame, point));
         made.parents.push(face);
+        made.levels.push(level);
       }
     }
   }
-  for (const face of new Set(faces)) levels[face] = level(face);
   return { ...made, base, areas, covered };
 }
 
