@@ -36,7 +36,7 @@ from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS, UNSEEABLE, Rea
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-SURE, SCREENED = 0.6, 12
+SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
