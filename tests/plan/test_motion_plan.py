@@ -54,7 +54,7 @@ def changed(**sections):
 def exact(placed, over=0.9):
     """Covered share of the chosen cameras, from the regions of the same motion."""
     mesh, plan, _ = named_scene(plan_of(PLAN))
-    motion = plan.build_motion(mesh)
+    motion = PlanMotion.of(plan, mesh).motion
     found = evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
     return found.share()
 
@@ -136,7 +136,8 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
         [rc.Lamp.spot(40, intensity=900)], rc.look_at((0, -1.5, 3), (0, 0, 0), up=(0, -1, 0))
     )
     exact_share = evaluate_over_time(
-        plan.build_motion(mesh), plan_of(PLAN).rig, found.cameras.placed, plan.build_task(), 0.9,
+        PlanMotion.of(plan, mesh).motion, plan_of(PLAN).rig, found.cameras.placed,
+        plan.build_task(), 0.9,
         lamps=lamps,
     ).share()  # fmt: skip
     assert found.cameras.share == pytest.approx(exact_share, abs=1e-6)

@@ -32,12 +32,13 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Jointed, JointPath
+from rastercov.mesh.bodies import Jointed, JointPath
 from rastercov.mesh.motion_file import load_motion
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
 from rastercov.placement.plan.entries import Entry, Name, Over
-from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
+from rastercov.placement.plan.file import Plan, PlanError, errors_at, lines_of, robots_of
+from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.sections import BodyEntry, MotionSection
 from rastercov.placement.select.problem import Goal, Problem, problem_of, weights_of
 
@@ -84,13 +85,25 @@ class PlanMotion(MotionQuery):
 
     @classmethod
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
-        """The motion of a plan; None where nothing moves."""
-        motion, task = plan.build_motion(mesh), plan.task
-        if motion is None:
+        """The motion of a plan, None where nothing moves; PlanError for one that is none.
+
+        A turntable below a part that an arm inspects is an axis of the arm, see `scene.arms_of`.
+        Figures over time are by exact area.
+        """
+        section, task = plan.motion, plan.task
+        if section is None or any(isinstance(each, OnArm) for each in plan.candidates):
             return None
-        own = task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
-        robots = plan.robots()
-        path = None if plan.motion is None else plan.motion.path(robots, plan.folder)
+        unit, reason = plan.unit_of_result()
+        if unit != "area":
+            why = reason or 'leave out task.by = "face"'
+            raise PlanError(plan.name, f"motion: figures over time are by area; {why}")
+        carriers, robots = plan.bodies_of_cameras(), plan.robots()
+        with errors_at(plan.name, "motion"):
+            motion = section.build(mesh, plan.bodies, robots, plan.folder, plan.meshes)
+            for name in carriers:
+                motion.poses_of(name)
+        own = task.over or "some", task.views_at, carriers, task.method
+        path = section.path(robots, plan.folder)
         return cls(motion, *own, robots, path, plan.rig.names)
 
     @classmethod
