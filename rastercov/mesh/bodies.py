@@ -64,40 +64,32 @@ class Jointed(Protocol):
     @property
     def name(self) -> str:
         """Its name, before those of its bodies."""
-        ...
 
     @property
     def mesh(self) -> Mesh:
         """All bodies at rest."""
-        ...
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Joints, J of them."""
-        ...
 
     @property
     def joint_kinds(self) -> tuple[str, ...]:
         """Kind of each joint: "revolute", "continuous" or "prismatic"."""
-        ...
 
     @property
     def limits(self) -> FloatArray:
         """(J, 2) least and greatest value of each."""
-        ...
 
     @property
     def rest(self) -> FloatArray:
         """(J,) values at rest."""
-        ...
 
     def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
         """Poses of each body that moves, from rest, by (T, J) values of joints."""
-        ...
 
     def read_path(self, path: StrPath) -> JointPath:
         """Values of the joints by a file."""
-        ...
 
 
 class Moved(NamedTuple):

@@ -106,7 +106,7 @@ def test_a_camera_on_a_body_is_carried():
     mesh, plan, _ = named_scene(plan_of(changed(camera=camera)))
     own = PlanMotion.of(plan, mesh)
     pose = rc.look_at(eyes=[(0, 0, 5)], targets=(0, 0, 0), up=(0, 1, 0))
-    found = own.evaluate(plan.rig, rc.Poses.of(pose), plan.build_task())
+    found = own.areas(plan.rig, rc.Poses.of(pose), plan.build_task()).over_time
     by_hand = [
         rc.regions(own.motion.frame(row)[0], plan.rig, p[None], plan.build_task()).areas().sum()
         for row, p in enumerate(own.motion.poses_of("plate") @ pose[0])
@@ -324,7 +324,7 @@ def test_a_robot_of_a_file_is_the_mesh_moved_by_hand(body):
     own = PlanMotion.read(Path("m.toml"), mesh)
     camera, task = rc.Camera.from_fov(320, 256, hfov_deg=50), rc.Task(max_incidence_deg=80)
     poses = rc.look_at([(0.3, -0.4, 4), (2.4, 1, 0.5)], (0, 0, 0.3))
-    found = own.evaluate(camera, rc.Poses.of(poses), task)
+    found = own.areas(camera, rc.Poses.of(poses), task).over_time
     areas, bounds = found.regions.areas(), found.regions.bounds()
     for frame, row in enumerate(rows):
         moved, head = by_hand(robot, row, mesh)

@@ -31,7 +31,7 @@ from rastercov.camera.rig import (
 from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
-from rastercov.coverage.area.table import Finder, Regions, joined, taken
+from rastercov.coverage.area.table import Finder, Regions, any_of, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.surface import key_of
 from rastercov.coverage.task import Task
@@ -136,20 +136,15 @@ def regions_of_frames(
     the image, are as they were there; so is the light of a lamp in its place. Bodies that are
     absent have none.
     """
-    check_pictures(asked, placed)
-    job = Frames.of(asked, camera, placed, task, engine)
-    return job.regions(np.arange(len(job.source)))
-
-
-def check_pictures(asked: MotionQuery, placed: Poses) -> None:
-    """Raise `ConfigError` for regions of more pictures than are held at once."""
-    frames = len(asked.motion)
-    if frames * len(placed) > MOST_PICTURES:
+    n_frames = len(asked.motion)
+    if n_frames * len(placed) > MOST_PICTURES:
         raise ConfigError(
-            f"{frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
+            f"{n_frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
             "pictures; take fewer frames, some cameras at a time, or evaluate with a folder for "
             "shards"
         )
+    job = Frames.of(asked, camera, placed, task, engine)
+    return job.regions(np.arange(len(job.source)))
 
 
 class Frames(NamedTuple):
@@ -427,4 +422,4 @@ def for_long_enough(frames: Regions, asked: MotionQuery) -> Regions:
     parts = [
         units._of_faces(needed == k).at_least(k, one_side=False) for k in np.unique(needed).tolist()
     ]
-    return joined(parts).at_least(1, np.zeros(len(parts), np.int64), one_side=False)
+    return any_of(parts, one_side=False)

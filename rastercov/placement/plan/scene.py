@@ -33,7 +33,7 @@ from rastercov.placement.candidates.rooms import around_faces, between_heights, 
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.arm import PlanArm
-from rastercov.placement.plan.carrier import Carrier
+from rastercov.placement.plan.carrier import Carrier, Timed
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import (
@@ -45,6 +45,7 @@ from rastercov.placement.plan.generators import (
     PerSegment,
     Spot,
 )
+from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
@@ -457,6 +458,11 @@ def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
     """What carries the cameras of a plan; None where they are placed one by one."""
     arms = arms_of(plan, mesh)
     return PlanArm(plan, arms[0]) if arms else None
+
+
+def timed_of(plan: Plan, mesh: Mesh) -> Timed | None:
+    """What changes the scene of a plan over time; None where nothing does."""
+    return PlanMotion.of(plan, mesh)
 
 
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
