@@ -129,6 +129,8 @@ def evaluate(
         fields = ()
     elif workers is not None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+    elif query.asked is not None:
+        query.asked._check_held(accepted)
     names = checked_fields(fields)
     each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
     size = each * len(accepted) * mesh.n_faces

@@ -128,10 +128,15 @@ def unit(vectors: ArrayLike) -> FloatArray:
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
 
 
+def cross_matrix(axis: FloatArray) -> FloatArray:
+    """(3, 3) matrix by which a vector becomes the cross product of an axis, (3,), and it."""
+    x, y, z = axis
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
 def rotation_about(axis: ArrayLike, angle: float) -> FloatArray:
     """(3, 3) rotation by radians, counter-clockwise seen against an axis of length above 0."""
-    x, y, z = unit(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = cross_matrix(unit(axis))
     # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 

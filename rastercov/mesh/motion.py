@@ -331,13 +331,18 @@ def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray
     return poses
 
 
-def _still(steps: int) -> FloatArray:
+def checked_steps(steps: int) -> int:
+    """Number of frames; ConfigError for what is none."""
     number = finite_number(steps)
     if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
         raise ConfigError(
             f"steps must be a whole number of 1 to {MOST_FRAMES:,}, got {shown(steps)}"
         )
-    return np.tile(np.eye(4), (int(number), 1, 1))
+    return int(number)
+
+
+def _still(steps: int) -> FloatArray:
+    return np.tile(np.eye(4), (checked_steps(steps), 1, 1))
 
 
 def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
@@ -28,11 +28,11 @@ from rastercov.base.files import (
 )
 from rastercov.base.memory import FloatArray
 from rastercov.mesh.arrays import rotations_of_quaternions, unit
-from rastercov.mesh.columns import MOST_FRAMES, TIMES, columns_of, durations_of
+from rastercov.mesh.columns import TIMES, columns_of, durations_of
 from rastercov.mesh.formats import metres_per, of_gltf
 from rastercov.mesh.formats.gltf_animation import read_animation
 from rastercov.mesh.mesh import Mesh
-from rastercov.mesh.motion import Motion
+from rastercov.mesh.motion import Motion, checked_steps
 
 PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 COLUMNS = (*PLACE, *TURN, "present")
@@ -105,10 +105,8 @@ def read_gltf_motion(
     `world_from_file`, (4, 4), is where the mesh has the file, in metres; groups that move alike are
     one body.
     """
-    number = finite_number(steps)
-    if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
-        raise ConfigError(f"steps must be 1 to {MOST_FRAMES:,}, got {shown(steps)}")
-    found = of_gltf(path, partial(read_animation, name=animation, steps=int(number)))
+    count = checked_steps(steps)
+    found = of_gltf(path, partial(read_animation, name=animation, steps=count))
     name, stem = printable(Path(path).name), printable(Path(path).stem)
     poses = found.poses.copy()
     poses[:, :, :3, 3] *= metres_per(unit)

@@ -110,6 +110,16 @@ class MotionQuery(InOneLine):
             return for_long_enough(by_time(regions, self.motion, views), self)
         return self._alone(regions).at_least(views, one_side=False)
 
+    def _check_held(self, placed: Poses) -> None:
+        """Raise `ConfigError` for regions of more pictures than are held at once."""
+        n_frames = len(self.motion)
+        if n_frames * len(placed) > MOST_PICTURES:
+            raise ConfigError(
+                f"{n_frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
+                "pictures; take fewer frames, some cameras at a time, or evaluate with a folder "
+                "for shards"
+            )
+
     def _alone(self, regions: Regions) -> Regions:
         """Parts that each camera covers long enough by itself; rows of a frame."""
         n = _rows_a_frame(regions, self.motion)
@@ -136,13 +146,7 @@ def regions_of_frames(
     the image, are as they were there; so is the light of a lamp in its place. Bodies that are
     absent have none.
     """
-    n_frames = len(asked.motion)
-    if n_frames * len(placed) > MOST_PICTURES:
-        raise ConfigError(
-            f"{n_frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
-            "pictures; take fewer frames, some cameras at a time, or evaluate with a folder for "
-            "shards"
-        )
+    asked._check_held(placed)
     job = Frames.of(asked, camera, placed, task, engine)
     return job.regions(np.arange(len(job.source)))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
@@ -385,15 +385,11 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime.alone`."""
         return self.over_time.alone()
 
-    def dead_zones(
-        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
-    ) -> dict[str, Any]:
+    def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
         """As of `OverTime`."""
         return self.over_time.dead_zones()
 
-    def zones(
-        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
-    ) -> DeadZones:
+    def zones(self, *asked: object, **named: object) -> DeadZones:
         """As of `OverTime`."""
         return self.over_time.zones
 

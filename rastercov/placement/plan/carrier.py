@@ -22,6 +22,7 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.plan.file import Plan
+from rastercov.shards import Progress
 
 MOST_LOST = 0.5
 """Points of the task's area that it may hide of the picture of its camera."""
@@ -147,7 +148,7 @@ class Timed(Protocol):
     ) -> AreaNetwork:
         """Area that is covered long enough; `found` are regions that are known."""
 
-    def long_enough(self, regions: Regions, views: int = 1) -> Regions:
+    def long_enough(self, regions: Regions, views: int) -> Regions:
         """Parts that at least `views` cameras cover for long enough; one row."""
 
     def first(self, areas: AreaNetwork, count: int) -> AreaNetwork:
@@ -160,6 +161,6 @@ class Timed(Protocol):
         cells: Cells,
         poses: Poses,
         task: Task,
-        progress: Callable[[int, int], None],
+        progress: Progress,
     ) -> TimeMatrix:
         """Visibility matrix of candidates over time; poses are those of mounts."""

@@ -330,10 +330,6 @@ class Plan(PlanModel):
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
-    def robots(self) -> list[Jointed]:
-        """Robots of the bodies; PlanError for one that cannot be read."""
-        return robots_of(self.bodies, self.folder, self.name)
-
     def bodies_of_cameras(self) -> list[str]:
         """Body that carries each of the cameras of `rig`."""
         if self.camera is not None:
@@ -373,7 +369,7 @@ class Plan(PlanModel):
 
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
-    """Robots of those bodies of a file that have a URDF; errors as of `Plan.robots`."""
+    """Robots of those bodies of a file that have a URDF; PlanError for one that cannot be read."""
     found = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):

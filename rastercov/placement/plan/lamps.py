@@ -7,7 +7,7 @@ lamps are left out, added and exchanged while the exact area of all of them toge
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import combinations, takewhile
@@ -57,6 +57,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
+from rastercov.shards import Progress
 
 Rows = tuple[int, ...]
 MOST_SETS = 64
@@ -427,7 +428,7 @@ class Lighting:
         near += [own - {row} | {other} for row in rows for other in others]
         return (tuple(sorted(each)) for each in near)
 
-    def choose(self, progress: Callable[[int, int], None]) -> LampChoice:
+    def choose(self, progress: Progress) -> LampChoice:
         """The best lamps that are found within the time limit of the selection.
 
         ConfigError where no set of lamps lights anything that the cameras see.

@@ -5,7 +5,7 @@ are the cells; where a share of the time is asked for, they are the cells of eve
 by its duration, and the exact share is measured of what is chosen.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -46,6 +46,7 @@ from rastercov.placement.plan.file import Plan, PlanError, errors_at, lines_of, 
 from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.sections import BodyEntry, MotionSection
 from rastercov.placement.select.problem import weights_of
+from rastercov.shards import Progress
 
 CANDIDATES_A_TURN = 32
 """Candidates whose regions in all frames are in memory at a time."""
@@ -102,12 +103,13 @@ class PlanMotion(MotionQuery):
         if unit != "area":
             why = reason or 'leave out task.by = "face"'
             raise PlanError(plan.name, f"motion: figures over time are by area; {why}")
-        carriers, robots = plan.bodies_of_cameras(), plan.robots()
+        robots = robots_of(plan.bodies, plan.folder, plan.name)
+        bodies = plan.bodies_of_cameras()
         with errors_at(plan.name, "motion"):
             motion = section.build(mesh, plan.bodies, robots, plan.folder, plan.meshes)
-            for name in carriers:
+            for name in bodies:
                 motion.poses_of(name)
-        own = task.over or "some", task.views_at, carriers, task.method
+        own = task.over or "some", task.views_at, bodies, task.method
         path = section.path(robots, plan.folder)
         return cls(motion, *own, robots, path, plan.rig.names)
 
@@ -173,13 +175,10 @@ class PlanMotion(MotionQuery):
         cells: Cells,
         poses: Poses,
         task: Task,
-        progress: Callable[[int, int], None],
+        progress: Progress,
     ) -> TimeMatrix:
-        motion, mounts, is_of_cells = (
-            self.motion,
-            plan.mounts,
-            self.over == "some" and task.views == 1,
-        )
+        motion, mounts = self.motion, plan.mounts
+        is_of_cells = self.over == "some" and task.views == 1
         n_frames, n_cells = (1 if is_of_cells else len(motion)), len(cells)
         counts: list[IntArray] = [np.zeros(0, np.int64)]
         elements, shares = [np.zeros(0, np.int32)], [np.zeros(0)]
@@ -195,27 +194,27 @@ class PlanMotion(MotionQuery):
             if getattr(plan.selection, "of_reachable", False):
                 frames = by_time(found, motion)
                 both = frames if together is None else joined([together, frames])
-                row = np.arange(len(both.pose_ids)) % len(motion)
-                together = both.at_least(1, row, one_side=False)
+                rows = np.arange(len(both.pose_ids)) % len(motion)
+                together = both.at_least(1, rows, one_side=False)
             if is_of_cells:
                 found = found.at_least(
                     1, np.tile(np.arange(len(some)), len(motion)), one_side=False
                 )
             of_cells = cells.share(found)
             limits = of_cells.starts
+            counts.append(np.diff(limits).reshape(n_frames, -1).sum(axis=0))
             for mount in range(len(some)):
-                at = np.arange(n_frames) * len(some) + mount
-                own_rows = [slice(limits[row], limits[row + 1]) for row in at]
-                elements += [
-                    of_cells.cell[part].astype(np.int32) + np.int32(frame * n_cells)
-                    for frame, part in enumerate(own_rows)
-                ]
-                shares += [of_cells.share[part] for part in own_rows]
-                counts.append(np.array([sum(part.stop - part.start for part in own_rows)]))
+                for frame in range(n_frames):
+                    row = frame * len(some) + mount
+                    part = slice(limits[row], limits[row + 1])
+                    cell = of_cells.cell[part].astype(np.int32)
+                    elements.append(cell + np.int32(frame * n_cells))
+                    shares.append(of_cells.share[part])
             progress(min(first + at_once, len(poses)), len(poses))
         header = describe(observer, poses, task, None, cells, mounts)
         n = n_frames * n_cells
-        header = {name: value for name, value in header.items() if name not in ("cells", "mounts")}
+        for name in ("cells", "mounts"):
+            header.pop(name, None)
         pairs = Pairs(
             np.concatenate(counts),
             np.concatenate(elements),

@@ -67,7 +67,7 @@ from rastercov.placement.select.problem import (
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Tally, Workers
+from rastercov.shards import Progress, Tally, Workers
 from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
@@ -91,7 +91,6 @@ MOST_LISTED_PAIRS = 50_000_000
 """Pairs up to which a matrix is held as lists in the memory."""
 BYTES_A_PAIR = 16
 """Of lists: 8 for the matrix, 8 for the selection."""
-Progress = Callable[[int, int], None]
 Step = Callable[[str], Any]
 """Context manager by the name of a step, which yields its `Progress`."""
 

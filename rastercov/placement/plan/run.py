@@ -72,7 +72,6 @@ from rastercov.placement.plan.prepare import (
     Clock,
     Job,
     Prepared,
-    Progress,
     Step,
     cells_of,
     prepare,
@@ -84,7 +83,7 @@ from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
-from rastercov.shards import Workers
+from rastercov.shards import Progress, Workers
 
 LOG = logging.getLogger("rastercov")
 MOST_MISSING = 3

@@ -35,7 +35,7 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.arm import PlanArm
 from rastercov.placement.plan.carrier import Carrier, Timed
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
-from rastercov.placement.plan.file import Plan, PlanError, errors_at
+from rastercov.placement.plan.file import Plan, PlanError, errors_at, robots_of
 from rastercov.placement.plan.generators import (
     CandidateEntry,
     Framed,
@@ -102,7 +102,11 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
-    robots = [] if any(isinstance(each, OnArm) for each in plan.candidates) else plan.robots()
+    robots = (
+        []
+        if any(isinstance(each, OnArm) for each in plan.candidates)
+        else robots_of(plan.bodies, plan.folder, plan.name)
+    )
     mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
     mesh, failed = _with_targets(plan, mesh, of_files)
     lines = list(failed.values())
