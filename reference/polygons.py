@@ -35,7 +35,7 @@ from shapely.geometry.base import BaseGeometry
 from rastercov.base.errors import RastercovError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
+from rastercov.camera.near_plane import near_limit, sides_of
 from rastercov.mesh import Mesh
 
 clipper2: Any
@@ -183,6 +183,19 @@ class Images:
         return near, far
 
 
+def seen_from(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, near: float | None
+) -> tuple[FloatArray, float]:
+    """Pose of a pinhole as a matrix, and the depth below which nothing is seen, metres."""
+    camera.check_pinhole("a reference implementation wants a pinhole")
+    matrix = np.asarray(pose, dtype=np.float64)
+    if near is None:
+        near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
+    if not near > 0:
+        raise ValueError(f"near must be a depth greater than 0 m, got {near}")
+    return matrix, near
+
+
 def images_of(
     mesh: Mesh,
     camera: Camera,
@@ -192,12 +205,7 @@ def images_of(
     near: float | None = None,
 ) -> Images:
     """Image of each face: cut in space by near plane and viewing pyramid, then projected."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
-    matrix = np.asarray(pose, dtype=np.float64)
-    if near is None:
-        near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
-    if not near > 0:
-        raise ValueError(f"near must be a depth greater than 0 m, got {near}")
+    matrix, near = seen_from(mesh, camera, pose, near)
     corners = ((mesh.vertices - matrix[:3, 3]) @ matrix[:3, :3])[mesh.faces]
     a, b, c = corners.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
@@ -206,15 +214,7 @@ def images_of(
     is_drawn = (distance < 0) | (mesh.target_mask & (distance > 0)) if cull else distance != 0
 
     # A point (x, y, z) is in view where all of these are >= 0: beyond near, and within the image.
-    sides = np.array(
-        [
-            (0, 0, 1),
-            (camera.fx, 0, camera.cx),
-            (-camera.fx, 0, camera.width - camera.cx),
-            (0, camera.fy, camera.cy),
-            (0, -camera.fy, camera.height - camera.cy),
-        ]
-    )
+    sides = np.array([(0, 0, 1), *sides_of(camera)])
     offsets = np.array((near, 0, 0, 0, 0))
     inside = corners @ sides.T - offsets >= 0
     polygons = np.full(mesh.n_faces, shapely.Polygon(), dtype=object)

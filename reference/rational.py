@@ -35,8 +35,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
+from rastercov.reference.polygons import seen_from
 
 try:
     from gmpy2 import gcd, mpq, mpz
@@ -134,12 +134,7 @@ class View:
     def __init__(
         self, mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float | None
     ) -> None:
-        matrix = np.asarray(pose, dtype=np.float64)
-        if near is None:
-            near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
-        if not near > 0:
-            raise ValueError(f"near must be a depth greater than 0 m, got {near}")
-        camera.check_pinhole("a reference implementation wants a pinhole")
+        matrix, near = seen_from(mesh, camera, pose, near)
         self.mesh = mesh
         self.cull = cull
         self.faces: dict[int, Face | None] = {}

@@ -153,7 +153,9 @@ def case_of(rng, folder, *kinds):
     rc.write_poses(folder / "rig.json", places)
     plan = plan_of(table_of(rng, *kinds), folder / "plan.toml")
     mesh, plan, _ = named_scene(plan)
-    return Case(plan, mesh, places, plan.build_motion(mesh), plan.task.over or "some")
+    moving = PlanMotion.of(plan, mesh)
+    motion = None if moving is None else moving.motion
+    return Case(plan, mesh, places, motion, plan.task.over or "some")
 
 
 def is_near_level(mesh, task):

@@ -216,8 +216,7 @@ class Lamp:
         >>> bar.intensity_of_point  # cd of each of its points
         25.0
         """
-        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
-        return cls(**SHINES | {"kind": "bar", "size": (length, 0.0)} | given | more)
+        return cls._shining("bar", (length, 0.0), (intensity, power_w_sr, points), more)
 
     @classmethod
     def ring(
@@ -237,8 +236,7 @@ class Lamp:
         >>> rc.Lamp.ring(diameter=0.1, intensity=120).intensity_of_point
         10.0
         """
-        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
-        return cls(**SHINES | {"kind": "ring", "size": (diameter, 0.0)} | given | more)
+        return cls._shining("ring", (diameter, 0.0), (intensity, power_w_sr, points), more)
 
     @classmethod
     def dome(
@@ -251,8 +249,7 @@ class Lamp:
         **more: object,
     ) -> "Lamp":
         """Lamp of points on half a sphere behind its origin, which look at it; see `bar`."""
-        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
-        return cls(**SHINES | {"kind": "dome", "size": (diameter, 0.0)} | given | more)
+        return cls._shining("dome", (diameter, 0.0), (intensity, power_w_sr, points), more)
 
     @classmethod
     def area(
@@ -277,8 +274,15 @@ class Lamp:
         (16, 50.0)
         """
         size = width, width if height is None else height
-        given = {"intensity": intensity, "power_w_sr": power_w_sr, "points": points}
-        return cls(**SHINES | {"kind": "area", "size": size} | given | more)
+        return cls._shining("area", size, (intensity, power_w_sr, points), more)
+
+    @classmethod
+    def _shining(
+        cls, kind: str, size: Sequence[float], given: Sequence[object], more: dict[str, object]
+    ) -> "Lamp":
+        """Lamp of points that shines like a surface, by its intensity or power, and its points."""
+        own = dict(zip(("intensity", "power_w_sr", "points"), given, strict=True))
+        return cls(**SHINES | {"kind": kind, "size": size} | own | more)
 
     @property
     def unit(self) -> str:

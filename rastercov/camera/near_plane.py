@@ -200,6 +200,16 @@ def depth_range(
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
 
 
+def sides_of(camera: Camera) -> list[tuple[float, float, float]]:
+    """Half-spaces of the viewing pyramid: a point (x, y, z) is in view where none is below 0."""
+    return [
+        (camera.fx, 0, camera.cx),
+        (-camera.fx, 0, camera.width - camera.cx),
+        (0, camera.fy, camera.cy),
+        (0, -camera.fy, camera.height - camera.cy),
+    ]
+
+
 def nearest_depth_in_view(
     vertices: FloatArray,
     faces: IntArray,
@@ -214,13 +224,5 @@ def nearest_depth_in_view(
     """
     from rastercov.native.exact_depth import least_depth
 
-    sides = np.array(
-        [
-            (camera.fx, 0, camera.cx),
-            (-camera.fx, 0, camera.width - camera.cx),
-            (0, camera.fy, camera.cy),
-            (0, -camera.fy, camera.height - camera.cy),
-        ]
-    )
     scene = read_only(vertices, np.float64), read_only(faces, np.int64), read_only(pose, np.float64)
-    return least_depth(*scene, sides, float(near), float(enough))
+    return least_depth(*scene, np.array(sides_of(camera)), float(near), float(enough))

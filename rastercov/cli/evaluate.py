@@ -30,13 +30,13 @@ from rastercov.cli.console import (
     size_line,
     warn,
 )
-from rastercov.cli.inputs import SceneOptions, lit_by, poses_around, read_eyes
+from rastercov.cli.inputs import SceneOptions, lit_by, poses_around, read_eyes, read_moving
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.shards import Tally, Workers
 
 if TYPE_CHECKING:
-    from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.coverage.evaluation import Moving
     from rastercov.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder
@@ -129,12 +129,8 @@ def evaluate(
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
     rig, task = lit_by(eyes.rig, task, lamps)
-    moving = None
-    if motion is not None:
-        from rastercov.placement.plan.over_time import PlanMotion
-
-        moving = PlanMotion.read(motion, mesh, report.method)
-        mesh = moving.motion.mesh
+    moving = None if motion is None else read_moving(motion, mesh, report.method)
+    mesh = mesh if moving is None else moving.motion.mesh
     run_and_print(
         mesh,
         rig,
@@ -161,7 +157,7 @@ def run_and_print(
     workers: "Workers | None" = None,
     level: int | None = None,
     names: tuple[str, ...] = (),
-    moving: "PlanMotion | None" = None,
+    moving: "Moving | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text

@@ -35,6 +35,7 @@ from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
 
 if TYPE_CHECKING:
+    from rastercov.placement.plan.over_time import PlanMotion
     from rastercov.viewer.scene import Shown
 
 AROUND = ("sphere:", "turntable:")
@@ -137,12 +138,17 @@ def read_again(
         if isinstance(entries, list):
             kept[name] = [moved(entry) for entry in entries]
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
-    from rastercov.placement.plan.over_time import PlanMotion
-
     mesh = SceneOptions(**kept).read(meshes)
     found = {name: Path(now[file]) for name, file in others.items()}
-    moving = PlanMotion.read(found["motion"], mesh) if "motion" in found else mesh
+    moving = read_moving(found["motion"], mesh) if "motion" in found else mesh
     return moving, load_lamps(found["lamps"]) if "lamps" in found else None
+
+
+def read_moving(path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotion":
+    """The motion of a mesh by a file, see `MotionFile`."""
+    from rastercov.placement.plan.over_time import PlanMotion
+
+    return PlanMotion.read(path, mesh, method)
 
 
 def _is_further(name: str, meshes: list[Path]) -> bool:

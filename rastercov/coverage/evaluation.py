@@ -7,6 +7,7 @@ face.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,20 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by
 from rastercov.coverage.area.by_camera import ByCamera, doubts_of
 from rastercov.coverage.area.light import lit
-from rastercov.coverage.area.motion import MotionQuery, carriers, query_of, regions_of_frames
+from rastercov.coverage.area.motion import (
+    MOST_PICTURES,
+    MotionQuery,
+    carriers,
+    query_of,
+    regions_of_frames,
+)
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.over_time import OverTime, TimeAreas, check_over_time
+from rastercov.coverage.area.over_time import (
+    OverTime,
+    TimeAreas,
+    check_over_time,
+    evaluate_over_time,
+)
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
@@ -30,10 +42,15 @@ from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.provenance import provenance_of
+from rastercov.coverage.shards import is_long
 from rastercov.coverage.silhouettes import GroupViews, group_views
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.motion import Motion
+from rastercov.shards import Staff
+
+Moving = Motion | MotionQuery
+"""What moves, and perhaps for how long of it a point must be covered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +61,8 @@ class Query:
     ----------
     camera : Camera, Rig or sequence of Camera
         With the lamps that must light what they see.
-    motion : MotionQuery or None
-        Of the mesh, which is at rest.
+    motion : Moving or None
+        Of the mesh, which is at rest; `asked` is its query.
     by : {"area", "face"} or None
         Unit that is asked for.
     by_area : bool
@@ -59,8 +76,9 @@ class Query:
     poses: Poses
     task: Task
     engine: Engine = field(default_factory=Engine)
-    motion: MotionQuery | None = None
+    motion: Moving | None = None
     by: str | None = None
+    asked: MotionQuery | None = field(init=False, default=None)
     by_area: bool = field(init=False)
     by_face_because: str = field(init=False)
 
@@ -71,9 +89,25 @@ class Query:
         self.__dict__.update(by_area=unit == "area", by_face_because=why)
         if self.motion is not None:
             check_over_time(task)
-            carriers(self.motion, self.camera, self.poses[:0])  # refuses bodies
+            asked = self.__dict__["asked"] = query_of(self.motion, self.mesh)
+            carriers(asked, self.camera, self.poses[:0])  # refuses bodies
             if not self.by_area:
                 raise ConfigError(f"figures over time are by area; {why or 'leave out by face'}")
+
+    @property
+    def is_long(self) -> bool:
+        """True for a run that is kept in shards; see `shards.is_long`."""
+        if self.asked is None:
+            return is_long(len(self.poses), self.mesh.n_faces)
+        n_pictures = len(self.poses) * len(self.asked.motion)
+        return n_pictures > MOST_PICTURES or is_long(n_pictures, self.mesh.n_faces)
+
+    def over_time(self, poses: Poses, folder: Path | None, staff: Staff) -> AreaNetwork | None:
+        """Area by some of the poses over all frames; None where nothing moves."""
+        if self.asked is None:
+            return None
+        scene = self.asked, self.camera, poses, self.task, self.engine
+        return evaluate_over_time(*scene, folder, staff).areas
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -257,7 +291,7 @@ def regions(
     task: Task | None = None,
     *,
     lamps: Lamps | None = None,
-    motion: Motion | MotionQuery | None = None,
+    motion: Moving | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
 ) -> Regions:

@@ -23,14 +23,12 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint
 from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.light import lit
-from rastercov.coverage.area.motion import MotionQuery, check_pictures, query_of
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import evaluate_over_time
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Query
+from rastercov.coverage.evaluation import Evaluation, Moving, Query
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.judging import SUMMED, JudgedPoses, sums_of
 from rastercov.coverage.network import Network
@@ -39,7 +37,6 @@ from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.shards import ALONE, Staff, Workers
 
@@ -55,7 +52,7 @@ def evaluate(
     *,
     by: str | None = None,
     lamps: Lamps | None = None,
-    motion: Motion | MotionQuery | None = None,
+    motion: Moving | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
     skip_bad_poses: bool = False,
@@ -125,16 +122,15 @@ def evaluate(
     check_scene(mesh, camera)
     accepted, engine = Poses.of(poses, skip_bad=skip_bad_poses), Engine.of(method, threads)
     camera, task = lit(camera, Task() if task is None else task, lamps)
-    moving = None if motion is None else query_of(motion, mesh)
-    query = Query(mesh, camera, accepted, task, engine, moving, by)
+    query = Query(mesh, camera, accepted, task, engine, motion, by)
     if folder is not None:
         if fields:
             raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
         fields = ()
     elif workers is not None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    elif moving is not None:
-        check_pictures(moving, accepted)
+    elif query.asked is not None:
+        query.asked._check_held(accepted)
     names = checked_fields(fields)
     each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
     size = each * len(accepted) * mesh.n_faces
@@ -303,12 +299,8 @@ def answer(
             except KeyboardInterrupt:
                 interrupted = True
         seconds, info = time.perf_counter() - began, observer.info
-    areas = sums.areas
-    if query.motion is not None:
-        scene = query.motion, camera, sums.poses, task, query.engine
-        areas = evaluate_over_time(*scene, folder, staff).areas
     of_run = {
-        "areas": areas,
+        "areas": query.over_time(sums.poses, folder, staff) or sums.areas,
         "options": options,
         "pairs": pairs,
         "n_rows": 0 if table is None else table.n_rows,

@@ -2,8 +2,8 @@
 
 A long run writes what it has in shards, so that one which was ended continues where it was; and
 workers can make them. A folder holds the inputs (`rastercov.shards.inputs`) and, with the checksum
-of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions. Of a
-motion, a frame is the unit of a shard, in place of a pose.
+of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions.
+Frames are a unit in place of poses where `store_in` is given them.
 """
 
 import hashlib
@@ -18,13 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory
 from rastercov.base.output import is_own_folder, named_folder, own_folder, own_place, remove_folder
 from rastercov.base.versions import version_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, gates_of, gates_to_json
-from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.table import Regions, joined
 from rastercov.coverage.engine import Engine
@@ -35,11 +32,9 @@ from rastercov.coverage.provenance import sha256
 from rastercov.coverage.records import PairRows, Sums
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
-from rastercov.shards import ALONE, ShardStore, Staff, fill
+from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.inputs import (
     INPUTS,
-    POSES,
     Inputs,
     header_bytes,
     npz_bytes,
@@ -48,13 +43,12 @@ from rastercov.shards.inputs import (
     write_inputs,
 )
 from rastercov.shards.run import counted
-from rastercov.shards.store import DamagedError, whole
+from rastercov.shards.store import DamagedError
 from rastercov.shards.store import remove as remove_files
 
 LOG = logging.getLogger("rastercov")
 FUNCTION = "rastercov.coverage.shards:make"
-OF_FRAMES = "rastercov.coverage.shards:make_frames"
-"""Functions by which workers make a shard."""
+"""Function by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 19
 """Pose-face pairs of one shard: a tenth of a second of work or more, and some 50 MB of regions."""
 UNFINISHED = "unfinished"
@@ -74,10 +68,6 @@ OF_REGIONS = (
     *("area", "bound", "excess", "cut_short"),
 )
 """Arrays of `Regions` in a shard."""
-
-
-OF_MOTION = ("body", "world_from_body", "present")
-"""Arrays of a `Motion` that regions depend on."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +111,9 @@ class EvaluationShards:
         self, folder: Path, observer: Observer, poses: Poses, task: Task, wanted: Wanted
     ) -> None:
         self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
-        header = _header(observer, poses, task, wanted)
+        header = header_of(observer, poses, task, wanted)
         scene = observer.mesh, observer.camera, poses
-        self.store = _store_in(folder, header, len(poses), FUNCTION, scene)
+        self.store = store_in(folder, header, len(poses), FUNCTION, scene)
 
     @property
     def quarantined(self) -> dict[int, str]:
@@ -138,11 +128,11 @@ class EvaluationShards:
         def make(number: int, did: Callable[[int], None]) -> bytes:
             poses = self.poses[store.rows(number)]
             arrays = _measured(self.observer, poses, self.task, self.wanted, did)
-            made[number] = _packed(store.folder, number, arrays)
+            made[number] = packed(store.folder, number, arrays)
             return made[number]
 
-        for number in fill(store, make, partial(_unpacked, store), staff):
-            arrays = _unpacked(store, number, made.pop(number, None))
+        for number in fill(store, make, partial(unpacked, store), staff):
+            arrays = unpacked(store, number, made.pop(number, None))
             yield self._part(arrays, self.poses[store.rows(number)])
 
     def _part(self, arrays: dict[str, NDArray[Any]], poses: Poses) -> JudgedPoses:
@@ -164,74 +154,12 @@ class EvaluationShards:
         )
 
 
-def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Regions:
-    """Regions of all frames, to the bit those of one run, by way of shards of some frames each.
-
-    Parameters
-    ----------
-    job : Frames
-    folder : Path
-        As of `EvaluationShards`; shards of each motion are in a folder of their own, and stay.
-    staff : Staff
-        Processes that measure.
-
-    Raises
-    ------
-    ConfigError
-        For a frame that kills its process.
-    ResourceError
-        When the regions are more than the memory holds.
-    """
-    motion, scene = job.motion, (job.motion.mesh, job.camera, job.placed)
-    wanted, rows = Wanted(job.engine, True), np.arange(len(motion))
-    tables = {name: getattr(motion, name) for name in OF_MOTION}
-    tables |= {"carried": job.carried, "source": job.source}
-    with open_for(motion.mesh, job.camera, job.task, wanted) as observer:
-        header = _header(observer, job.placed, job.task, wanted)
-    size = max(1, PAIRS_A_SHARD // max(1, motion.mesh.n_faces * len(job.placed)))
-    header |= {"bodies": motion.names, "motion": sha256(*tables.values()), "poses_a_shard": size}
-    store = _store_in(folder, header, len(motion), OF_FRAMES, scene, **tables)
-
-    def make(number: int, did: Callable[[int], None]) -> bytes:
-        arrays = _of_frames(job, some := rows[store.rows(number)])
-        did(len(some))
-        return _packed(store.folder, number, arrays)
-
-    numbers = list(fill(store, make, partial(_unpacked, store), staff))
-    if left := store.quarantined():
-        frame, end = next(iter(left.items()))
-        raise ConfigError(
-            f"frame {frame} of the motion: its process {end}; leave the frame out, or remove "
-            f"{store.folder} and take fewer workers, so that each has more memory"
-        )
-    n_bytes = sum((store.folder / store.name(number)).stat().st_size for number in numbers)
-    check_memory(f"regions of {job.source.size:,} pictures", 2 * n_bytes, "take fewer frames")
-    parts = []
-    for number in numbers:
-        own: Any = _unpacked(store, number)
-        eyes = np.full((len(own["pose_ids"]), 3), np.nan)
-        own |= {"mesh": motion.mesh, "camera": job.camera, "task": job.task}
-        parts.append(Regions(eyes=eyes, **own))
-    return joined(parts)
-
-
-def make_frames(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
-    """Content of a shard of frames, as `rastercov.shards.ShardStore` wants it."""
-    return _packed(folder, number, _of_frames(_opened_frames(folder), chosen))
-
-
-def _of_frames(job: Frames, rows: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    """Arrays of a shard of some frames."""
-    found = job.regions(rows)
-    return _joined_regions([found]) | {"pose_ids": found.pose_ids}
-
-
-def _packed(folder: Path, number: int | None, arrays: Mapping[str, NDArray[Any]]) -> bytes:
+def packed(folder: Path, number: int | None, arrays: Mapping[str, NDArray[Any]]) -> bytes:
     """File of a shard, with the run in the folder and the number that it is of."""
     return npz_bytes({**arrays, "of": np.array(f"{folder.name} {number}")})
 
 
-def _unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, NDArray[Any]]:
+def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, NDArray[Any]]:
     """Arrays of a shard; DamagedError for one of another run, and as of `ShardStore.read`."""
     arrays = read_npz(data or store.read(number) or b"")
     if str(arrays.pop("of", "")) != f"{store.folder.name} {number}":
@@ -240,16 +168,7 @@ def _unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict
     return arrays
 
 
-@opened_once
-def _opened_frames(folder: Path, inputs: Inputs) -> Frames:
-    tables, (task, wanted) = read_npz(whole(folder, POSES)), _asked(inputs)
-    own = [tables[name] for name in OF_MOTION]
-    motion = Motion._made(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
-    scene = motion, inputs.cameras, inputs.poses
-    return Frames(*scene, task, wanted.engine, tables["carried"], tables["source"])
-
-
-def _store_in(
+def store_in(
     above: Path,
     header: Mapping[str, Any],
     n: int,
@@ -310,7 +229,7 @@ def is_long(n_poses: int, n_faces: int) -> bool:
 def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     """Content of a shard, as `rastercov.shards.ShardStore` wants it."""
     observer, poses, task, wanted = _opened(folder)
-    return _packed(folder, number, _measured(observer, poses[chosen], task, wanted))
+    return packed(folder, number, _measured(observer, poses[chosen], task, wanted))
 
 
 def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observer:
@@ -323,17 +242,19 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observe
 @opened_once
 def _opened(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
     """Observer of a folder, its poses, thresholds and figures."""
-    task, wanted = _asked(inputs)
+    task, wanted = asked_of(inputs)
     return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
 
 
-def _asked(inputs: Inputs) -> tuple[Task, Wanted]:
+def asked_of(inputs: Inputs) -> tuple[Task, Wanted]:
+    """Thresholds and figures of a folder."""
     entries = inputs.header["wanted"]
     engine = Engine(**entries["engine"] | {"threads": 1})
     return Task(**inputs.header["task"]), Wanted(**entries | {"engine": engine})
 
 
-def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
+def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
+    """Entries of the header of a folder, ready for JSON."""
     engine = replace(wanted.engine, threads=None)
     return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
         "wanted": asdict(replace(wanted, engine=engine))
@@ -381,7 +302,7 @@ def _measured(
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _joined(poses, batches)
     if wanted.by_area:
-        arrays |= _below("regions", _joined_regions([batch.regions for batch in batches]))
+        arrays |= _below("regions", arrays_of_regions([batch.regions for batch in batches]))
     return arrays
 
 
@@ -412,7 +333,7 @@ def _under(path: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[A
     return {name[len(own) :]: array for name, array in arrays.items() if name.startswith(own)}
 
 
-def _joined_regions(found: Sequence[Any]) -> dict[str, NDArray[Any]]:
+def arrays_of_regions(found: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """Arrays of the regions of several batches, as those of one."""
     both = joined(found)
     return {name: np.asarray(getattr(both, name)) for name in OF_REGIONS}

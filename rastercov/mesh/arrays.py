@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, owned
-from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points, owned
+from rastercov.base.errors import ConfigError, MeshError, ResourceError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
 LEAST_SINE = 8 * float(np.finfo(np.float64).eps)
 """Sine of the angle between two edges below which the normal is only rounding."""
+RIGID = 1e-9
+"""Difference from a rotation below which a matrix is one; it is made orthogonal."""
 
 
 def some(mask: BoolArray) -> str:
@@ -126,10 +128,15 @@ def unit(vectors: ArrayLike) -> FloatArray:
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
 
 
+def cross_matrix(axis: FloatArray) -> FloatArray:
+    """(3, 3) matrix by which a vector becomes the cross product of an axis, (3,), and it."""
+    x, y, z = axis
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
 def rotation_about(axis: ArrayLike, angle: float) -> FloatArray:
     """(3, 3) rotation by radians, counter-clockwise seen against an axis of length above 0."""
-    x, y, z = unit(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = cross_matrix(unit(axis))
     # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
@@ -172,3 +179,25 @@ def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> Bo
         volume += np.bincount(part[block], term, n_parts)
         scale += np.bincount(part[block], np.abs(term), n_parts)
     return volume > 1e-12 * scale
+
+
+def checked_poses(name: str, given: ArrayLike) -> FloatArray:
+    """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError for what is no rigid motion."""
+    rigid = "(T, 4, 4) rigid motions"
+    wanted = f"{name} must be {rigid}"
+    array = checked_array(name, given, "iuf", rigid, ConfigError)
+    array = finite_points(name, array[None] if array.ndim == 2 else array, (-1, 4, 4), rigid)
+    if not len(array):
+        raise ConfigError(f"{wanted}, got none")
+    turns = array[:, :3, :3]
+    with np.errstate(all="ignore"):
+        off = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        is_rigid = (off <= RIGID) & (np.linalg.det(turns) > 0)
+    is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
+    if not is_rigid.all():
+        raise ConfigError(f"{wanted}: pose {int(is_rigid.argmin())} is none")
+    found = array.copy()
+    moved = off > 1e-15
+    u, _, vt = np.linalg.svd(turns[moved])
+    found[moved, :3, :3] = u @ vt
+    return found

@@ -9,12 +9,14 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE
 from rastercov.base.errors import MeshError
+from rastercov.base.files import StrPath
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import frozen, matrices_of
@@ -39,6 +41,55 @@ OF_EVERY_POSE = (
 """Derived arrays of a mesh that no rigid motion of its bodies changes."""
 LEAST_ROOM = 1024
 """Pairs of faces of two bodies that are listed at least."""
+
+
+class JointPath(NamedTuple):
+    """Configurations of a robot, one a frame.
+
+    Attributes
+    ----------
+    joints : (T, J) float64
+        Radians, or metres of prismatic joints, in the order of its `joint_names`.
+    duration : (T,) float64
+        Weight of each, such as seconds; 1 unless the file has it, or times.
+    """
+
+    joints: FloatArray
+    duration: FloatArray
+
+
+class Jointed(Protocol):
+    """Bodies on joints, such as a `Robot`: its links are groups of `mesh`."""
+
+    @property
+    def name(self) -> str:
+        """Its name, before those of its bodies."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """All bodies at rest."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints, J of them."""
+
+    @property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """Kind of each joint: "revolute", "continuous" or "prismatic"."""
+
+    @property
+    def limits(self) -> FloatArray:
+        """(J, 2) least and greatest value of each."""
+
+    @property
+    def rest(self) -> FloatArray:
+        """(J,) values at rest."""
+
+    def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
+        """Poses of each body that moves, from rest, by (T, J) values of joints."""
+
+    def read_path(self, path: StrPath) -> JointPath:
+        """Values of the joints by a file."""
 
 
 class Moved(NamedTuple):

@@ -183,9 +183,7 @@ class Collisions(InOneLine):
         """
         if not most > 0:
             raise ConfigError(f"most must be above 0, got {shown(most)}")
-        frames: dict[str, Any] = self.robot.frames(joints)
-        n = len(next(iter(frames.values())))
-        frames[SCENE] = np.broadcast_to(np.eye(4), (n, 4, 4))
+        frames, n = self._frames(joints)
         found = np.full(n, float(most))
         contact = CONTACT_REL * self.robot.mesh.diagonal
         for one, other in self.pairs:
@@ -194,6 +192,12 @@ class Collisions(InOneLine):
             found[found <= contact] = 0.0
         found[self._is_inside(frames, found > 0)] = 0.0
         return found
+
+    def _frames(self, joints: ArrayLike) -> tuple[dict[str, FloatArray], int]:
+        """Poses of the links and of the scene in each of N configurations, and N."""
+        frames = self.robot.frames(joints)
+        n = len(next(iter(frames.values())))
+        return frames | {SCENE: np.broadcast_to(np.eye(4), (n, 4, 4))}, n
 
     def _is_inside(self, frames: dict[str, Any], rows: BoolArray) -> BoolArray:
         """(N,) True where a part of a link is in matter, or a part of the scene is in a link."""
@@ -226,9 +230,7 @@ class Collisions(InOneLine):
 
         Those of the greatest depth; without a depth, those that are nearest to each other.
         """
-        frames: dict[str, Any] = self.robot.frames(joints)
-        n = len(next(iter(frames.values())))
-        frames[SCENE] = np.broadcast_to(np.eye(4), (n, 4, 4))
+        frames, n = self._frames(joints)
         apart, depth = np.full((2, len(self.pairs), n), np.inf)
         group = np.full((len(self.pairs), n), -1)
         for row, (one, other) in enumerate(self.pairs):

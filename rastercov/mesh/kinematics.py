@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.mesh.arrays import cross_matrix
 from rastercov.mesh.formats.urdf import Joint
 
 MET = 1e-6
@@ -68,8 +69,7 @@ class Kinematics:
         """Matrices K and K^2 of Rodrigues' formula, by joint."""
         found = {}
         for each in self.joints:
-            x, y, z = each.axis
-            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            cross = cross_matrix(each.axis)
             found[each.name] = cross, cross @ cross
         return found
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,82 +18,21 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.files import StrPath
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
-from rastercov.mesh.arrays import frozen, rotation_about, unit
+from rastercov.mesh.arrays import checked_poses, frozen, rotation_about, unit
 from rastercov.mesh.bodies import Rest, moved_boxes
+from rastercov.mesh.columns import MOST_FRAMES
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import Mesh, names_of
 
-MOST_FRAMES = 10_000
-"""Frames of a motion."""
 MOST_UNITS = 10_000
 """Units of time of all frames together."""
 MOST_RESTS = 8
 """Sets of bodies that are there together whose data at rest are kept."""
 ROUNDING = 1e-9
 """Difference of a duration from a multiple of the unit, relative to it, that is rounding."""
-RIGID = 1e-9
-"""Difference from a rotation below which a matrix is one; it is made orthogonal."""
-
-
-class JointPath(NamedTuple):
-    """Configurations of a robot, one a frame.
-
-    Attributes
-    ----------
-    joints : (T, J) float64
-        Radians, or metres of prismatic joints, in the order of its `joint_names`.
-    duration : (T,) float64
-        Weight of each, such as seconds; 1 unless the file has it, or times.
-    """
-
-    joints: FloatArray
-    duration: FloatArray
-
-
-class Jointed(Protocol):
-    """Bodies on joints, such as a `Robot`: its links are groups of `mesh`."""
-
-    @property
-    def name(self) -> str:
-        """Its name, before those of its bodies."""
-        ...
-
-    @property
-    def mesh(self) -> Mesh:
-        """All bodies at rest."""
-        ...
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Joints, J of them."""
-        ...
-
-    @property
-    def joint_kinds(self) -> tuple[str, ...]:
-        """Kind of each joint: "revolute", "continuous" or "prismatic"."""
-        ...
-
-    @property
-    def limits(self) -> FloatArray:
-        """(J, 2) least and greatest value of each."""
-        ...
-
-    @property
-    def rest(self) -> FloatArray:
-        """(J,) values at rest."""
-        ...
-
-    def poses(self, joints: ArrayLike) -> dict[str, FloatArray]:
-        """Poses of each body that moves, from rest, by (T, J) values of joints."""
-        ...
-
-    def read_path(self, path: StrPath) -> JointPath:
-        """Values of the joints by a file."""
-        ...
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -392,13 +331,18 @@ def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray
     return poses
 
 
-def _still(steps: int) -> FloatArray:
+def checked_steps(steps: int) -> int:
+    """Number of frames; ConfigError for what is none."""
     number = finite_number(steps)
     if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
         raise ConfigError(
             f"steps must be a whole number of 1 to {MOST_FRAMES:,}, got {shown(steps)}"
         )
-    return np.tile(np.eye(4), (int(number), 1, 1))
+    return int(number)
+
+
+def _still(steps: int) -> FloatArray:
+    return np.tile(np.eye(4), (checked_steps(steps), 1, 1))
 
 
 def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
@@ -407,25 +351,3 @@ def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
     if not math.isfinite(whole):
         raise ConfigError(f"a motion goes a finite way, got {shown(total)}")
     return np.linspace(0.0, whole, n, endpoint=not is_closed)
-
-
-def checked_poses(name: str, given: ArrayLike) -> FloatArray:
-    """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError for what is no rigid motion."""
-    rigid = "(T, 4, 4) rigid motions"
-    wanted = f"{name} must be {rigid}"
-    array = checked_array(name, given, "iuf", rigid, ConfigError)
-    array = finite_points(name, array[None] if array.ndim == 2 else array, (-1, 4, 4), rigid)
-    if not len(array):
-        raise ConfigError(f"{wanted}, got none")
-    turns = array[:, :3, :3]
-    with np.errstate(all="ignore"):
-        off = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
-        is_rigid = (off <= RIGID) & (np.linalg.det(turns) > 0)
-    is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
-    if not is_rigid.all():
-        raise ConfigError(f"{wanted}: pose {int(is_rigid.argmin())} is none")
-    found = array.copy()
-    moved = off > 1e-15
-    u, _, vt = np.linalg.svd(turns[moved])
-    found[moved, :3, :3] = u @ vt
-    return found

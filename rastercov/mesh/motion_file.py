@@ -9,20 +9,16 @@ metres, NAME.qw ... NAME.qz, a quaternion of length 1 within `OFF_UNIT`, and NAM
 those left out is 0, no turn, and there.
 """
 
-import csv
-import io
-from collections.abc import Mapping
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.files import (
     LARGEST_ARRAY,
-    LARGEST_NUMBER,
     StrPath,
     UnreadableError,
     file_bytes,
@@ -32,13 +28,13 @@ from rastercov.base.files import (
 )
 from rastercov.base.memory import FloatArray
 from rastercov.mesh.arrays import rotations_of_quaternions, unit
-from rastercov.mesh.formats import animation_of, metres_per
+from rastercov.mesh.columns import TIMES, columns_of, durations_of
+from rastercov.mesh.formats import metres_per, of_gltf
+from rastercov.mesh.formats.gltf_animation import read_animation
 from rastercov.mesh.mesh import Mesh
-from rastercov.mesh.motion import MOST_FRAMES, Motion
+from rastercov.mesh.motion import Motion, checked_steps
 
 PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
-TIMES = ("time", "duration")
-"""Columns that say when a frame begins, or its weight."""
 COLUMNS = (*PLACE, *TURN, "present")
 OF_GLTF = (".glb", ".gltf")
 OFF_UNIT = 1e-3
@@ -109,10 +105,8 @@ def read_gltf_motion(
     `world_from_file`, (4, 4), is where the mesh has the file, in metres; groups that move alike are
     one body.
     """
-    number = finite_number(steps)
-    if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
-        raise ConfigError(f"steps must be 1 to {MOST_FRAMES:,}, got {shown(steps)}")
-    found = animation_of(path, animation, int(number))
+    count = checked_steps(steps)
+    found = of_gltf(path, partial(read_animation, name=animation, steps=count))
     name, stem = printable(Path(path).name), printable(Path(path).stem)
     poses = found.poses.copy()
     poses[:, :, :3, 3] *= metres_per(unit)
@@ -176,50 +170,6 @@ def _of_json(content: object) -> dict[str, Any]:
     return {"bodies": bodies, "present": present} | durations_of(content)
 
 
-def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
-    """`durations` of a table that has some, or from its `times`, at which frames begin."""
-    if "times" not in content:
-        return {"durations": content["durations"]} if "durations" in content else {}
-    if "durations" in content:
-        raise ConfigError("times and durations exclude each other; give one of them")
-    given = content["times"]
-    if not isinstance(given, list) or not given:
-        raise ConfigError(f"times must be a list of numbers, got {shown(given)}")
-    times = [finite_number(each) for each in given]
-    if not np.isfinite(times).all():
-        raise ConfigError(f"times must be finite numbers, got {shown(given)}")
-    for row, (before, after) in enumerate(pairwise(times), start=1):
-        if not after > before:
-            raise ConfigError(f"times must rise, got {after:g} after {before:g} in frame {row}")
-    lengths = np.diff(times).tolist() or [1.0]
-    return {"durations": [*lengths, lengths[-1]][: len(times)]}
-
-
-def columns_of(text: str) -> dict[str, list[float]]:
-    """Columns of numbers of a CSV table by name, a row a frame; ConfigError for what is none."""
-    try:
-        rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
-    except csv.Error as error:
-        raise ConfigError(f"not a table of CSV ({error})") from None
-    if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
-        raise ConfigError(f"wanted a row of names and 1 to {MOST_FRAMES:,} frames")
-    names = [name.strip() for name in rows[0]]
-    if len(set(names)) < len(names):
-        raise ConfigError("two columns have one name")
-    if uneven := [frame for frame, row in enumerate(rows[1:]) if len(row) != len(names)]:
-        raise ConfigError(f"frame {uneven[0]}: wanted {len(names)} numbers, as there are names")
-    columns: dict[str, list[float]] = {}
-    for at, name in enumerate(names):
-        columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
-        is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
-        if not is_usable.all():
-            raise ConfigError(
-                f"column {shown(name)}, frame {int(is_usable.argmin())}: a number within "
-                f"±{LARGEST_NUMBER:g} wanted, got {shown(rows[1 + int(is_usable.argmin())][at])}"
-            )
-    return columns
-
-
 def _of_csv(text: str) -> dict[str, Any]:
     columns = columns_of(text)
     table: dict[str, Any] = {}
@@ -243,13 +193,6 @@ def _of_csv(text: str) -> dict[str, Any]:
         name: np.array(own["present"]) != 0 for name, own in bodies.items() if "present" in own
     }
     return {"bodies": poses, "present": present} | durations_of(table)
-
-
-def _number(text: str) -> Any:
-    try:
-        return None if "_" in text else float(text)  # Python's 1_000
-    except ValueError:
-        return None
 
 
 def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:

@@ -25,15 +25,15 @@ from rastercov.base.files import (
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
-from rastercov.mesh.arrays import frozen, unit
+from rastercov.mesh.arrays import checked_poses, frozen, unit
+from rastercov.mesh.bodies import JointPath
+from rastercov.mesh.columns import TIMES, columns_of, durations_of
 from rastercov.mesh.formats import FREE_FACES, MEMORY_BUDGET, urdf
 from rastercov.mesh.formats.polygons import LONGEST_NAME, PEAK_BYTES_PER_FACE, check_budget
 from rastercov.mesh.formats.urdf import Joint, Shape
 from rastercov.mesh.groups import Group
 from rastercov.mesh.kinematics import Kinematics, Solutions
 from rastercov.mesh.mesh import Mesh
-from rastercov.mesh.motion import JointPath, checked_poses
-from rastercov.mesh.motion_file import TIMES, columns_of, durations_of
 from rastercov.mesh.shapes import box, sphere
 
 GEOMETRIES = ("collision", "visual")

@@ -49,7 +49,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-from rastercov.shards import Made, Staff, Workers
+from rastercov.shards import Made, Progress, Staff, Workers
 
 PROOF_SECONDS = 30.0
 """Wall time in which the smallest subset is to be proved."""
@@ -318,7 +318,7 @@ def audit(
     resolution_of_result: float | None = None,
     method: str | Engine = "certified",
     skip_bad_poses: bool = False,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
     folder: str | Path | None = None,
     workers: Workers | None = None,
     watch: Callable[[Made], None] = lambda made: None,

@@ -53,7 +53,7 @@ from rastercov.placement.matrix_folder import (
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Made, Staff, Workers
+from rastercov.shards import Made, Progress, Staff, Workers
 from rastercov.shards.run import counted
 from rastercov.shards.store import Note, remove_halves
 
@@ -235,7 +235,7 @@ def build_matrix(
     bounds: CandidateBounds | None = None,
     mounts: Mounts | None = None,
     workers: Workers | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
     note: Note = LOG.warning,
 ) -> VisibilityMatrix:

@@ -14,7 +14,7 @@ occluder, which would take one run for every pair of groups. A face takes 0.3 ms
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from enum import IntEnum
@@ -40,6 +40,7 @@ from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.groups import at_level, rows_at
 from rastercov.raster.observation import BoundKind
+from rastercov.shards import Progress
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -112,7 +113,7 @@ def in_front(
     mesh: Mesh,
     eyes: FloatArray,
     faces: IntArray,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> FloatArray:
     """(N, G) share of the area of each face that each group hides from a point.
 
@@ -299,7 +300,7 @@ def what_is_left(
     *,
     candidates: ArrayLike | Poses | None = None,
     covered: ArrayLike | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> Leftover:
     """Uncovered faces of a network, with reasons.
 
@@ -357,7 +358,7 @@ def left_by(
     nearest: IntArray,
     covered: NDArray[Any],
     candidates: Poses,
-    progress: Callable[[int, int], None],
+    progress: Progress,
     bounds: CandidateBounds | None = None,
 ) -> Leftover:
     """`what_is_left` of a network that was measured before.

@@ -47,17 +47,15 @@ from rastercov.camera.rig import (
     names_of_poses,
 )
 from rastercov.coverage.area.by_camera import lines_of
-from rastercov.coverage.area.motion import MOST_PICTURES, MotionQuery
-from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Query, regions
+from rastercov.coverage.evaluation import Evaluation, Moving, Query, regions
 from rastercov.coverage.job import answer, evaluate
 from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import is_long, kept_in, remove
+from rastercov.coverage.shards import kept_in, remove
 from rastercov.coverage.silhouettes import check_groups
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -78,8 +76,7 @@ from rastercov.report.coverage_files import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
-from rastercov.report.motion import animated
-from rastercov.report.network_page import OF_SENSORS, NetworkPage
+from rastercov.report.network_page import OF_SENSORS, NetworkPage, additions_of
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import ALONE, Staff
@@ -180,7 +177,7 @@ def run(
     staff: Staff = ALONE,
     level: int | None = None,
     names: Sequence[str] = (),
-    moving: MotionQuery | None = None,
+    moving: Moving | None = None,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -206,8 +203,8 @@ def run(
         Of the parts in the table of the page, as of `coverage.parts.entries_at`.
     names : sequence of str
         Name of the image of each pose without fault; see `names_of_poses`.
-    moving : MotionQuery, optional
-        Motion of bodies. Areas are over time then; figures by face and of single poses, and their
+    moving : Moving, optional
+        Areas are over time then; figures by face and of single poses, and their
         pictures, are those at rest.
 
     Returns
@@ -239,9 +236,7 @@ def run(
             check_groups(options.engine)
             pairs = "none"
         table = partial(_open_table, folder, mesh, camera, accepted, query.by_area)
-        n_pictures = len(accepted) * (1 if moving is None else len(moving.motion))
-        is_kept = staff.workers is not None or is_long(n_pictures, mesh.n_faces)
-        is_kept |= moving is not None and n_pictures > MOST_PICTURES
+        is_kept = staff.workers is not None or query.is_long
         found = answer(
             query,
             pairs=pairs,
@@ -268,7 +263,6 @@ def _write(
 ) -> dict[str, Any]:
     """Write what was found with poses of some names, some drawn; content of `summary.json`."""
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
-    timed = areas.over_time if isinstance(areas, TimeAreas) else None
     with interrupts_held():
         summary = found.summary()
         if groups is not None:
@@ -279,9 +273,9 @@ def _write(
             summary["group_views"] = [dict(zip(groups, row, strict=True)) for row in rows]
     try:
         if len(drawn) and not found.interrupted:
-            own = regions_of(found) if timed is None else timed.alone()
+            own, is_timed = regions_of(found), "over_time" in summary
             # Otherwise the page does without the area of each.
-            has_all = timed is None and (areas is None or own is not None) and not gates_of(camera)
+            has_all = not is_timed and (areas is None or own is not None) and not gates_of(camera)
             some, parts = (poses, own) if has_all else (drawn, alone_of(found, drawn))
             title = f"Coverage of {title_of(summary['run'], folder.path.resolve().name)}"
             shown = replace(network_of(found, summary, title, own, names), level=level)
@@ -295,15 +289,13 @@ def _write(
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
         else:
             if has_parquet():
-                from rastercov.report.parquet import write_areas
+                from rastercov.report.parquet import write_areas, write_frames
 
                 um = found.apart.uncertainty_um
                 write_areas(folder.file("areas.parquet"), mesh, areas.covered, um)
-            if timed is not None and has_parquet():
-                from rastercov.report.parquet import write_frames
-
-                write_frames(folder.file("frames.parquet"), timed.table())
-            additions = [] if timed is None else [animated(timed.motion)]
+                if of_time := summary.get("over_time"):
+                    write_frames(folder.file("frames.parquet"), of_time["by_frame"])
+            additions = additions_of(areas)
             if (lamps := lamps_of(camera)) is not None:
                 additions.append(lamps._to_gltf)
             write_covered_mesh(folder.file("network.glb"), areas.covered, additions)
@@ -410,7 +402,8 @@ def regions_of(found: Evaluation) -> Regions | None:
     most = max(MOST_POSES, MOST_AREAS // found.mesh.n_faces)
     if found.areas is None or len(found.poses) > most:
         return None
-    return regions(found.mesh, found.camera, found.poses, found.task, method=found.engine)
+    scene = found.mesh, found.camera, found.poses, found.task
+    return found.areas.parts(partial(regions, *scene, method=found.engine))
 
 
 def alone_of(found: Evaluation, poses: Poses) -> Regions | None:

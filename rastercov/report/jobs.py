@@ -5,7 +5,7 @@ their modules when they are called.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import NoneType
@@ -22,7 +22,7 @@ from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.shards import Workers
+from rastercov.shards import Progress, Workers
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -194,7 +194,7 @@ def audit(
     suggest: int | None = None,
     out: StrPath | None = None,
     workers: Workers | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> "Reconstruction":
     """Coverage of a surface by existing cameras, and what each of them adds.
 

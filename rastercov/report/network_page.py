@@ -38,8 +38,9 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
+from rastercov.report.coverage_files import Addition
 from rastercov.report.modes import MODES, OfCameras, OfLight, OfUnit, mode_picture, of_devices
-from rastercov.report.motion import shown
+from rastercov.report.motion import animated, shown
 from rastercov.report.over_time import curve_points, frames_picture, time_picture
 from rastercov.report.overview import (
     Overview,
@@ -78,6 +79,11 @@ SMALL = 0.1
 """Largest coordinate of cameras that are in a table in millimetres, m."""
 LEAST_LOST_REL = 1e-9
 """Area, relative to the task, below which a camera could be left out: rounding of the union."""
+
+
+def additions_of(areas: AreaNetwork) -> list[Addition]:
+    """What its features add to the glTF file of a network: the animation of bodies."""
+    return [animated(areas.over_time.motion)] if isinstance(areas, TimeAreas) else []
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,11 +30,11 @@ from rastercov.placement.plan.network import (
     Requirement,
     views_by_group,
 )
-from rastercov.placement.plan.prepare import Progress
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import Volume
+from rastercov.shards import Progress
 
 VERDICTS = {HOLDS: True, FAILS: False, UNDECIDED: None}
 SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)

@@ -15,9 +15,19 @@ process.py      processes of this machine, called through pipes
 inputs.py       header, mesh, cameras and poses in the folder of a store
 """
 
-from rastercov.shards.run import ALONE, Staff, fill, make_shards
+from rastercov.shards.run import ALONE, Progress, Staff, fill, make_shards
 from rastercov.shards.store import ShardStore
 from rastercov.shards.work import Made, Tally
 from rastercov.shards.workers import Workers
 
-__all__ = ["ALONE", "Made", "ShardStore", "Staff", "Tally", "Workers", "fill", "make_shards"]
+__all__ = [
+    "ALONE",
+    "Made",
+    "Progress",
+    "ShardStore",
+    "Staff",
+    "Tally",
+    "Workers",
+    "fill",
+    "make_shards",
+]

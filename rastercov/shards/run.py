@@ -28,6 +28,8 @@ LOST = "lost"
 """Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
 STAY = "shards that were made stay: run again"
 FULL = (errno.ENOSPC, errno.EDQUOT)
+Progress = Callable[[int, int], None]
+"""Called with what is done and what there is in all."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Staff:
     """
 
     workers: Workers | None = None
-    progress: Callable[[int, int], None] = lambda done, total: None
+    progress: Progress = lambda done, total: None
     watch: Callable[[Made], None] = lambda made: None
     note: Note = logging.getLogger("rastercov").warning
 
@@ -100,9 +102,7 @@ def fill(
         yield number
 
 
-def counted(
-    n_poses: int, progress: Callable[[int, int], None], done: int = 0
-) -> Callable[[int], None]:
+def counted(n_poses: int, progress: Progress, done: int = 0) -> Callable[[int], None]:
     """Function of a number of poses, which tells `progress` how many are done of all so far."""
 
     def did(number: int) -> None:

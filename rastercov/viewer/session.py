@@ -506,7 +506,8 @@ class Session:
             moving = self.scene.moving_with(rig)
             if moving is None:
                 raise ConfigError("nothing moves; open a plan or result with motion")
-            self._shares = state, moving.evaluate(rig, poses, state.task).share_of_time()
+            areas = moving.areas(rig, poses, state.task)
+            self._shares = state, areas.over_time.share_of_time()
         return self._shares[1]
 
     def _segmented(self, alpha: float, beta: float) -> Segmentation:

@@ -10,6 +10,7 @@ from timed import evaluate_over_time
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage import shards
+from rastercov.coverage.area import over_time
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.shards.store import store
 
@@ -34,7 +35,7 @@ def motion_of(n=7, there=None, **options):
 @pytest.fixture(autouse=True)
 def small_shards(monkeypatch):
     """Shards of two frames of four poses; workers read their size from the header."""
-    monkeypatch.setattr(shards, "PAIRS_A_SHARD", 8 * MESH.n_faces)
+    monkeypatch.setattr(over_time, "PAIRS_A_SHARD", 8 * MESH.n_faces)
 
 
 def same(one, other):
@@ -111,7 +112,7 @@ class EndedError(Exception):
 
 
 def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, monkeypatch):
-    measured, calls, last = shards._of_frames, [], [[4, 5]]
+    measured, calls, last = over_time._of_frames, [], [[4, 5]]
 
     def counted(job, rows):
         calls.append(rows.tolist())
@@ -120,7 +121,7 @@ def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, mon
             raise EndedError
         return measured(job, rows)
 
-    monkeypatch.setattr(shards, "_of_frames", counted)
+    monkeypatch.setattr(over_time, "_of_frames", counted)
     scene = CAMERA, CAMERAS, TASK
     with pytest.raises(EndedError):
         evaluate_over_time(motion_of(), *scene, folder=tmp_path)

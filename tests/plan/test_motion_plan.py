@@ -54,7 +54,7 @@ def changed(**sections):
 def exact(placed, over=0.9):
     """Covered share of the chosen cameras, from the regions of the same motion."""
     mesh, plan, _ = named_scene(plan_of(PLAN))
-    motion = plan.build_motion(mesh)
+    motion = PlanMotion.of(plan, mesh).motion
     found = evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
     return found.share()
 
@@ -106,7 +106,7 @@ def test_a_camera_on_a_body_is_carried():
     mesh, plan, _ = named_scene(plan_of(changed(camera=camera)))
     own = PlanMotion.of(plan, mesh)
     pose = rc.look_at(eyes=[(0, 0, 5)], targets=(0, 0, 0), up=(0, 1, 0))
-    found = own.evaluate(plan.rig, rc.Poses.of(pose), plan.build_task())
+    found = own.areas(plan.rig, rc.Poses.of(pose), plan.build_task()).over_time
     by_hand = [
         rc.regions(own.motion.frame(row)[0], plan.rig, p[None], plan.build_task()).areas().sum()
         for row, p in enumerate(own.motion.poses_of("plate") @ pose[0])
@@ -136,7 +136,8 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
         [rc.Lamp.spot(40, intensity=900)], rc.look_at((0, -1.5, 3), (0, 0, 0), up=(0, -1, 0))
     )
     exact_share = evaluate_over_time(
-        plan.build_motion(mesh), plan_of(PLAN).rig, found.cameras.placed, plan.build_task(), 0.9,
+        PlanMotion.of(plan, mesh).motion, plan_of(PLAN).rig, found.cameras.placed,
+        plan.build_task(), 0.9,
         lamps=lamps,
     ).share()  # fmt: skip
     assert found.cameras.share == pytest.approx(exact_share, abs=1e-6)
@@ -323,7 +324,7 @@ def test_a_robot_of_a_file_is_the_mesh_moved_by_hand(body):
     own = PlanMotion.read(Path("m.toml"), mesh)
     camera, task = rc.Camera.from_fov(320, 256, hfov_deg=50), rc.Task(max_incidence_deg=80)
     poses = rc.look_at([(0.3, -0.4, 4), (2.4, 1, 0.5)], (0, 0, 0.3))
-    found = own.evaluate(camera, rc.Poses.of(poses), task)
+    found = own.areas(camera, rc.Poses.of(poses), task).over_time
     areas, bounds = found.regions.areas(), found.regions.bounds()
     for frame, row in enumerate(rows):
         moved, head = by_hand(robot, row, mesh)

@@ -215,16 +215,18 @@ def around(angle: float) -> float:
 
     Around -z, beyond 90 degrees, the flat sides are within the cone that is left out.
     """
-    across, along = math.sin(angle), math.cos(angle)
-    flat = math.cos(math.pi / SECTORS)
-    return math.atan2(across, along * flat) if along > 0 else math.atan2(across * flat, along)
+    return _flattened(angle, is_along=math.cos(angle) > 0)
 
 
 def within(angle: float) -> float:
     """Angle of the largest cone whose `around` is at most an angle, radians."""
+    return _flattened(angle, is_along=math.cos(angle) <= 0)
+
+
+def _flattened(angle: float, *, is_along: bool) -> float:
     across, along = math.sin(angle), math.cos(angle)
     flat = math.cos(math.pi / SECTORS)
-    return math.atan2(across * flat, along) if along > 0 else math.atan2(across, along * flat)
+    return math.atan2(across, along * flat) if is_along else math.atan2(across * flat, along)
 
 
 def _sensor_radius(params: FloatArray, width: int, height: int) -> float:

@@ -30,7 +30,7 @@ from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.polygons import chosen, polygon_areas
 from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.area.table import Cut, Finder, Regions, joined, taken
+from rastercov.coverage.area.table import Cut, Finder, Regions, any_of, joined, taken
 from rastercov.coverage.reasons import HIGHLIGHT, UNLIT
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
@@ -178,10 +178,7 @@ class Light:
 
         def cut(regions: Regions, is_rear: bool) -> Regions:
             parts = [each.within(regions, is_rear=is_rear) for each in lit]
-            if len(parts) == 1:
-                return parts[0]
-            row = np.arange(len(regions.pose_ids))
-            return joined(parts).at_least(1, np.tile(row, len(parts)))
+            return parts[0] if len(parts) == 1 else any_of(parts)
 
         return cut
 

@@ -31,7 +31,7 @@ from rastercov.camera.rig import (
 from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
-from rastercov.coverage.area.table import Finder, Regions, joined, taken
+from rastercov.coverage.area.table import Finder, Regions, any_of, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.surface import key_of
 from rastercov.coverage.task import Task
@@ -110,6 +110,16 @@ class MotionQuery(InOneLine):
             return for_long_enough(by_time(regions, self.motion, views), self)
         return self._alone(regions).at_least(views, one_side=False)
 
+    def _check_held(self, placed: Poses) -> None:
+        """Raise `ConfigError` for regions of more pictures than are held at once."""
+        n_frames = len(self.motion)
+        if n_frames * len(placed) > MOST_PICTURES:
+            raise ConfigError(
+                f"{n_frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
+                "pictures; take fewer frames, some cameras at a time, or evaluate with a folder "
+                "for shards"
+            )
+
     def _alone(self, regions: Regions) -> Regions:
         """Parts that each camera covers long enough by itself; rows of a frame."""
         n = _rows_a_frame(regions, self.motion)
@@ -136,20 +146,9 @@ def regions_of_frames(
     the image, are as they were there; so is the light of a lamp in its place. Bodies that are
     absent have none.
     """
-    check_pictures(asked, placed)
+    asked._check_held(placed)
     job = Frames.of(asked, camera, placed, task, engine)
     return job.regions(np.arange(len(job.source)))
-
-
-def check_pictures(asked: MotionQuery, placed: Poses) -> None:
-    """Raise `ConfigError` for regions of more pictures than are held at once."""
-    frames = len(asked.motion)
-    if frames * len(placed) > MOST_PICTURES:
-        raise ConfigError(
-            f"{frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
-            "pictures; take fewer frames, some cameras at a time, or evaluate with a folder for "
-            "shards"
-        )
 
 
 class Frames(NamedTuple):
@@ -427,4 +426,4 @@ def for_long_enough(frames: Regions, asked: MotionQuery) -> Regions:
     parts = [
         units._of_faces(needed == k).at_least(k, one_side=False) for k in np.unique(needed).tolist()
     ]
-    return joined(parts).at_least(1, np.zeros(len(parts), np.int64), one_side=False)
+    return any_of(parts, one_side=False)

@@ -7,17 +7,17 @@ they are missed.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import FloatArray, IntArray, check_memory
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of
 from rastercov.coverage.area.failures import failures_of_rows
@@ -33,20 +33,37 @@ from rastercov.coverage.area.motion import (
     regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.table import Regions, taken
+from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, dead_zones, points_of
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.provenance import sha256
 from rastercov.coverage.reasons import NAMES, RANK, TOO_FEW_VIEWS, Reason
-from rastercov.coverage.shards import regions_in_shards
+from rastercov.coverage.shards import (
+    PAIRS_A_SHARD,
+    Wanted,
+    arrays_of_regions,
+    asked_of,
+    header_of,
+    open_for,
+    packed,
+    store_in,
+    unpacked,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh.motion import Motion
-from rastercov.shards import ALONE, Staff
+from rastercov.shards import ALONE, Staff, fill
+from rastercov.shards.inputs import POSES, Inputs, opened_once, read_npz
+from rastercov.shards.store import whole
 
 MOST_JUDGED = 48
 """Frames, evenly spread, in which the reasons of what is missed are found."""
 MOST_NOT_ALWAYS = 5
 """Zones that are not covered all the time in a summary, the largest."""
+OF_FRAMES = "rastercov.coverage.area.over_time:make_frames"
+"""Function by which workers make a shard."""
+OF_MOTION = ("body", "world_from_body", "present")
+"""Arrays of a `Motion` that regions depend on."""
 IS_COVERED = np.uint8(255)
 """Above all reasons, of which those of light and of rigs with a rule are above `Reason.COVERED`."""
 POINTS_OF_ZONE = 8
@@ -368,15 +385,11 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime.alone`."""
         return self.over_time.alone()
 
-    def dead_zones(
-        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
-    ) -> dict[str, Any]:
+    def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
         """As of `OverTime`."""
         return self.over_time.dead_zones()
 
-    def zones(
-        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
-    ) -> DeadZones:
+    def zones(self, *asked: object, **named: object) -> DeadZones:
         """As of `OverTime`."""
         return self.over_time.zones
 
@@ -399,3 +412,74 @@ def evaluate_over_time(
     if folder is None:
         return OverTime(*scene, regions_of_frames(*scene, engine))
     return OverTime(*scene, regions_in_shards(Frames.of(*scene, engine), folder, staff))
+
+
+def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Regions:
+    """Regions of all frames, to the bit those of one run, by way of shards of some frames each.
+
+    Parameters
+    ----------
+    job : Frames
+    folder : Path
+        As of `EvaluationShards`; shards of each motion are in a folder of their own, and stay.
+    staff : Staff
+        Processes that measure.
+
+    Raises
+    ------
+    ConfigError
+        For a frame that kills its process.
+    ResourceError
+        When the regions are more than the memory holds.
+    """
+    motion, scene = job.motion, (job.motion.mesh, job.camera, job.placed)
+    wanted, rows = Wanted(job.engine, True), np.arange(len(motion))
+    tables = {name: getattr(motion, name) for name in OF_MOTION}
+    tables |= {"carried": job.carried, "source": job.source}
+    with open_for(motion.mesh, job.camera, job.task, wanted) as observer:
+        header = header_of(observer, job.placed, job.task, wanted)
+    size = max(1, PAIRS_A_SHARD // max(1, motion.mesh.n_faces * len(job.placed)))
+    header |= {"bodies": motion.names, "motion": sha256(*tables.values()), "poses_a_shard": size}
+    store = store_in(folder, header, len(motion), OF_FRAMES, scene, **tables)
+
+    def make(number: int, did: Callable[[int], None]) -> bytes:
+        arrays = _of_frames(job, some := rows[store.rows(number)])
+        did(len(some))
+        return packed(store.folder, number, arrays)
+
+    numbers = list(fill(store, make, partial(unpacked, store), staff))
+    if left := store.quarantined():
+        frame, end = next(iter(left.items()))
+        raise ConfigError(
+            f"frame {frame} of the motion: its process {end}; leave the frame out, or remove "
+            f"{store.folder} and take fewer workers, so that each has more memory"
+        )
+    n_bytes = sum((store.folder / store.name(number)).stat().st_size for number in numbers)
+    check_memory(f"regions of {job.source.size:,} pictures", 2 * n_bytes, "take fewer frames")
+    parts = []
+    for number in numbers:
+        own: Any = unpacked(store, number)
+        eyes = np.full((len(own["pose_ids"]), 3), np.nan)
+        own |= {"mesh": motion.mesh, "camera": job.camera, "task": job.task}
+        parts.append(Regions(eyes=eyes, **own))
+    return joined(parts)
+
+
+def make_frames(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
+    """Content of a shard of frames, as `rastercov.shards.ShardStore` wants it."""
+    return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
+
+
+def _of_frames(job: Frames, rows: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """Arrays of a shard of some frames."""
+    found = job.regions(rows)
+    return arrays_of_regions([found]) | {"pose_ids": found.pose_ids}
+
+
+@opened_once
+def _opened_frames(folder: Path, inputs: Inputs) -> Frames:
+    tables, (task, wanted) = read_npz(whole(folder, POSES)), asked_of(inputs)
+    own = [tables[name] for name in OF_MOTION]
+    motion = Motion._made(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
+    scene = motion, inputs.cameras, inputs.poses
+    return Frames(*scene, task, wanted.engine, tables["carried"], tables["source"])

@@ -24,6 +24,7 @@ from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.arrays import cross_matrix
 
 Judge = Callable[
     [Mesh, Cameras, Task, Poses, FloatArray, IntArray],
@@ -244,6 +245,5 @@ def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
     """(3, 3) least rotation of one direction to another."""
     a, b = (each / max(float(np.linalg.norm(each)), 1e-300) for each in (before, after))
     axis, cosine = np.cross(a, b), float(a @ b)
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = cross_matrix(axis)
     return np.eye(3) + cross + cross @ cross / max(1 + cosine, 1e-12)

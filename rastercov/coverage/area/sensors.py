@@ -18,7 +18,7 @@ from rastercov.camera.rule import Gate
 from rastercov.coverage.area.criteria import RayAngle, Uncertainty
 from rastercov.coverage.area.cut import values_of
 from rastercov.coverage.area.polygons import following
-from rastercov.coverage.area.table import Cut, Regions, joined
+from rastercov.coverage.area.table import Cut, Regions, any_of, joined
 from rastercov.coverage.reasons import BASELINE, UNCERTAIN
 
 MOST_INFORMATION = 1e7
@@ -86,10 +86,7 @@ def _within_baseline(regions: Regions, gate: Gate, eyes: FloatArray) -> Regions:
     if gate.least_deg <= 0 or not pairs:
         return regions
     parts = [regions.where(RayAngle(eyes[:, pair], gate.least_deg)) for pair in pairs]
-    if len(parts) == 1:
-        return parts[0]
-    row = np.arange(len(regions.pose_ids))
-    return joined(parts).at_least(1, np.tile(row, len(parts)))
+    return parts[0] if len(parts) == 1 else any_of(parts)
 
 
 def uncertainty_of(gate: Gate, eyes: FloatArray, columns: FloatArray) -> Uncertainty:

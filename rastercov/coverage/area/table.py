@@ -288,13 +288,17 @@ class Regions(FacePolygons):
         behind = two_sided & (height < 0)
         if not behind.any():
             return (self,)
-        n_faces = self.mesh.n_faces
-        keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
-        own = np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
+        own = self._pair_of_pieces()
         return tuple(
             self._with(np.flatnonzero(side[own]), np.flatnonzero(side))
             for side in (~behind, behind)
         )
+
+    def _pair_of_pieces(self) -> NDArray[np.int64]:
+        """Row of the pair of pose and face that each piece is of."""
+        n_faces = self.mesh.n_faces
+        keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
+        return np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
 
     def where(self, criterion: Criterion) -> "Regions":
         """Parts where a criterion holds, such as `RayAngle`, `Illuminance` or `Highlight`.
@@ -331,10 +335,7 @@ class Regions(FacePolygons):
     def _with_parts(self, kept: Kept) -> "Regions":
         """Regions of parts of the pieces; what is undecided of these is in the bounds."""
         xy, starts, piece, area, undecided, cut_short = kept
-        n_faces = self.mesh.n_faces
-        keys = self.pair_pose.astype(np.int64) * n_faces + self.pair_face
-        own = np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
-        n = len(keys)
+        own, n = self._pair_of_pieces(), len(self.pair_pose)
         sums = np.bincount(own[piece], area, n).astype(np.float64)
         lost, most = np.bincount(own, undecided, n), frames_of(self.mesh).areas[self.pair_face]
         bound, excess = (np.minimum(each + lost, most) for each in (self.bound, self.excess))
@@ -394,6 +395,12 @@ def joined(parts: Sequence[Regions]) -> Regions:
     columns["cut_short"] = float(sum(each.cut_short for each in parts))
     counts = np.concatenate([np.diff(each.starts) for each in parts])
     return replace(parts[0], starts=polygons.starts_of(counts), **columns)
+
+
+def any_of(parts: Sequence[Regions], *, one_side: bool = True) -> Regions:
+    """What is in any of several parts of the same rows; see `Regions.at_least`."""
+    rows = np.tile(np.arange(len(parts[0].pose_ids)), len(parts))
+    return joined(parts).at_least(1, rows, one_side=one_side)
 
 
 def taken(regions: Regions, rows: IntArray) -> Regions:

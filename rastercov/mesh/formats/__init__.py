@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.formats import dae, gltf, gltf_animation, ifc, ply, text, threemf
+from rastercov.mesh.formats import dae, gltf, ifc, ply, text, threemf
 from rastercov.mesh.formats.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -38,6 +39,7 @@ from rastercov.mesh.formats.polygons import (
 from rastercov.mesh.groups import names_beside, stem_of
 
 Reader = Callable[..., Polygons]
+Value = TypeVar("Value")
 
 READERS: dict[str, Reader] = {
     ".3mf": threemf.read,
@@ -162,19 +164,23 @@ def _read_file(
     return polygons, digest.hexdigest()
 
 
-def animation_of(path: StrPath, name: str, steps: int) -> gltf_animation.Animated:
-    """Frames of the animation of a .glb or .gltf file; MeshError with the name of the file."""
+def of_gltf(
+    path: StrPath, read: Callable[[dict[str, Any], Sequence[memoryview], int], Value]
+) -> Value:
+    """What a function reads of the header and the buffers of a .glb or .gltf file, by a budget.
+
+    MeshError has the name of the file.
+    """
     try:
         reader, data = _reader_and_bytes(path, LARGEST_FILE)
         with broken_files_refused():
             if reader is gltf.read_glb:
                 header, buffers, _ = gltf.content_of_glb(data)
             else:
-                wanted = "an animation of a .glb or .gltf file wanted"
-                check(reader is gltf.read_gltf, wanted, "convert it")
+                check(reader is gltf.read_gltf, "a .glb or .gltf file wanted", "convert it")
                 beside = _Beside(path, LARGEST_FILE - len(data))
                 header, buffers, _ = gltf.content_of_gltf(data, beside.read)
-            return gltf_animation.read_animation(header, buffers, MEMORY_BUDGET, name, steps)
+            return read(header, buffers, MEMORY_BUDGET)
     except (MeshError, ResourceError) as error:
         raise type(error)(f"{printable(str(path))}: {error}") from error
 

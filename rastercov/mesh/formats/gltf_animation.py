@@ -60,7 +60,7 @@ class Animated(NamedTuple):
 
 
 def read_animation(
-    header: dict[str, Any], buffers: Sequence[memoryview], budget: int, name: str, steps: int
+    header: dict[str, Any], buffers: Sequence[memoryview], budget: int, *, name: str, steps: int
 ) -> Animated:
     """Frames of an animation at equal steps of its time, the first and last key among them.
 

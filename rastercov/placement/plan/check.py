@@ -57,9 +57,8 @@ from rastercov.placement.plan.network import (
     views_by_group,
     with_areas,
 )
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.scene import named_scene, places_of
+from rastercov.placement.plan.scene import named_scene, places_of, timed_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
@@ -379,7 +378,7 @@ def _checked(
     plan: Plan, mesh: Mesh, rig: Poses, limits: Limits, views: int | None, step: Step
 ) -> Checked:
     """Check of the task of a plan, without its goals."""
-    over_time = PlanMotion.of(plan, mesh)
+    over_time = timed_of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -388,8 +387,8 @@ def _checked(
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
             if over_time is not None:
-                found = over_time.evaluate(plan.rig, cameras.placed, task)
-                cameras = replace(cameras, areas=found.areas)
+                areas = over_time.areas(plan.rig, cameras.placed, task)
+                cameras = replace(cameras, areas=areas)
             elif plan.unit_of_result()[0] == "area":
                 most = plan.build_task(most_views(plan, views))
                 with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:

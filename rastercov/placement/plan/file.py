@@ -32,10 +32,9 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Jointed, Motion
+from rastercov.mesh.bodies import Jointed
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
 WORDS = {
@@ -331,28 +330,6 @@ class Plan(PlanModel):
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
-    def robots(self) -> list[Jointed]:
-        """Robots of the bodies; PlanError for one that cannot be read."""
-        return robots_of(self.bodies, self.folder, self.name)
-
-    def build_motion(self, mesh: Mesh) -> Motion | None:
-        """Motion of the bodies of a mesh, None where nothing moves; PlanError for one that is none.
-
-        A turntable below a part that an arm inspects is an axis of the arm, see `scene.arms_of`.
-        Figures over time are by exact area.
-        """
-        if self.motion is None or any(isinstance(each, OnArm) for each in self.candidates):
-            return None
-        unit, reason = self.unit_of_result()
-        if unit != "area":
-            why = reason or 'leave out task.by = "face"'
-            raise PlanError(self.name, f"motion: figures over time are by area; {why}")
-        with errors_at(self.name, "motion"):
-            found = self.motion.build(mesh, self.bodies, self.robots(), self.folder, self.meshes)
-            for name in self.bodies_of_cameras():
-                found.poses_of(name)
-        return found
-
     def bodies_of_cameras(self) -> list[str]:
         """Body that carries each of the cameras of `rig`."""
         if self.camera is not None:
@@ -392,7 +369,7 @@ class Plan(PlanModel):
 
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
-    """Robots of those bodies of a file that have a URDF; errors as of `Plan.robots`."""
+    """Robots of those bodies of a file that have a URDF; PlanError for one that cannot be read."""
     found = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):

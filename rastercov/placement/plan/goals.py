@@ -46,8 +46,8 @@ from rastercov.placement.select.problem import (
     Problem,
     problem_of,
 )
+from rastercov.shards import Progress
 
-Progress = Callable[[int, int], None]
 WORSE = 16
 """Weight of what a goal permits up to a limit, in that of the task."""
 LEAST_SHARE = 1e-6

@@ -7,7 +7,7 @@ lamps are left out, added and exchanged while the exact area of all of them toge
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import combinations, takewhile
@@ -25,17 +25,16 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, with_lamps
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.light import Light, check_light
-from rastercov.coverage.area.motion import at_rest, carried_by, carriers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.table import Regions, joined, taken
+from rastercov.coverage.area.table import Regions, any_of, joined, taken
 from rastercov.coverage.network import Network
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.carrier import Moment, Timed
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import (
     goal_of,
@@ -45,7 +44,6 @@ from rastercov.placement.plan.network import (
     seeable_areas,
     views_by_group,
 )
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
 from rastercov.placement.plan.sections import SelectionSection
 from rastercov.placement.select.integer import select_by
@@ -59,6 +57,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
+from rastercov.shards import Progress
 
 Rows = tuple[int, ...]
 MOST_SETS = 64
@@ -159,23 +158,19 @@ class LampChoice:
 class Frame:
     """Parts that cameras see at one time, and those that lamps light; each point is found once.
 
-    In a frame of a motion, a row of it, regions are on the mesh at rest.
+    Regions are on the mesh at rest.
     """
 
     def __init__(
         self,
-        mesh: Mesh,
-        placed: Poses,
+        moment: Moment,
         rig: Rig,
         task: Task,
         method: str,
         lamps: Sequence[Lamps],
-        motion: Motion | None = None,
-        row: int = 0,
     ) -> None:
-        self._rig, self._placed, self._motion = rig, placed, motion
-        if motion is not None:
-            mesh, self._kept = motion._at(row, of_occluders=False)
+        mesh, placed, self._at_rest = moment
+        self._rig, self._placed = rig, placed
         self._kinds = list(dict.fromkeys(lamp for each in lamps for lamp in each.lamps))
         self._known: dict[bytes, int] = {}
         self._table: list[Regions] = []
@@ -205,8 +200,7 @@ class Frame:
                 return self._reached(points.world_from_camera, kind[points.camera])
 
             light = (Light(lamps, task, self._rig, find),)
-        found = gated(replace(self._seen, conditions=light), rig, self._placed)
-        return found if self._motion is None else at_rest(found, self._motion, self._kept)
+        return self._at_rest(gated(replace(self._seen, conditions=light), rig, self._placed))
 
     def _reached(self, places: FloatArray, kinds: Sequence[int] | IntArray) -> Regions:
         """Regions of points of lamps, which are known, or of the open pass."""
@@ -229,8 +223,8 @@ class Lighting:
     cells : Cells
     placed : Poses
         Of the cameras of the plan.
-    timed : PlanMotion or None
-        Where bodies move; lamps stay.
+    timed : Timed or None
+        Where the scene changes; lamps stay.
     reachable : AreaNetwork or None
         Area that shares of what can be reached are of; what the cameras see in any light unless
         given.
@@ -242,7 +236,7 @@ class Lighting:
         mesh: Mesh,
         cells: Cells,
         placed: Poses,
-        timed: PlanMotion | None = None,
+        timed: Timed | None = None,
         reachable: AreaNetwork | None = None,
     ) -> None:
         every = plan.built_lamps(plan.folder)
@@ -265,14 +259,10 @@ class Lighting:
         self._camera, self._placed = dark.rig, placed
         single = [each for row in range(n) if (each := self.lamps((row,)))]
         own = dark.rig, dark.build_task(), plan.task.method, single
-        if timed is None:
-            self._frames = [Frame(mesh, placed, *own)]
-        else:
-            carried = carriers(timed, dark.rig, placed)
-            self._frames = [
-                Frame(mesh, carried_by(carried[:, row], placed), *own, motion=timed.motion, row=row)
-                for row in range(len(timed.motion))
-            ]
+        moments: Iterable[Moment] = [Moment(mesh, placed, lambda found: found)]
+        if timed is not None:
+            moments = timed.moments(dark.rig, placed)
+        self._frames = [Frame(moment, *own) for moment in moments]
         self.limits = limits_of(self.selection)
         self.reachable, self._weights = None, weights_of(cells, plan.task.weight_by)
         if getattr(self.selection, "of_reachable", False):
@@ -310,7 +300,7 @@ class Lighting:
     def areas(self, regions: Regions) -> AreaNetwork:
         """Exact covered area, as of the network."""
         if self.timed is not None:
-            return self.timed.result(self._camera, self._placed, self.task, regions).areas
+            return self.timed.areas(self._camera, self._placed, self.task, regions)
         areas = AreaNetwork(self.mesh, self.plan.build_task(most_views(self.plan)))
         for row in range(len(regions.pose_ids)):
             areas.add(taken(regions, np.array([row])))
@@ -320,9 +310,7 @@ class Lighting:
         """Covered area where one of some lamps at a time counts, with those that stay."""
         each: list[Rows] = [(row,) for row in rows] or [()]
         parts = [self.regions(self.lamps(own)) for own in each]
-        n = len(parts[0].pose_ids)
-        any_of = joined(parts).at_least(1, np.tile(np.arange(n), len(parts)), one_side=False)
-        return self.figures(self.areas(any_of))
+        return self.figures(self.areas(any_of(parts, one_side=False)))
 
     def figures(self, areas: AreaNetwork) -> dict[str, Any]:
         """Covered area, ready for JSON."""
@@ -369,13 +357,13 @@ class Lighting:
     def _enough(self, regions: Regions) -> Regions:
         """Parts that enough cameras cover, and long enough; one row."""
         if self.timed is not None:
-            return self.timed.result(self._camera, self._placed, self.task, regions).long_enough
+            return self.timed.long_enough(regions, self.task.views)
         needed, rows = views_of(self.mesh, self.plan.task.views), len(regions.pose_ids) * [0]
         parts = [
             regions._of_faces(needed == k).at_least(k, rows, one_side=False)
             for k in np.unique(needed).tolist()
         ]
-        return joined(parts).at_least(1, len(parts) * [0], one_side=False)
+        return any_of(parts, one_side=False)
 
     def problem(self, together: int) -> Problem:
         """Cells, and the candidates that light these enough, a number of them together."""
@@ -440,7 +428,7 @@ class Lighting:
         near += [own - {row} | {other} for row in rows for other in others]
         return (tuple(sorted(each)) for each in near)
 
-    def choose(self, progress: Callable[[int, int], None]) -> LampChoice:
+    def choose(self, progress: Progress) -> LampChoice:
         """The best lamps that are found within the time limit of the selection.
 
         ConfigError where no set of lamps lights anything that the cameras see.

@@ -10,7 +10,7 @@ By area it is that of the exact area, with its bound.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self
@@ -54,6 +54,7 @@ from rastercov.placement.uncovered import (
     NearestCameras,
     left_by,
 )
+from rastercov.shards import Progress
 
 Rows = Mapping[Any, Sequence[int]]
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
@@ -421,7 +422,7 @@ def with_areas(
     cameras: Measured,
     finder: RegionPass,
     views: int | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
     *,
     has_curve: bool = False,
 ) -> Measured:
@@ -521,7 +522,7 @@ def goal_lines(requirements: Sequence[Requirement]) -> tuple[str, list[str]]:
 def measured(
     objective: Objective,
     poses: ArrayLike | Poses,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> Measured:
     """Coverage of a network, with its bounds.
 
@@ -569,7 +570,7 @@ def measured(
 def left_over(
     observer: Observer,
     cameras: Measured,
-    progress: Callable[[int, int], None],
+    progress: Progress,
     candidates: Poses | None = None,
     bounds: CandidateBounds | None = None,
     views: int | Mapping[str, int] = 1,

@@ -5,13 +5,13 @@ are the cells; where a share of the time is asked for, they are the cells of eve
 by its duration, and the exact share is measured of what is chosen.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from rastercov.base.errors import RastercovError
@@ -23,23 +23,30 @@ from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.motion import (
     MOST_PICTURES,
     MotionQuery,
+    at_rest,
     by_time,
+    carried_by,
+    carriers,
     regions_of_frames,
 )
-from rastercov.coverage.area.over_time import OverTime, evaluate_over_time
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Jointed, JointPath
+from rastercov.mesh.bodies import Jointed, JointPath
 from rastercov.mesh.motion_file import load_motion
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
+from rastercov.placement.plan.carrier import Moment, TimeMatrix
 from rastercov.placement.plan.entries import Entry, Name, Over
-from rastercov.placement.plan.file import Plan, PlanError, lines_of, robots_of
+from rastercov.placement.plan.file import Plan, PlanError, errors_at, lines_of, robots_of
+from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.sections import BodyEntry, MotionSection
-from rastercov.placement.select.problem import Goal, Problem, problem_of, weights_of
+from rastercov.placement.select.problem import weights_of
+from rastercov.shards import Progress
 
 CANDIDATES_A_TURN = 32
 """Candidates whose regions in all frames are in memory at a time."""
@@ -84,13 +91,26 @@ class PlanMotion(MotionQuery):
 
     @classmethod
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
-        """The motion of a plan; None where nothing moves."""
-        motion, task = plan.build_motion(mesh), plan.task
-        if motion is None:
+        """The motion of a plan, None where nothing moves; PlanError for one that is none.
+
+        A turntable below a part that an arm inspects is an axis of the arm, see `scene.arms_of`.
+        Figures over time are by exact area.
+        """
+        section, task = plan.motion, plan.task
+        if section is None or any(isinstance(each, OnArm) for each in plan.candidates):
             return None
-        own = task.over or "some", task.views_at, plan.bodies_of_cameras(), task.method
-        robots = plan.robots()
-        path = None if plan.motion is None else plan.motion.path(robots, plan.folder)
+        unit, reason = plan.unit_of_result()
+        if unit != "area":
+            why = reason or 'leave out task.by = "face"'
+            raise PlanError(plan.name, f"motion: figures over time are by area; {why}")
+        robots = robots_of(plan.bodies, plan.folder, plan.name)
+        bodies = plan.bodies_of_cameras()
+        with errors_at(plan.name, "motion"):
+            motion = section.build(mesh, plan.bodies, robots, plan.folder, plan.meshes)
+            for name in bodies:
+                motion.poses_of(name)
+        own = task.over or "some", task.views_at, bodies, task.method
+        path = section.path(robots, plan.folder)
         return cls(motion, *own, robots, path, plan.rig.names)
 
     @classmethod
@@ -127,114 +147,88 @@ class PlanMotion(MotionQuery):
             return self.body
         return dict(zip(self.cameras, self.body, strict=True)).get(camera, "world")
 
-    def evaluate(self, camera: Cameras, placed: Poses, task: Task) -> OverTime:
-        """Coverage over time by cameras."""
-        return evaluate_over_time(self, camera, placed, task, Engine.of(self.method))
+    def moments(self, camera: Cameras, placed: Poses) -> Iterator[Moment]:
+        """As of `Timed`, as are the methods below."""
+        carried = carriers(self, camera, placed)
+        for row in range(len(self.motion)):
+            mesh, kept = self.motion._at(row, of_occluders=False)
+            back = partial(at_rest, motion=self.motion, kept=kept)
+            yield Moment(mesh, carried_by(carried[:, row], placed), back)
 
-    def result(self, camera: Cameras, placed: Poses, task: Task, found: Regions) -> OverTime:
-        """Coverage over time of regions that are known."""
-        return OverTime(self, camera, placed, task, found)
+    def areas(  # noqa: D102
+        self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
+    ) -> TimeAreas:
+        if found is None:
+            found = regions_of_frames(self, camera, placed, task, Engine.of(self.method))
+        return OverTime(self, camera, placed, task, found).areas
 
-    def curve(self, whole: OverTime) -> list[float]:
-        """Share covered by the first 1, 2, ... rows of a frame."""
-        n_rows = len(whole.regions.pose_ids) // len(self.motion)
-        return [self.first(whole, count).share() for count in range(1, n_rows + 1)]
-
-    def first(self, whole: OverTime, count: int) -> OverTime:
-        """The same by the first rows of each frame."""
+    def first(self, areas: AreaNetwork, count: int) -> TimeAreas:  # noqa: D102
+        assert isinstance(areas, TimeAreas)
+        whole = areas.over_time
         rows = np.arange(len(whole.regions.pose_ids)).reshape(len(self.motion), -1)
-        return replace(whole, regions=taken(whole.regions, rows[:, :count].ravel()))
+        return replace(whole, regions=taken(whole.regions, rows[:, :count].ravel())).areas
 
-
-@dataclass(frozen=True, eq=False)
-class TimeMatrix:
-    """Visibility matrix of candidates over time, and what all of them cover together.
-
-    Attributes
-    ----------
-    together : Regions or None
-        Parts that any candidate covers, a row a frame, where this was asked for.
-    """
-
-    matrix: VisibilityMatrix
-    elements: Mesh
-    weights: NDArray[np.float64]
-    together: Regions | None
-
-    def problem(self, goal: Goal, **options: Any) -> Problem:
-        """Problem of choosing candidates, with the options of `problem_of`."""
-        found = problem_of(self.matrix, self.elements, goal, **options)
-        return replace(found, weights=self.weights)
-
-
-def time_matrix(
-    plan: Plan,
-    own: PlanMotion,
-    observer: Observer,
-    cells: Cells,
-    poses: Poses,
-    task: Task,
-    progress: Callable[[int, int], None],
-    *,
-    is_united: bool,
-) -> TimeMatrix:
-    """Visibility matrix of candidates over time.
-
-    Parameters
-    ----------
-    poses : Poses
-        Of mounts.
-    is_united : bool
-        Find what all candidates cover together, too.
-    """
-    motion, mounts, is_of_cells = own.motion, plan.mounts, own.over == "some" and task.views == 1
-    n_frames, n_cells = (1 if is_of_cells else len(motion)), len(cells)
-    counts: list[IntArray] = [np.zeros(0, np.int64)]
-    elements, shares = [np.zeros(0, np.int32)], [np.zeros(0)]
-    together: Regions | None = None
-    width = int(np.diff(mounts.starts).max()) * len(motion)
-    at_once = max(1, min(CANDIDATES_A_TURN, MOST_PICTURES // width))
-    for first in range(0, len(poses), at_once):
-        some = renumbered(poses[first : first + at_once])
-        placed, owner = mounts.cameras(some)
-        found = regions_of_frames(own, plan.rig, placed, task, Engine.of(own.method))
-        of_row = owner[led_by(plan.rig, placed)]
-        found = _of_mounts(found, len(motion), of_row, len(some))
-        if is_united:
-            frames = by_time(found, motion)
-            both = frames if together is None else joined([together, frames])
-            row = np.arange(len(both.pose_ids)) % len(motion)
-            together = both.at_least(1, row, one_side=False)
-        if is_of_cells:
-            found = found.at_least(1, np.tile(np.arange(len(some)), len(motion)), one_side=False)
-        of_cells = cells.share(found)
-        limits = of_cells.starts
-        for mount in range(len(some)):
-            at = np.arange(n_frames) * len(some) + mount
-            own_rows = [slice(limits[row], limits[row + 1]) for row in at]
-            elements += [
-                of_cells.cell[part].astype(np.int32) + np.int32(frame * n_cells)
-                for frame, part in enumerate(own_rows)
-            ]
-            shares += [of_cells.share[part] for part in own_rows]
-            counts.append(np.array([sum(part.stop - part.start for part in own_rows)]))
-        progress(min(first + at_once, len(poses)), len(poses))
-    header = describe(observer, poses, task, None, cells, mounts)
-    n = n_frames * n_cells
-    header = {name: value for name, value in header.items() if name not in ("cells", "mounts")}
-    pairs = Pairs(
-        np.concatenate(counts),
-        np.concatenate(elements),
-        np.concatenate(shares).astype(np.float32),
-        NOT_ON_RIGS,
-    )
-    header |= {"n_faces": n, "n_task_faces": n}
-    matrix = VisibilityMatrix(placed=poses, header=header, parts=(pairs,))
-    weights = weights_of(cells, plan.task.weight_by)
-    if not is_of_cells:
-        there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
-        weights = (there * weights).ravel()
-    return TimeMatrix(matrix, _repeated(cells.elements, n_frames), weights, together)
+    def matrix(  # noqa: D102
+        self,
+        plan: Plan,
+        observer: Observer,
+        cells: Cells,
+        poses: Poses,
+        task: Task,
+        progress: Progress,
+    ) -> TimeMatrix:
+        motion, mounts = self.motion, plan.mounts
+        is_of_cells = self.over == "some" and task.views == 1
+        n_frames, n_cells = (1 if is_of_cells else len(motion)), len(cells)
+        counts: list[IntArray] = [np.zeros(0, np.int64)]
+        elements, shares = [np.zeros(0, np.int32)], [np.zeros(0)]
+        together: Regions | None = None
+        width = int(np.diff(mounts.starts).max()) * len(motion)
+        at_once = max(1, min(CANDIDATES_A_TURN, MOST_PICTURES // width))
+        for first in range(0, len(poses), at_once):
+            some = renumbered(poses[first : first + at_once])
+            placed, owner = mounts.cameras(some)
+            found = regions_of_frames(self, plan.rig, placed, task, Engine.of(self.method))
+            of_row = owner[led_by(plan.rig, placed)]
+            found = _of_mounts(found, len(motion), of_row, len(some))
+            if getattr(plan.selection, "of_reachable", False):
+                frames = by_time(found, motion)
+                both = frames if together is None else joined([together, frames])
+                rows = np.arange(len(both.pose_ids)) % len(motion)
+                together = both.at_least(1, rows, one_side=False)
+            if is_of_cells:
+                found = found.at_least(
+                    1, np.tile(np.arange(len(some)), len(motion)), one_side=False
+                )
+            of_cells = cells.share(found)
+            limits = of_cells.starts
+            counts.append(np.diff(limits).reshape(n_frames, -1).sum(axis=0))
+            for mount in range(len(some)):
+                for frame in range(n_frames):
+                    row = frame * len(some) + mount
+                    part = slice(limits[row], limits[row + 1])
+                    cell = of_cells.cell[part].astype(np.int32)
+                    elements.append(cell + np.int32(frame * n_cells))
+                    shares.append(of_cells.share[part])
+            progress(min(first + at_once, len(poses)), len(poses))
+        header = describe(observer, poses, task, None, cells, mounts)
+        n = n_frames * n_cells
+        for name in ("cells", "mounts"):
+            header.pop(name, None)
+        pairs = Pairs(
+            np.concatenate(counts),
+            np.concatenate(elements),
+            np.concatenate(shares).astype(np.float32),
+            NOT_ON_RIGS,
+        )
+        header |= {"n_faces": n, "n_task_faces": n}
+        matrix = VisibilityMatrix(placed=poses, header=header, parts=(pairs,))
+        weights = weights_of(cells, plan.task.weight_by)
+        if not is_of_cells:
+            there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
+            weights = (there * weights).ravel()
+        reachable = None if together is None else self.areas(plan.rig, poses, task, together)
+        return TimeMatrix(matrix, _repeated(cells.elements, n_frames), weights, reachable)
 
 
 def _of_mounts(found: Regions, n_frames: int, of_row: IntArray, n: int) -> Regions:

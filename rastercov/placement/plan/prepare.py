@@ -42,13 +42,12 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.carrier import Carrier
+from rastercov.placement.plan.carrier import Carrier, Timed
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import OF_GOALS, Objectives, WithGoals, with_goals
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
-from rastercov.placement.plan.over_time import PlanMotion, time_matrix
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
@@ -68,7 +67,7 @@ from rastercov.placement.select.problem import (
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Tally, Workers
+from rastercov.shards import Progress, Tally, Workers
 from rastercov.shards.inputs import INPUTS
 from rastercov.shards.store import remove, remove_halves
 
@@ -92,7 +91,6 @@ MOST_LISTED_PAIRS = 50_000_000
 """Pairs up to which a matrix is held as lists in the memory."""
 BYTES_A_PAIR = 16
 """Of lists: 8 for the matrix, 8 for the selection."""
-Progress = Callable[[int, int], None]
 Step = Callable[[str], Any]
 """Context manager by the name of a step, which yields its `Progress`."""
 
@@ -144,8 +142,8 @@ class Prepared:
     reachable : AreaNetwork or None
         Exact area that all candidates together cover, where the plan asks for a share of it and it
         is affordable.
-    over_time : PlanMotion or None
-        Where bodies move.
+    over_time : Timed or None
+        Where the scene changes.
     arm : Carrier or None
         Where a robot carries the cameras.
     quarantined : mapping of int to str
@@ -175,7 +173,7 @@ class Prepared:
     notes: tuple[str, ...]
     cells: Cells | None = None
     reachable: AreaNetwork | None = None
-    over_time: PlanMotion | None = None
+    over_time: Timed | None = None
     arm: Carrier | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
@@ -237,7 +235,7 @@ class Job:
     clock: Clock
     cells: Cells | None = None
     workers: Workers | None = None
-    over_time: PlanMotion | None = None
+    over_time: Timed | None = None
 
 
 def prepare(job: Job, objectives: Objectives) -> Prepared:
@@ -365,22 +363,19 @@ def _in_frames(
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
         raise PlanError(plan.name, "candidates: per_cavity is of a still scene; leave it out")
     with job.clock("visibility matrix") as progress:
-        timed = time_matrix(
+        timed = over_time.matrix(
             plan,
-            over_time,
             measuring.observer,
             job.cells,
             placed,
             measuring.task,
             progress,
-            is_united=getattr(job.selection, "of_reachable", False),
         )
     nothing = BestCoverage(cameras=0)
-    problem = timed.problem(nothing, costs=found.costs, **measuring.counted)
-    if timed.together is None:
-        return timed.matrix, problem, None
-    of_all = over_time.result(plan.rig, placed, measuring.task, timed.together)
-    return timed.matrix, problem, of_all.areas
+    counted = problem_of(
+        timed.matrix, timed.elements, nothing, costs=found.costs, **measuring.counted
+    )
+    return timed.matrix, replace(counted, weights=timed.weights), timed.reachable
 
 
 def _with_cavities(

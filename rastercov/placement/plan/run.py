@@ -24,7 +24,6 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import is_joint, led_by, names_of_poses, rows_of_result
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import TimeAreas
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.zones import DeadZones, zone_line
@@ -69,24 +68,22 @@ from rastercov.placement.plan.network import (
     whole_faces,
     with_areas,
 )
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.prepare import (
     Clock,
     Job,
     Prepared,
-    Progress,
     Step,
     cells_of,
     prepare,
     quiet,
 )
-from rastercov.placement.plan.scene import named_scene, places_of_candidates
+from rastercov.placement.plan.scene import named_scene, places_of_candidates, timed_of
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
-from rastercov.shards import Workers
+from rastercov.shards import Progress, Workers
 
 LOG = logging.getLogger("rastercov")
 MOST_MISSING = 3
@@ -289,7 +286,7 @@ class Run:
         with self.clock("scene"):
             selection, cells = plan.selection, cells_of(plan, self.mesh)
             assert selection is not None
-            over_time = PlanMotion.of(plan, self.mesh)
+            over_time = timed_of(plan, self.mesh)
         folder = None if self.folder is None else own_place(self.folder / "matrix")
         job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, over_time)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
@@ -326,7 +323,7 @@ class Run:
         self, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
     ) -> Placement:
         """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
-        cells, timed = cells_of(plan, self.mesh), PlanMotion.of(plan, self.mesh)
+        cells, timed = cells_of(plan, self.mesh), timed_of(plan, self.mesh)
         selection = plan.selection
         assert selection is not None
         assert cells is not None  # light is by area
@@ -456,11 +453,13 @@ def _by_area(
         finder = on_cells.finder
         cameras = with_areas(plan, placement.cameras, finder, None, progress, has_curve=True)
     else:
-        whole = timed.evaluate(plan.rig, placement.cameras.placed, plan.build_task())
-        curve = timed.curve(whole)
+        placed = placement.cameras.placed
+        areas = timed.areas(plan.rig, placed, plan.build_task())
+        counts = range(1, len(led_by(plan.rig, placed)) + 1)
+        curve = [timed.first(areas, count).summary()["percent"] / 100 for count in counts]
         cameras = replace(
             placement.cameras,
-            areas=whole.areas,
+            areas=areas,
             curve=np.array(curve, np.float64),
             share=curve[-1] if curve else 0.0,
         )
@@ -682,14 +681,14 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
     """
     timed, areas = placement.prepared.over_time, placement.cameras.areas
     assert timed is not None
-    assert isinstance(areas, TimeAreas)
+    assert areas is not None
     owner, n = placement.cameras.owner, len(placement.cameras.mounted)
     limits = limits_of(placement.prepared.selection)
     reachable = placement.prepared.reachable
     of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
     for count in range(1, n):
-        first = timed.first(areas.over_time, int(np.count_nonzero(of_row < count)))
-        found = judge_areas(first.areas, limits, 1, reachable)
+        first = timed.first(areas, int(np.count_nonzero(of_row < count)))
+        found = judge_areas(first, limits, 1, reachable)
         if all(each.status == HOLDS for each in found):
             rows = list(range(count))
             shorter = _of_rows(placement, objectives, rows)

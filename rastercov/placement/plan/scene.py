@@ -34,9 +34,9 @@ from rastercov.placement.candidates.rooms import around_faces, between_heights, 
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.arm import PlanArm
-from rastercov.placement.plan.carrier import Carrier
+from rastercov.placement.plan.carrier import Carrier, Timed
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
-from rastercov.placement.plan.file import Plan, PlanError, errors_at
+from rastercov.placement.plan.file import Plan, PlanError, errors_at, robots_of
 from rastercov.placement.plan.generators import (
     CandidateEntry,
     Framed,
@@ -46,6 +46,7 @@ from rastercov.placement.plan.generators import (
     PerSegment,
     Spot,
 )
+from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
@@ -102,7 +103,11 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
-    robots = [] if any(isinstance(each, OnArm) for each in plan.candidates) else plan.robots()
+    robots = (
+        []
+        if any(isinstance(each, OnArm) for each in plan.candidates)
+        else robots_of(plan.bodies, plan.folder, plan.name)
+    )
     mesh = Mesh.joined([mesh, *(each.mesh for each in robots)]) if robots else mesh
     mesh, failed = _with_targets(plan, mesh, of_files)
     lines = list(failed.values())
@@ -482,6 +487,11 @@ def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
     """What carries the cameras of a plan; None where they are placed one by one."""
     arms = arms_of(plan, mesh)
     return PlanArm(plan, arms[0]) if arms else None
+
+
+def timed_of(plan: Plan, mesh: Mesh) -> Timed | None:
+    """What changes the scene of a plan over time; None where nothing does."""
+    return PlanMotion.of(plan, mesh)
 
 
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:

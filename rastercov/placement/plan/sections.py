@@ -44,8 +44,9 @@ from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import matrices_of, rotation_about
+from rastercov.mesh.bodies import Jointed, JointPath
 from rastercov.mesh.formats import METRES, READERS, metres_per
-from rastercov.mesh.motion import Jointed, JointPath, Motion, conveyor, turntable
+from rastercov.mesh.motion import Motion, conveyor, turntable
 from rastercov.mesh.motion_file import OF_GLTF, read_gltf_motion, read_motion
 from rastercov.mesh.robot import Robot
 from rastercov.mesh.shapes import NAMES

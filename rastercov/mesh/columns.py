@@ -1,0 +1,69 @@
+"""Tables of numbers in CSV with a row a frame, and their times."""
+
+import csv
+import io
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.files import LARGEST_NUMBER
+
+MOST_FRAMES = 10_000
+"""Rows of a table."""
+TIMES = ("time", "duration")
+"""Columns that say when a frame begins, or its weight."""
+
+
+def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
+    """`durations` of a table that has some, or from its `times`, at which frames begin."""
+    if "times" not in content:
+        return {"durations": content["durations"]} if "durations" in content else {}
+    if "durations" in content:
+        raise ConfigError("times and durations exclude each other; give one of them")
+    given = content["times"]
+    if not isinstance(given, list) or not given:
+        raise ConfigError(f"times must be a list of numbers, got {shown(given)}")
+    times = [finite_number(each) for each in given]
+    if not np.isfinite(times).all():
+        raise ConfigError(f"times must be finite numbers, got {shown(given)}")
+    for row, (before, after) in enumerate(pairwise(times), start=1):
+        if not after > before:
+            raise ConfigError(f"times must rise, got {after:g} after {before:g} in frame {row}")
+    lengths = np.diff(times).tolist() or [1.0]
+    return {"durations": [*lengths, lengths[-1]][: len(times)]}
+
+
+def columns_of(text: str) -> dict[str, list[float]]:
+    """Columns of numbers of a CSV table by name, a row a frame; ConfigError for what is none."""
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
+    except csv.Error as error:
+        raise ConfigError(f"not a table of CSV ({error})") from None
+    if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
+        raise ConfigError(f"wanted a row of names and 1 to {MOST_FRAMES:,} frames")
+    names = [name.strip() for name in rows[0]]
+    if len(set(names)) < len(names):
+        raise ConfigError("two columns have one name")
+    if uneven := [frame for frame, row in enumerate(rows[1:]) if len(row) != len(names)]:
+        raise ConfigError(f"frame {uneven[0]}: wanted {len(names)} numbers, as there are names")
+    columns: dict[str, list[float]] = {}
+    for at, name in enumerate(names):
+        columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
+        is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
+        if not is_usable.all():
+            raise ConfigError(
+                f"column {shown(name)}, frame {int(is_usable.argmin())}: a number within "
+                f"±{LARGEST_NUMBER:g} wanted, got {shown(rows[1 + int(is_usable.argmin())][at])}"
+            )
+    return columns
+
+
+def _number(text: str) -> Any:
+    try:
+        return None if "_" in text else float(text)  # Python's 1_000
+    except ValueError:
+        return None
