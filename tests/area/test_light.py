@@ -235,12 +235,12 @@ def test_the_command_takes_a_file_of_lamps(tmp_path, monkeypatch, capsys):
     line = "evaluate teapot -c khepra -p sphere:4 --lamps lamps.toml -o out --max-incidence-deg 75"
     out, _ = done(capsys, line)
     assert "exposure: SNR 20 or more and saturation 1 or less is " in out
-    assert "seen, and unlit: " in out
+    assert "visible but unlit: " in out
     assert "by left 0" in out
     content = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert [each["lamp"] for each in content["light"]["lamps"]] == ["left 0", "left 1", "ring"]
     assert content["light"]["lamps"][2]["lit_percent"] is None
-    assert "seen, and unlit: " in (tmp_path / "out" / "report.html").read_text()
+    assert "visible but unlit: " in (tmp_path / "out" / "report.html").read_text()
     assert "Illuminance" in (tmp_path / "out" / "view.html").read_text()
     again = rc.load_lamps(tmp_path / "out" / "network.glb")
     given = rc.load_lamps(tmp_path / "lamps.toml")

@@ -98,7 +98,7 @@ def test_the_body_that_hides_a_dead_zone_is_named():
     assert hidden
     for zone in hidden:
         assert zone["reason"] == "occluded"
-        assert zone["advice"] == "b is between"
+        assert zone["advice"] == "b blocks the view"
     assert result.table()[0]["hidden_by"] == "b"
     assert "of the area in all frames, of 4 frames; ever" in result.lines()[0]
 
@@ -127,7 +127,7 @@ def test_what_hides_itself_is_another_part_of_it():
     eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0, 0, 1))
     zones = evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
     assert zones[0]["hidden_by"] == torus.groups[0].name
-    assert zones[0]["advice"] == "another part of it is between"
+    assert zones[0]["advice"] == "another part of it blocks the view"
 
 
 def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():

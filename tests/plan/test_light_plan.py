@@ -84,7 +84,7 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
     light = content["network"]["light"]
     assert [each["lamp"] for each in light["lamps"]] == ["key", "ring"]
     assert light["out_of_limits"]["percent"] > 1
-    assert "too dark, too bright or in a highlight: " in page
+    assert "visible but badly lit: " in page
     done(
         capsys, "check plan.toml -p out/poses.json --min-coverage 0.3 --junit junit.xml -o checked"
     )
