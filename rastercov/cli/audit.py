@@ -111,7 +111,7 @@ def audit(
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
-    cells = "cells" if summary["cell_size_m"] else "faces"
+    cells = "patches" if summary["cell_size_m"] else "faces"
     from rastercov.coverage.headline import advice_line
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS
