@@ -243,7 +243,7 @@ def out_option(words: str) -> Any:
 def _folder(text: str | Path) -> Path:
     """Folder by its name; an unset variable of a shell is not the current one."""
     if not str(text).strip():
-        raise typer.BadParameter("a folder is wanted, got an empty name; '.' is the current one")
+        raise typer.BadParameter("expected a folder, got an empty name; '.' is the current one")
     return Path(text)
 
 

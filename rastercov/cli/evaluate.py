@@ -292,7 +292,7 @@ def render(
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
-        raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
+        raise PoseError(f"--pose {pose} is out of range: {poses} has {len(matrices)} poses, from 0")
     files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
         warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])

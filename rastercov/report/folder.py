@@ -113,7 +113,7 @@ class ReportFolder:
 
     def __init__(self, path: str | Path, kind: ReportKind) -> None:
         if not os.fspath(path).strip():
-            raise ConfigError("a folder for the report is wanted, got an empty name")
+            raise ConfigError("expected a folder for the report, got an empty name")
         self.path, self.kind = Path(path), kind
         self.has_earlier = False
         self._staging, self._new = self.path / STAGING, self.path / STAGING / NEW

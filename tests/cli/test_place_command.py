@@ -184,7 +184,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         (SCENE, ["plan.toml: candidates: missing", "plan.toml: selection: missing"]),
         (QUICK.replace("[3.5]", "[0.2]"),
          ["plan.toml: no candidate is left (20 candidates: 17 in or behind rest, 3 in or"]),
-        (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
+        (QUICK + 'folder = "part.obj"\n', ["part.obj: expected a folder, got a file"]),
     ],
 )  # fmt: skip
 def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lines):
@@ -264,7 +264,7 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
     words, page = (
-        f"interrupted: this is what there was before {STEPS[step]}",
+        f"interrupted: result before {STEPS[step]}",
         Path("plan/page.html"),
     )
     assert words in out
@@ -431,7 +431,7 @@ def test_junit_replaces_an_outcome_and_nothing_else(capsys):
     before = content(".")
     for name in ("plan.toml", "rig.json", "part.obj", "of_others.xml"):
         said = refusal(capsys, f"{CHECK} --junit {name}")
-        assert said.startswith(f"error: {name}: not of an earlier check")
+        assert said.startswith(f"error: {name}: refusing to overwrite a file")
     assert content(".") == before
 
 
@@ -454,8 +454,8 @@ def test_junit_goes_through_links_and_pipes(capsys):
         ("check no.toml -p rig.json", "no.toml: cannot be read"),
         ("check plan.toml -p no.json", "no.json: cannot be read"),
         ("check plan.toml", "Missing option"),
-        ("check plan.toml -p rig.json --group lid", "--group wants NAME=SHARE"),
-        ("check plan.toml -p rig.json --group lid=nan", "--group wants NAME=SHARE"),
+        ("check plan.toml -p rig.json --group lid", "--group: expected NAME=SHARE"),
+        ("check plan.toml -p rig.json --group lid=nan", "--group: expected NAME=SHARE"),
         ("check plan.toml -p rig.json --group led=1", "there is no group 'led'"),
         ("check plan.toml -p rig.json --junit no/j.xml", "its folder does not exist"),
     ],
