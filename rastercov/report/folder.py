@@ -129,8 +129,8 @@ class ReportFolder:
                 self._files = _read(self.path / journal.name)[1]
                 if others := self._not_ours(chain(*self._moves(journal))):
                     raise ConfigError(
-                        f"{_named(others[0])}: in the way of the report that a killed "
-                        "run was putting here, and not of an earlier one; move it away"
+                        f"{_named(others[0])}: expected a file of an earlier report, where "
+                        "a killed run was writing one; move it away"
                     )
                 self._swap(journal)
             self._clean()
