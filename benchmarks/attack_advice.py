@@ -24,14 +24,14 @@ SCENES, POINTS, POSES = 80, 4_000, 1_000
 ENOUGH, LEAST_PERCENT = 0.5, 1.0
 PLACE = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\)"
 SAID = (
-    (rf"turn it towards {PLACE}", "turn"),
-    (rf"focus it at ([\d.]+) (m|mm), towards {PLACE}", "focus"),
-    (rf"give it ([\d.e+]+) times the focal length, towards {PLACE}", "longer"),
-    (rf"move it by [\d.]+ m?m, to {PLACE}, towards {PLACE}", "move"),
-    (rf"another at its place towards {PLACE}", "turn"),
-    (rf"another at its place, focused at ([\d.]+) (m|mm), towards {PLACE}", "focus"),
-    (rf"another at its place with ([\d.e+]+) times the focal length, towards {PLACE}", "longer"),
-    (rf"(?:another at|a place that has:) {PLACE}, towards {PLACE}", "move"),
+    (rf"aim it at {PLACE}", "turn"),
+    (rf"focus it at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
+    (rf"use ([\d.e+]+) times the focal length, aimed at {PLACE}", "longer"),
+    (rf"move it [\d.]+ m?m to {PLACE}, aimed at {PLACE}", "move"),
+    (rf"add a camera at the same place, aimed at {PLACE}", "turn"),
+    (rf"add a camera at the same place, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
+    (rf"add one at the same place, ([\d.e+]+) times the focal length, aimed at {PLACE}", "longer"),
+    (rf"add a camera at {PLACE}, aimed at {PLACE}", "move"),
 )
 """Words of advice, and what is done."""
 

@@ -135,7 +135,7 @@ def _interrupts(number: int, report: Report) -> None:
         after = rng.uniform(0, 1.5)
         code, said = interrupted(after, gaps, is_slow=row % 2 == 0)
         lines = [line for line in said.splitlines() if not line.startswith("warning: ")]
-        if code != 130 or lines != ["Ctrl-C ends it", "interrupted"]:
+        if code != 130 or lines != ["press Ctrl-C to stop", "interrupted"]:
             wrong += 1
             print(f"Ctrl-C after {after:.3f} s, then {gaps}: {code} {lines}", file=sys.stderr)
     report.add("programs that got Ctrl-C in a request", number, "programs")

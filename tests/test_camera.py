@@ -368,7 +368,7 @@ FILES = {
     "number.json": ("640", "a camera is a table of names and values, got"),
     "large.json": (
         '{"width": 1' + "0" * 400 + ', "height": 1, "fx": 1, "fy": 1}',
-        "width: a number within",
+        "width: expected a number within",
     ),
     "latin.json": (b'{"\xe9": 1}', "not valid JSON"),
     "folder.json": (None, "cannot be read"),

@@ -93,7 +93,7 @@ def test_a_head_is_two_cameras_side_by_side_that_measure_together(tmp_path, caps
     [listed] = json.loads(capsys.readouterr().out)["heads"]
     assert (listed["name"], listed["camera"]) == ("stereo", "zed")
     for name, words in (
-        ("stereo:wide", "a baseline in metres wanted, got 'wide'"),
+        ("stereo:wide", "a baseline in metres, got 'wide'"),
         ("stereo:-1", "got '-1'"),
         ("stereo:1:none", "no 'none' among the cameras"),
         ("mono:1", "a head is NAME:BASELINE or NAME:BASELINE:CAMERA"),

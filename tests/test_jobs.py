@@ -111,7 +111,7 @@ def test_evaluate_says_why_it_is_by_face():
     assert rc.evaluate(mesh, camera, POSES).by == "area"
     found = rc.evaluate(mesh, camera, POSES, rc.Task(min_pixels=3))
     assert found.by == "face"
-    assert "min_pixels is of a face" in found.summary()["by_face_because"]
+    assert "min_pixels applies to faces" in found.summary()["by_face_because"]
 
 
 def test_an_interrupt_is_raised_by_the_function(monkeypatch):

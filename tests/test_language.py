@@ -1,6 +1,7 @@
 """Prose of docstrings, comments and pages: plain technical English.
 
-A docstring opens with a noun phrase or a verb, and no text has a banned word.
+A docstring opens with a noun phrase or a verb, and no text has a banned word. What users read
+(texts of the program, templates, README) has none of the phrases that terms have replaced.
 """
 
 import ast
@@ -25,6 +26,16 @@ PHRASES = """
 WORDS = "|".join(re.split(r",\s+", PHRASES.strip())).replace(" ", r"\s+")
 BANNED = re.compile(rf"\b({WORDS})\b", re.IGNORECASE)
 CODE = re.compile(r"```.*?```|`[^`]*`|\]\([^)]*\)", re.DOTALL)
+
+RETIRED = re.compile(
+    r"too flatly|seen from behind|not all in the image|too small for a sample|in the way of"
+    r"| wanted, got|: wanted | wants (a|an|one|NAME)\b|Hold (a|the) (rig|model)|is said\."
+    r"|that (is|are) sold|whatever the triangles|seen, and|to the letter|dazzles|for people\b"
+    r"|no rigid motion|kill a worker|Covered is what|no selection (covers|that)|no other costs"
+    r"|cover the same:|falls? short|to hand on|place that has:|keep clear by"
+    r"|is of a face|is of light|has no lx"
+)
+"""Phrases that no user reads any more; the terms are in docs/conventions.md."""
 
 
 def prose_of(source):
@@ -62,6 +73,24 @@ def test_prose_is_plain():
         for path in sorted(files())
         for line, words in faults(path.read_text(encoding="utf-8"), path.suffix)
     ]
+    assert found == []
+
+
+def read_by_users():
+    """Place and text of each literal that is no docstring, and of each template and page."""
+    for path in sorted((ROOT / "rastercov").rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        said = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in said:
+                yield f"{path.relative_to(ROOT)}:{node.lineno}", node.value
+    pages = [ROOT / "README.md", *(ROOT / "rastercov/report/templates").glob("*.html")]
+    for path in sorted(pages):
+        yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
+
+
+def test_users_read_none_of_the_retired_phrases():
+    found = [f"{at}: {hit[0]}" for at, text in read_by_users() if (hit := RETIRED.search(text))]
     assert found == []
 
 

@@ -30,7 +30,7 @@ def test_a_huge_number_at_any_place_of_a_file_is_refused_with_the_name_of_its_en
         line = str(caught.value)
         assert line.isprintable()
         name = LAMPS[: place.start()].rpartition("\n")[2].partition(" ")[0]
-        assert f"{name}: a number within ±1e+100 wanted, got " in line
+        assert f"{name}: expected a number within ±1e+100, got " in line
 
 
 @pytest.mark.parametrize("name", ["a.gltf", "a.json"])
@@ -94,5 +94,5 @@ def test_a_huge_number_anywhere_in_a_gltf_is_one_line_and_no_warning(tmp_path):
             line = str(caught.value)
             assert line.isprintable()
             assert re.search(
-                r": [\w.]+: a number within ±1e\+100 wanted, got [^()]*; correct it$", line
+                r": [\w.]+: expected a number within ±1e\+100, got [^()]*; correct it$", line
             )

@@ -19,7 +19,7 @@ OTHER = {
 @pytest.mark.parametrize("name", [each.name for each in fields(rc.Task)])
 def test_every_threshold_has_words_with_its_figure(name):
     usual = task_in_words(asdict(rc.Task()))
-    assert usual == "Covered is what a camera sees."
+    assert usual == "A point is covered if a camera sees it."
     task = replace(
         rc.Task(),
         **{name: OTHER.get(name, 12.5)}
@@ -37,8 +37,8 @@ def test_every_threshold_has_words_with_its_figure(name):
 def test_views_of_groups_and_names_of_the_standard_are_in_words():
     task = rc.Task(min_facing_density=250, views=2, min_angle_deg=15)
     assert task_in_words(asdict(task), {"at the doors": 3}) == (
-        'Covered is what 2 cameras see, 3 for "at the doors", 15° apart, with 250 px/m or more on '
-        "what faces the camera (identify)."
+        'A point is covered if 2 cameras see it, 3 for "at the doors", 15° apart, '
+        "with 250 px/m or more facing the camera (identify)."
     )
 
 

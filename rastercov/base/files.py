@@ -224,7 +224,7 @@ def check_number(value: object, name: str) -> None:
         return
     if isinstance(value, int) or math.isfinite(value):
         raise UnreadableError(
-            f"{printable(name) or 'the file'}: a number within ±{LARGEST_NUMBER:g} wanted, got "
+            f"{printable(name) or 'the file'}: expected a number within ±{LARGEST_NUMBER:g}, got "
             f"{shown(value)}; correct it"
         )
 
@@ -243,15 +243,15 @@ def _check(status: os.stat_result, most: int, advice: str) -> None:
     if not stat.S_ISREG(mode):
         kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
         kind = kinds.get(stat.S_IFMT(mode), "a device")
-        raise UnreadableError(f"a regular file wanted, got {kind}; pass a file")
+        raise UnreadableError(f"expected a regular file, got {kind}; pass a file")
     if status.st_size > most:
-        raise UnreadableError(f"at most {most} bytes wanted, got {status.st_size}; {advice}")
+        raise UnreadableError(f"expected at most {most} bytes, got {status.st_size}; {advice}")
 
 
 def _check_size(wanted: int, got: int) -> None:
     if got != wanted:
         raise UnreadableError(
-            f"{wanted} bytes wanted, got {got}; the file changed while it was read, try again"
+            f"expected {wanted} bytes, got {got}; the file changed while it was read, try again"
         )
 
 
@@ -264,7 +264,7 @@ def _as_path(path: StrPath) -> Path:
         return Path(path)
     except TypeError:
         kind = type(path).__name__
-        raise UnreadableError(f"a path wanted, got {kind}; pass a string or a Path") from None
+        raise UnreadableError(f"expected a path, got {kind}; pass a string or a Path") from None
 
 
 SHORTEST = 3

@@ -41,7 +41,7 @@ def locked(path: Path) -> Iterator[Path]:
         named_folder(path)
         descriptor = os.open(path / LOCK, _FLAGS)
     except (FileExistsError, NotADirectoryError):
-        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
+        raise ConfigError(f"{path}: expected a folder, got a file; move it away") from None
     except OSError as error:
         raise ConfigError(f"{path}: the folder cannot be used ({error.strerror})") from None
     is_free = True

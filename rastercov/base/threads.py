@@ -188,7 +188,7 @@ class Unique:
         name = type(self).__name__.lstrip("_")
         raise ConfigError(
             f"a {name} cannot be copied or pickled: it holds a device or memory of this process; "
-            "open another one where it is wanted, of the same mesh and camera"
+            "open another one there, of the same mesh and camera"
         )
 
 

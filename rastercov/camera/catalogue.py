@@ -134,7 +134,7 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
     except (UnreadableError, CameraError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
     except (KeyError, AttributeError, TypeError):
-        words = "[cameras.NAME], [lenses.NAME] and [heads.NAME] wanted; correct it"
+        words = "expected [cameras.NAME], [lenses.NAME] and [heads.NAME]; correct it"
         raise CameraError(f"{printable(str(path))}: {words}") from None
     return Catalogue(**tables)
 
@@ -176,7 +176,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, float]:
             baseline = positive("baseline", float(others[0].removesuffix("m")))
         except (ValueError, CameraError):
             raise CameraError(
-                f"{name}: a baseline in metres wanted, got {shown(others[0])}"
+                f"{name}: expected a baseline in metres, got {shown(others[0])}"
             ) from None
     return str(others[1] if len(others) > 1 else camera), baseline
 

@@ -152,7 +152,7 @@ class Exposure:
         if unit == "lx":
             if not VISIBLE[0] <= self.wavelength <= VISIBLE[1]:
                 raise ConfigError(
-                    f"light of {self.wavelength * 1e9:.0f} nm has no lx; give lamps in W/sr"
+                    f"illuminance in lux is undefined at {self.wavelength * 1e9:.0f} nm; use W/sr"
                 )
             per_electron *= LUMENS_PER_WATT * luminous_efficiency(self.wavelength)
         least, most = self.electrons()

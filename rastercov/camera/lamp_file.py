@@ -69,7 +69,7 @@ def load_lamps(path: StrPath) -> Lamps:
         return lamps_of(read_toml(path), Path(path).parent)
     except (LookupError, TypeError, AttributeError):
         shape = "lamps, places, names, rides and ambient, as of Lamps.to_json"
-        raise CameraError(f"{printable(str(path))}: wanted {shape}; save it again") from None
+        raise CameraError(f"{printable(str(path))}: expected {shape}; save it again") from None
     except (UnreadableError, CameraError, ConfigError, PoseError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
 

@@ -39,9 +39,9 @@ def _profile(text: str) -> tuple[float, Profile]:
     head, tilt, body = text.partition("TILT=")
     kind, _, numbers = body.partition("\n")
     if not tilt or not head.lstrip().upper().startswith("IES"):
-        raise CameraError("wanted an IES LM-63 file, which begins with IES and has a line TILT=")
+        raise CameraError("expected an IES LM-63 file, which begins with IES and has a line TILT=")
     if kind.strip().upper() != "NONE":
-        raise CameraError(f"wanted TILT=NONE, got TILT={printable(kind.strip()[:20])}")
+        raise CameraError(f"expected TILT=NONE, got TILT={printable(kind.strip()[:20])}")
     try:
         values = np.array([float(each) for each in _NUMBER.split(numbers.strip()) if each])
         values[~(np.abs(values) <= LARGEST_NUMBER)] = np.nan  # which no whole number is
@@ -52,7 +52,7 @@ def _profile(text: str) -> tuple[float, Profile]:
     except (ValueError, IndexError):
         raise CameraError("its numbers are not as many as it says, or no numbers") from None
     if type_c != 1:
-        raise CameraError(f"wanted photometric type C, 1, got {type_c}")
+        raise CameraError(f"expected photometric type C, 1, got {type_c}")
     if not are_angles(down):
         raise CameraError(f"vertical angles must {ASCEND}")
     weights = _weights(around)

@@ -18,7 +18,7 @@ from rastercov.coverage.task import Task
 from rastercov.shards import Tally
 
 NO_SCALE = (
-    "the reconstruction has no scale: lengths are in its units; --pose-unit and --unit give metres"
+    "the reconstruction has no scale, so lengths are in its units; set --pose-unit and --unit"
 )
 
 
@@ -29,12 +29,15 @@ class ResultOptions(NamedTuple):
         str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
     ] = None
     resolution_of_result: Annotated[
-        float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
+        float | None,
+        typer.Option(help="Longest side of a surface patch, m.", show_default="from the scene"),
     ] = None
-    method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified"
+    method: Annotated[str, typer.Option(help="Visibility method: certified, exact or sampled.")] = (
+        "certified"
+    )
     suggest: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of images to take next.", show_default="none"),
+        typer.Option(min=1, help="Number of further images to suggest.", show_default="none"),
     ] = None
 
 
@@ -44,7 +47,7 @@ def audit(
         Path,
         typer.Argument(
             metavar="CAMERAS",
-            help="Cameras and poses: a COLMAP folder, transforms.json, Metashape XML, or others.",
+            help="Cameras and poses: COLMAP folder, transforms.json, Metashape XML or others.",
             show_default=False,
         ),
     ],
@@ -59,7 +62,7 @@ def audit(
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
+    """Audit existing cameras: what each sees, what is lost without it, and which subset suffices.
 
     Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
@@ -101,14 +104,14 @@ def audit(
     else:
         _print(summary, out, level, "m" if views.has_unit else "unit", tally)
     left = summary["quarantined"].items()
-    warn(f"pose {pose} left out: its process {end}" for pose, end in left)
+    warn(f"pose {pose} skipped: its process {end}" for pose, end in left)
     if left and not conventions.skip_bad_poses:
         raise typer.Exit(1)
 
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:
     """Print the answer and what is said of it."""
-    cells = "cells" if summary["cell_size_m"] else "faces"
+    cells = "patches" if summary["cell_size_m"] else "faces"
     from rastercov.coverage.headline import advice_line
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS

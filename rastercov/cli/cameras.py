@@ -29,20 +29,29 @@ UNITS = {"pixel_size": ("um", 1e6), "focal_length": ("mm", 1e3), "image_circle":
 
 def cameras(
     words: Annotated[
-        list[str] | None, typer.Argument(help="Words of name, maker, product or sensor.")
+        list[str] | None, typer.Argument(help="Words in the name, maker, product or sensor.")
     ] = None,
     hfov: Annotated[
-        float | None, typer.Option(min=0.01, max=360, help="Field of view, deg, to 10 %: pairs.")
+        float | None,
+        typer.Option(
+            min=0.01,
+            max=360,
+            help="Horizontal field of view, deg, within 10 %; lists camera and lens pairs.",
+        ),
     ] = None,
-    min_pixels: Annotated[float, typer.Option(min=0, help="Pixels at least, such as 5e6.")] = 0.0,
-    mount: Annotated[str | None, typer.Option(help="Mount of the lens: C, CS, S or E.")] = None,
+    min_pixels: Annotated[
+        float, typer.Option(min=0, help="Minimum number of pixels, such as 5e6.")
+    ] = 0.0,
+    mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S or E.")] = None,
     max_price: Annotated[
-        float, typer.Option(min=0, help="Price at most, of those with one.")
+        float, typer.Option(min=0, help="Maximum price; entries without a price stay.")
     ] = math.inf,
-    own: Annotated[Path | None, typer.Option("--catalogue", help="File of your own.")] = None,
+    own: Annotated[
+        Path | None, typer.Option("--catalogue", help="Your own catalogue file.")
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """List cameras, lenses and heads that are sold, by text, pixels, mount, price or field of view.
+    """Search the catalogue of cameras, lenses and heads by text, pixels, mount, price or view.
 
     Example: rastercov cameras rpi --hfov 60
     """

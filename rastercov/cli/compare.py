@@ -43,27 +43,29 @@ def compare(
     method: Annotated[
         list[str],
         typer.Option(
-            help="What to compare: certified, exact, sampled; sampled:cpu or another device, "
-            "sampled@4 for 4 x 4 samples a pixel, sampled:cpu@4 for both. Repeat it for more."
+            help="Method to compare: certified, exact or sampled; sampled:cpu selects a device, "
+            "sampled@4 takes 4 x 4 samples per pixel, sampled:cpu@4 does both. Repeatable."
         ),
     ] = COMPARED,
     against: Annotated[
         str,
-        typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
+        typer.Option(help="Reference: exact, or polygons or rational (seconds per pose)."),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
-    faces: Annotated[int, typer.Option(min=0, help="Worst faces to draw for each method.")] = 6,
+    faces: Annotated[
+        int, typer.Option(min=0, help="Number of worst faces to draw for each method.")
+    ] = 6,
     convergence: Annotated[
-        bool, typer.Option(help="Measure how errors fall with denser samples, too.")
+        bool, typer.Option(help="Also measure convergence with denser sampling.")
     ] = True,
     models: Annotated[
         bool, typer.Option("--models", help="Compare coverage models instead of methods.")
     ] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compare ways to find visibility with the truth; 1 when a bound does not hold.
+    """Compare visibility methods with a reference. Exits with 1 if a bound is exceeded.
 
-    It leaves a page for people (compare.html) and all figures (compare.json).
+    Writes a page (compare.html) and all figures (compare.json).
 
     Example: rastercov compare part.stl -c camera.toml -p poses.json
 
@@ -98,7 +100,7 @@ def compare(
         print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
-        warn([f"it covers the {found.poses_done} of {found.poses} poses that were done"])
+        warn([f"interrupted: the result covers {found.poses_done} of {found.poses} poses"])
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)
@@ -115,7 +117,7 @@ def _compare_models(
 
     warn(mesh.warnings)
     warn(
-        f"{name} is left out: it wants a pinhole, because {reason}"
+        f"{name} is skipped: it needs a pinhole camera, because {reason}"
         for name, reason in left_out(camera).items()
     )
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:
@@ -134,24 +136,24 @@ def _compare_models(
 
 
 validate = typer.Typer(
-    help="Hold the model against what a real task makes of pictures.", cls=Group, **SETTINGS
+    help="Validate the model against marker detection in rendered images.", cls=Group, **SETTINGS
 )
 
 
 @validate.callback()
 def _group() -> None:
-    """Hold the model against what a real task makes of pictures."""
+    """Validate the model against marker detection in rendered images."""
 
 
 @validate.command(cls=Command)
 def markers(
     out: Annotated[Path, out_option("Folder for the page.")] = Path("markers"),
-    seed: Annotated[int, typer.Option(min=0, help="Of the sensor's noise.")] = 2020,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 2020,
     as_json: AsJson = False,
 ) -> None:
-    """Predict which ArUco markers OpenCV finds in pictures; 1 when under 98 % are right.
+    """Predict which ArUco markers OpenCV detects. Exits with 1 if fewer than 98 % are right.
 
-    The four experiments of the thesis. It leaves a page for people (markers.html) and all figures
+    Runs the four experiments of the thesis. Writes a page (markers.html) and all figures
     (markers.json). Needs the extra `markers`.
 
     Example: rastercov validate markers --out markers/

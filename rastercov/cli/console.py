@@ -243,7 +243,7 @@ def out_option(words: str) -> Any:
 def _folder(text: str | Path) -> Path:
     """Folder by its name; an unset variable of a shell is not the current one."""
     if not str(text).strip():
-        raise typer.BadParameter("a folder is wanted, got an empty name; '.' is the current one")
+        raise typer.BadParameter("expected a folder, got an empty name; '.' is the current one")
     return Path(text)
 
 
@@ -362,23 +362,21 @@ SETTINGS: dict[str, Any] = {
     "rich_markup_mode": None,
 }
 COMMANDS = {
-    "evaluate": "Evaluate every pose and leave a report: a table, figures, pictures, a coloured "
-    "mesh.",
-    "demo": "Run the main job on a built-in mesh.",
-    "render": "Draw one pose: a picture, the face index and the depth of every pixel (PNG and "
-    "NPZ).",
-    "compare": "Compare ways to find visibility with the truth; 1 when a bound does not hold.",
-    "place": "Find out where cameras go: carry out a plan file; 1 when its goal is not reached.",
-    "check": "Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.",
-    "audit": "Audit existing cameras: what each sees, what is lost without it, and the smallest "
-    "subset.",
-    "cameras": "List cameras, lenses and heads that are sold, by text, pixels, mount, price or "
+    "evaluate": "Evaluate every pose and write a report: table, figures, pictures, coloured mesh.",
+    "demo": "Run `evaluate` on a built-in mesh.",
+    "render": "Render one pose: a picture, and the face index and depth of every pixel (PNG, NPZ).",
+    "compare": "Compare visibility methods with a reference. Exits with 1 if a bound is exceeded.",
+    "place": "Place cameras from a plan file. Exits with 1 if its goal is not reached.",
+    "check": "Check a rig against a plan. Exits with 1 if it fails.",
+    "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
+    "suffices.",
+    "cameras": "Search the catalogue of cameras, lenses and heads by text, pixels, mount, price or "
     "field of view.",
-    "convert": "Convert camera and pose files between programs; whatever is lost is said.",
-    "view": "See a rig in the browser, move its cameras, and understand what they cover.",
-    "sheet": "Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.",
-    "doctor": "List graphics devices, test each, and say what to install.",
-    "validate": "Hold the model against what a real task makes of pictures.",
+    "convert": "Convert camera and pose files, and report what the target format cannot represent.",
+    "view": "View a rig in the browser, move its cameras, and see what they cover.",
+    "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",
+    "doctor": "List and test graphics devices, and name missing packages.",
+    "validate": "Validate the model against marker detection in rendered images.",
 }
 """Commands and the first line of their help, which the list shows before any is loaded."""
 IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
@@ -409,7 +407,7 @@ class LazyCommand(TyperCommand):
 def group() -> Any:
     """The commands, as one that has them."""
     app = typer.Typer(
-        help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
+        help="Find which part of a surface each camera sees, how well, and why not the rest.\n\n"
         "Example: rastercov demo --out report/",
         cls=Group,
         **SETTINGS,

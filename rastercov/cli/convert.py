@@ -22,7 +22,7 @@ def convert(
         typer.Argument(
             metavar="IN",
             help="File or folder to read: COLMAP, transforms.json, OpenCV, ROS, Kalibr, "
-            "Metashape, OpenSfM, Bundler, BAL, glTF, MVSNet, or our own.",
+            "Metashape, OpenSfM, Bundler, BAL, glTF, MVSNet or rastercov.",
             show_default=False,
         ),
     ],
@@ -30,7 +30,7 @@ def convert(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="File to write; by its name: .json, .toml (one camera), transforms.json, .yaml "
+            help="File to write, format by name: .json, .toml (one camera), transforms.json, .yaml "
             "(OpenCV), .glb (frusta), .npy (poses), or a folder (COLMAP).",
             show_default=False,
         ),
@@ -38,21 +38,26 @@ def convert(
     conventions: Conventions,
     read_as: Annotated[
         str | None,
-        typer.Option("--from", help=f"Format of IN: {', '.join(READERS)}; else by its content."),
+        typer.Option(
+            "--from",
+            help=f"Format of IN: {', '.join(READERS)}; otherwise detected from its content.",
+        ),
     ] = None,
     write_as: Annotated[
         str | None,
-        typer.Option("--to", help=f"Format of OUT: {', '.join(WRITERS)}; else by its name."),
+        typer.Option(
+            "--to", help=f"Format of OUT: {', '.join(WRITERS)}; otherwise chosen by its name."
+        ),
     ] = None,
     camera_name: options.CameraName = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Overwrite OUT.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Convert camera and pose files between programs; whatever is lost is said.
+    """Convert camera and pose files, and report what the target format cannot represent.
 
     Example: rastercov convert sparse/0 transforms.json
 
-    Look at a rig: rastercov convert camchain.yaml rig.glb
+    Inspect a rig: rastercov convert camchain.yaml rig.glb
     """
     views = read_views(source, format=read_as, conventions=conventions)
     if camera_name is not None:

@@ -103,10 +103,10 @@ def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
 def doctor(
     as_json: AsJson = False,
     guide: Annotated[
-        bool, typer.Option("--guide", help="Print how to drive rastercov, for assistants.")
+        bool, typer.Option("--guide", help="Print the guide for assistants and scripts.")
     ] = False,
 ) -> None:
-    """List graphics devices, test each, and say what to install.
+    """List and test graphics devices, and name missing packages.
 
     Example: rastercov doctor --json
     """

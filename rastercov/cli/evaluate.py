@@ -48,36 +48,34 @@ class ReportOptions(NamedTuple):
     by: Annotated[
         str | None,
         typer.Option(
-            help="Unit of the result: area (exact, whatever the triangles) or face (as in the "
-            "thesis).",
-            show_default="area, unless a threshold is of a face",
+            help="Unit of the result: area (exact, independent of the triangulation) or face (as "
+            "in the thesis).",
+            show_default="area, unless a threshold applies to faces",
         ),
     ] = None
     method: Annotated[
-        str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
+        str, typer.Option(help="Visibility method: certified, exact (slower) or sampled.")
     ] = "certified"
     supersample: Annotated[
-        int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")
+        int, typer.Option(help="S for S x S samples per pixel, with --method sampled.")
     ] = 1
     device: options.Device = "auto"
     table: Annotated[
         str | None,
         typer.Option(
-            help="Pairs of pose and face in the table: none, covered, seen (in the image, facing "
-            "the camera) or all. Or groups: visible and truncated share of each group's "
+            help="Rows of the table: pose-face pairs (none, covered, seen: front-facing and in the "
+            "image, or all), or groups: visible and truncated share of each group's "
             "silhouette in each image.",
             show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None
     pictures: Annotated[
         int,
-        typer.Option(min=0, help="Poses on the contact sheet, spread over the run; 0: no picture."),
+        typer.Option(min=0, help="Number of poses on the contact sheet; 0 for none."),
     ] = 12
     full: Annotated[
         str,
-        typer.Option(
-            help="Full pictures of those poses, too: poses, faces (indices), all or none."
-        ),
+        typer.Option(help="Also write these full-size: poses, faces (indices), all or none."),
     ] = "none"
     pdf: options.Pdf = False
 
@@ -99,13 +97,13 @@ def evaluate(
     motion: Annotated[
         Path | None,
         typer.Option(
-            help="Motion of bodies: a TOML file with [[bodies]], [motion] and over, or a table of "
-            "poses, JSON or CSV."
+            help="Motion file: TOML with [[bodies]], [motion] and over, or a table of poses (JSON "
+            "or CSV)."
         ),
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
+    """Evaluate every pose and write a report: table, figures, pictures, coloured mesh.
 
     Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
@@ -193,13 +191,13 @@ def run_and_print(
     if summary["interrupted"]:
         done, total = summary["poses"], len(accepted)
         if done < total:
-            warn([f"the report holds the {done} of {plural(total, 'pose')} that were done"])
+            warn([f"interrupted: the report holds {done} of {plural(total, 'pose')}"])
         else:
             warn([f"the report holds all {plural(total, 'pose')}; pictures may be missing"])
         raise KeyboardInterrupt
     if summary["quarantined"]:
         warn(
-            f"pose {pose} left out: its process {end}"
+            f"pose {pose} skipped: its process {end}"
             for pose, end in summary["quarantined"].items()
         )
         if not settings.skip_bad_poses:
@@ -219,12 +217,14 @@ def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
 
 def demo(
     out: options.Out = Path("report"),
-    shape: Annotated[str, typer.Option(help=f"One of {', '.join(shapes.NAMES)}.")] = "aeroplane",
-    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 4,
+    shape: Annotated[
+        str, typer.Option(help=f"Built-in mesh: {', '.join(shapes.NAMES)}.")
+    ] = "aeroplane",
+    poses: Annotated[int, typer.Option(min=1, help="Number of poses around it.")] = 4,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:
-    """Run the main job on a built-in mesh.
+    """Run `evaluate` on a built-in mesh.
 
     Example: rastercov demo --shape teapot --out report/
     """
@@ -271,12 +271,12 @@ def render(
     conventions: Conventions,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
-    pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
+    pose: Annotated[int, typer.Option(min=0, help="Row of the pose file, from 0.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:
-    """Draw one pose: a picture, the face index and the depth of every pixel (PNG and NPZ).
+    """Render one pose: a picture, and the face index and depth of every pixel (PNG, NPZ).
 
     Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
@@ -288,7 +288,7 @@ def render(
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
-        raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
+        raise PoseError(f"--pose {pose} is out of range: {poses} has {len(matrices)} poses, from 0")
     files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
         warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])

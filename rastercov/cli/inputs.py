@@ -184,7 +184,7 @@ def _transform(text: str) -> dict[str, Any]:
     except ValidationError as error:
         reason = lines_of(error, table, TransformEntry)[0]
     except (tomllib.TOMLDecodeError, RecursionError):
-        reason = "wanted entries such as 'angle_deg = 90, translation = [0, 0, 1]'"
+        reason = "expected entries such as 'angle_deg = 90, translation = [0, 0, 1]'"
     raise ConfigError(f"--transform {text}: {reason}; correct it")
 
 
@@ -207,7 +207,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     is_meant = len(rings) == len(found) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
     if not is_meant or sum(n for n, _ in rings) > MOST_POSES:
         raise PoseError(
-            f"--poses sphere:N wants a whole number 1 to {MOST_POSES}, turntable:N@DEG,N@DEG one "
+            f"--poses: expected sphere:N with N from 1 to {MOST_POSES}, turntable:N@DEG,N@DEG one "
             f"and degrees for each ring, -90 to 90, got {source!r}"
         )
     centre = mesh.bounds.mean(axis=0)
@@ -349,7 +349,7 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
     for text in given:
         if (pair := _named_camera(text)) is None:
             raise CameraError(
-                f"--camera {text}: of several cameras each wants a name and a file or preset, "
+                f"--camera {text}: expected NAME=FILE for each of several cameras, "
                 "--camera left=left.yaml; correct it"
             )
         name, source = pair
@@ -397,8 +397,8 @@ def _of_entries(text: str, border: Border) -> Views:
         raise CameraError(f"--camera {text}: {error}") from None
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
         raise CameraError(
-            f'--camera {text}: a file, a preset, or entries such as \'preset = "khepra", near = '
-            "0.1' wanted; correct it"
+            f"--camera {text}: expected a file, a preset, or entries such as "
+            "'preset = \"khepra\", near = 0.1'; correct it"
         ) from None
 
 

@@ -23,7 +23,7 @@ from rastercov.shards import Workers
 Meshes = Annotated[
     list[Path],
     typer.Argument(
-        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP), together one scene; "
+        help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP) of one scene, "
         f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
         show_default=False,
     ),
@@ -33,11 +33,11 @@ CamerasOption = Annotated[
     typer.Option(
         "--camera",
         "-c",
-        help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
-        "Metashape and others; one that is sold, NAME or NAME+LENS of `rastercov cameras`; or "
+        help="Camera file of rastercov (.toml, .json), COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
+        "Metashape or others; NAME or NAME+LENS of the catalogue (`rastercov cameras`); or "
         "entries of a camera file, "
-        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. Or "
-        "NAME=FILE, once for each camera, for poses that name theirs.",
+        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. For "
+        "several cameras, repeat NAME=FILE; poses refer to the names.",
         show_default="the cameras of --poses",
     ),
 ]
@@ -46,34 +46,34 @@ PosesOption = Annotated[
     typer.Option(
         "--poses",
         "-p",
-        help="Pose file: ours (.json, .npy), or of COLMAP, nerfstudio and others; or sphere:N for "
-        "N poses around the mesh that look at it from where it fills the image, or "
-        "turntable:N@DEG,N@DEG for rings of N, DEG degrees above its middle.",
+        help="Pose file of rastercov (.json, .npy), COLMAP, nerfstudio or others; sphere:N for N "
+        "poses around the mesh, at the distance where it fills the image; or "
+        "turntable:N@DEG,N@DEG for rings of N poses at DEG degrees of elevation.",
     ),
 ]
 LampsOption = Annotated[
     Path | None,
     typer.Option(
-        "--lamps", help="Lamps (.toml) that must light what is covered, see docs/light.md."
+        "--lamps", help="Lamp file (.toml); a covered point must also be lit, see docs/light.md."
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
 Pdf = Annotated[
-    bool, typer.Option("--pdf", help="Print the page to a PDF, too, by Chromium or Chrome.")
+    bool, typer.Option("--pdf", help="Also print the page to PDF (needs Chromium or Chrome).")
 ]
 Unit = Annotated[
     list[str],
     typer.Option(
         help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; NAME:UNIT for one "
-        "of them. Files that state their unit keep it."
+        "file. Ignored for files that state their unit."
     ),
 ]
 Transform = Annotated[
     list[str],
     typer.Option(
-        help="Place of the mesh, as in plan files: 'scale = 1, axis = [0, 0, 1], angle_deg = 90, "
-        "translation = [0, 0, 1.5]', any of them; NAME:... for one of several files. Metres, "
-        "after --unit."
+        help="Transform of the mesh, as in plan files: any of 'scale = 1, axis = [0, 0, 1], "
+        "angle_deg = 90, translation = [0, 0, 1.5]', in metres, after --unit; NAME:... for one "
+        "file."
     ),
 ]
 UNIT = ["m"]
@@ -81,40 +81,45 @@ UNIT = ["m"]
 Occluders = Annotated[
     list[str],
     typer.Option(
-        "--occluder", help="Mesh file or group, wildcards too, that hides but is not scored."
+        "--occluder",
+        help="Mesh file or group (wildcards allowed) that occludes but is not evaluated.",
     ),
 ]
 Targets = Annotated[
     list[str],
-    typer.Option("--target", help="Mesh file or group that is scored but hides nothing."),
+    typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
 ]
 TwoSided = Annotated[
-    list[str], typer.Option(help="Mesh file or group that counts from either side; 'all' for all.")
+    list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
 ]
-DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
-Device = Annotated[str, typer.Option(help="auto, cpu, hardware, egl:0, surfaceless, osmesa.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+DropInvalid = Annotated[bool, typer.Option(help="Drop non-finite faces with a warning.")]
+Device = Annotated[
+    str, typer.Option(help="Device of sampled: auto, cpu, hardware, egl:0, surfaceless, osmesa.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Level = Annotated[
     int | None,
-    typer.Option(min=1, help="Parts in the table: 1 for whole parts, 2 for what they hold, ..."),
+    typer.Option(
+        min=1, help="Depth of the part tree in tables: 1 for assemblies, 2 for their children, ..."
+    ),
 ]
-Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")]
+Thesis = Annotated[bool, typer.Option("--thesis", help="Use (3.6) of the thesis exactly.")]
 
 
 CameraName = Annotated[
-    str | None, typer.Option(help="Camera of a file with several, by its name there.")
+    str | None, typer.Option(help="Name of the camera to use, for files with several.")
 ]
 WorkersOption = Annotated[
     int | None,
     typer.Option(
-        "--workers", help="Worker processes on this machine.", show_default="threads of this one"
+        "--workers", help="Number of worker processes on this machine.", show_default="threads only"
     ),
 ]
 SchedulerOption = Annotated[
     str | None,
     typer.Option(
         "--scheduler",
-        help="Dask scheduler whose workers do the work: tcp://127.0.0.1:8786, or tls://.",
+        help="Address of a Dask scheduler: tcp://127.0.0.1:8786, or tls://.",
         show_default="none",
     ),
 ]
@@ -134,24 +139,24 @@ class Processes(NamedTuple):
 CONVENTIONS = {
     "pixel_centre": (
         float | None,
-        "Coordinate of the centre of the top-left pixel in the camera file: 0 or 0.5; for files "
-        "that do not say.",
+        "Coordinate of the centre of the top-left pixel, 0 or 0.5, for camera files that do not "
+        "state it.",
     ),
     "lens_model": (
         str | None,
-        "brown or fisheye: what four coefficients of a camera file are, where it does not say.",
+        "brown or fisheye: model of four coefficients, for camera files that do not state it.",
     ),
     "pose_unit": (
         str | None,
-        "Unit of poses: m, mm, cm, um, in, ft, or metres per unit; for files that do not say.",
+        "Unit of poses: m, mm, cm, um, in, ft, or metres per unit, for files that do not state it.",
     ),
-    "image_size": (str | None, "WIDTHxHEIGHT, px, for camera files that do not say."),
+    "image_size": (str | None, "WIDTHxHEIGHT, px, for camera files that do not state it."),
     "pose_convention": (
         str | None,
-        f"Convention of bare matrices: {', '.join(POSE_CONVENTIONS)}.",
+        f"Convention of plain 4 x 4 matrices: {', '.join(POSE_CONVENTIONS)}.",
     ),
-    "original_world": (bool, "Undo the applied_transform of a transforms.json."),
-    "skip_bad_poses": (bool, "Leave out poses that are no rigid motion, or kill a worker."),
+    "original_world": (bool, "Undo applied_transform of a transforms.json."),
+    "skip_bad_poses": (bool, "Skip poses that are not rigid transforms or that crash a worker."),
 }
 """Types and words of the options of `Conventions`."""
 
@@ -229,7 +234,7 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     if (match := re.fullmatch(r"(\d{1,9})[xX×](\d{1,9})", text.strip())) is None:
-        raise ConfigError(f"--image-size wants WIDTHxHEIGHT such as 1280x1024, got {text!r}")
+        raise ConfigError(f"--image-size: expected WIDTHxHEIGHT such as 1280x1024, got {text!r}")
     return int(match[1]), int(match[2])
 
 

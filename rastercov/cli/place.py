@@ -57,7 +57,7 @@ def place(
     processes: Processes,
     out: Annotated[
         Path | None,
-        out_option("Folder for the files; the plan's own if left out."),
+        out_option("Output folder; default: that of the plan."),
     ] = None,
     schema: Annotated[
         bool,
@@ -70,18 +70,16 @@ def place(
     ] = False,
     skip_bad_poses: Annotated[
         bool,
-        typer.Option(
-            "--skip-bad-poses", help="Accept that poses which kill a worker are left out."
-        ),
+        typer.Option("--skip-bad-poses", help="Skip poses that crash a worker."),
     ] = False,
     level: Level = None,
     pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
+    """Place cameras from a plan file. Exits with 1 if its goal is not reached.
 
-    It leaves the poses (poses.json), all figures (plan.json) and a page for people (page.html). A
-    run that was ended continues with the candidates that are not measured yet.
+    Writes poses (poses.json), all figures (plan.json) and a page (page.html). An interrupted run
+    resumes with the candidates that are still to be measured.
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """
@@ -109,7 +107,7 @@ def place(
     left_out = {} if skip_bad_poses else prepared.quarantined
     if left_out:
         words = f"{plural(len(left_out), 'candidate', 'are')} left out"
-        warn([f"{words}; --skip-bad-poses accepts that"])
+        warn([f"{words}; pass --skip-bad-poses to accept this"])
     if left_out or not placed.is_met:
         raise typer.Exit(1)
 
@@ -138,13 +136,14 @@ class GoalOptions(NamedTuple):
 
     min_coverage: Annotated[
         float | None,
-        typer.Option(help="Share to cover, 0 to 1; the plan's own unless given."),
+        typer.Option(help="Required share of the area, 0 to 1; default: that of the plan."),
     ] = None
     group: Annotated[
-        list[str], typer.Option(help="NAME=SHARE: share to cover of a group. Repeat it for more.")
+        list[str], typer.Option(help="NAME=SHARE: required share of a group. Repeatable.")
     ] = []  # noqa: RUF012 - typer copies it
     views: Annotated[
-        int | None, typer.Option(min=1, help="Cameras a face; the plan's own unless given.")
+        int | None,
+        typer.Option(min=1, help="Required cameras per point; default: that of the plan."),
     ] = None
 
 
@@ -152,21 +151,24 @@ class OutcomeOptions(NamedTuple):
     """Files on what holds."""
 
     junit: Annotated[
-        Path | None, typer.Option(help="Write JUnit XML: a test a requirement and dead zone.")
+        Path | None, typer.Option(help="Write JUnit XML, one test per requirement and dead zone.")
     ] = None
     baseline: Annotated[
-        Path | None, typer.Option(help="check.json of an earlier check: 1 also when it was better.")
+        Path | None,
+        typer.Option(
+            help="check.json of an earlier check; exits with 1 also if the result is worse."
+        ),
     ] = None
     allow_worse: Annotated[
         str | None,
         typer.Option(
-            help="Loss against the baseline that is accepted: percentage points, or an area, 2cm2.",
+            help="Accepted loss against the baseline: percentage points, or an area such as 2cm2.",
             metavar="POINTS|AREA",
             show_default="0",
         ),
     ] = None
     summary: Annotated[
-        Path | None, typer.Option(help="Write a summary in Markdown, of goals and what fails.")
+        Path | None, typer.Option(help="Write a Markdown summary of goals and failures.")
     ] = None
 
 
@@ -178,7 +180,7 @@ def check(
         typer.Option(
             "--poses",
             "-p",
-            help="Pose file of the rig: ours (.json, .npy), or of COLMAP and others.",
+            help="Pose file of the rig: rastercov (.json, .npy), COLMAP or others.",
         ),
     ],
     conventions: Conventions,
@@ -187,15 +189,16 @@ def check(
     camera: CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: CameraName = None,
     out: Annotated[
-        Path | None, out_option("Folder for a page (check.html) and the figures (check.json).")
+        Path | None,
+        out_option("Output folder for a page (check.html) and all figures (check.json)."),
     ] = None,
     level: Level = None,
     pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
-    """Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.
+    """Check a rig against a plan. Exits with 1 if it fails.
 
-    Needs no display and no GPU. A share whose bound does not decide counts as falling short.
+    Needs no display and no GPU. A share that its bound cannot decide counts as a failure.
 
     Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
@@ -207,7 +210,7 @@ def check(
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)
     if pdf and out is None:
-        raise ConfigError("--pdf wants a folder for the page, got none; name it by --out")
+        raise ConfigError("--pdf: expected a folder for the page, got none; name it by --out")
     try:
         asked = read_plan(plan)
         before = read_baseline(outcomes.baseline, outcomes.allow_worse)

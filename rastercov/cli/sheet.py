@@ -27,8 +27,8 @@ class TitleOptions(NamedTuple):
     project: Annotated[
         str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
     ] = None
-    customer: Annotated[str | None, typer.Option(help="Whom the sheet is for.")] = None
-    author: Annotated[str | None, typer.Option(help="Whom the sheet is by.")] = None
+    customer: Annotated[str | None, typer.Option(help="Customer named on the sheet.")] = None
+    author: Annotated[str | None, typer.Option(help="Author named on the sheet.")] = None
     revision: Annotated[str | None, typer.Option(help="Revision of the sheet.")] = None
     date: Annotated[str | None, typer.Option(help="Date on the sheet.", show_default="today")] = (
         None
@@ -42,28 +42,31 @@ def sheet(
     conventions: Conventions,
     task: Task,
     entries: TitleOptions,
-    out: Annotated[Path, out_option("The file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
+    out: Annotated[Path, out_option("Output file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     poses: RigOption = None,
     camera_name: options.CameraName = None,
-    paper: Annotated[str, typer.Option(help="A4, A3, A2, A1 or A0, landscape.")] = "A3",
+    paper: Annotated[str, typer.Option(help="Paper size: A4, A3, A2, A1 or A0, landscape.")] = "A3",
     scale: Annotated[
-        str, typer.Option(help="1:50, 1:100, ...; auto: the largest that fits the paper.")
+        str, typer.Option(help="Scale: 1:50, 1:100, ...; auto for the largest that fits.")
     ] = "auto",
     floor: Annotated[
-        float | None, typer.Option(help="z of the floor, m.", show_default="the lowest floor")
+        float | None, typer.Option(help="Height z of the floor, m.", show_default="lowest floor")
     ] = None,
     cut: Annotated[
         float | None,
-        typer.Option(help="z at which walls are cut, m.", show_default="1.2 m above the floor"),
+        typer.Option(
+            help="Height z of the section through the walls, m.",
+            show_default="1.2 m above the floor",
+        ),
     ] = None,
     north: Annotated[
         float | None,
-        typer.Option(min=-360, max=360, help="Direction of the north, deg from +x towards +y."),
+        typer.Option(min=-360, max=360, help="Direction of north, deg from +x towards +y."),
     ] = None,
     lamps: options.LampsOption = None,
 ) -> None:
-    """Draw a plan of a building with its cameras to scale: SVG, PDF or DXF.
+    """Draw a floor plan with its cameras to scale: SVG, PDF or DXF.
 
     Example: rastercov sheet result/ --out plan.pdf --scale 1:50
 

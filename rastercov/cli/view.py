@@ -40,8 +40,8 @@ Sources = Annotated[
     list[Path],
     typer.Argument(
         metavar="PLAN|RESULT|MESH...",
-        help="A plan (.toml), the folder of a result of evaluate, place or audit, or mesh files; "
-        f"or a built-in mesh: {', '.join(shapes.NAMES)}. Meshes after a folder are those of it.",
+        help="Plan (.toml), result folder of evaluate, place or audit, mesh files, or a built-in "
+        f"mesh: {', '.join(shapes.NAMES)}. Meshes after a folder replace its own.",
         show_default=False,
     ),
 ]
@@ -50,7 +50,7 @@ RigOption = Annotated[
     typer.Option(
         "--poses",
         "-p",
-        help="Rig to begin with: a pose file, of this or another program, or sphere:N or "
+        help="Initial rig: a pose file of rastercov or another program, sphere:N or "
         "turntable:N@DEG.",
         show_default="none, or that of the result",
     ),
@@ -70,21 +70,23 @@ def view(
     camera_name: options.CameraName = None,
     lamps: options.LampsOption = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for what the page saves.")
+        Path, typer.Option("--out", "-o", help="Folder for files saved by the page.")
     ] = Path("view"),
-    method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
+    method: Annotated[
+        str, typer.Option(help="Visibility method: certified, exact or sampled.")
+    ] = "certified",
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of this machine; 0 takes a free one.")
+        int, typer.Option(min=0, max=65535, help="Local port; 0 for any free port.")
     ] = 0,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address, and open no browser.")
+        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
     ] = False,
     export: Annotated[
         Path | None,
-        typer.Option(help="Write one .html file that needs no server, and end."),
+        typer.Option(help="Write a self-contained .html file and exit."),
     ] = None,
 ) -> None:
-    """See a rig in the browser, move its cameras, and understand what they cover.
+    """View a rig in the browser, move its cameras, and see what they cover.
 
     Example: rastercov view part.stl --unit mm -c camera.toml -p rig.json
 
@@ -119,17 +121,17 @@ def view(
 
         def started(url: str) -> None:
             print(url, flush=True)
-            say("Ctrl-C ends it")
+            say("press Ctrl-C to stop")
             if no_browser:
                 return
             # Those of other systems have no name.
             if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
-                say("there is no display: open the address elsewhere, its port forwarded by ssh")
+                say("no display found: forward the port by ssh and open the address elsewhere")
                 return
             try:
                 page = redirecting.enter_context(redirect(url)).as_uri()
             except OSError as error:
-                say(f"no browser is opened ({error.strerror}); open the address")
+                say(f"cannot open a browser ({error.strerror}); open the address yourself")
                 return
             # The page is answered once this thread serves; a browser may hold its own.
             Thread(target=webbrowser.open, args=(page,), daemon=True).start()

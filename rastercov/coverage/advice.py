@@ -28,15 +28,15 @@ STEP_REL = 1e-4
 
 
 GENERAL = {
-    "outside": "turn the camera towards it",
-    "out_of_focus": "focus on it, or move the camera",
-    "too_coarse": "come nearer, or take a longer lens",
+    "outside": "rotate the camera towards it",
+    "out_of_focus": "refocus or move the camera",
+    "too_coarse": "move the camera closer or use a longer lens",
     "too_oblique": "move the camera towards its normal",
 }
 """Advice by reason where figures of a camera are in the usual one, and none are known."""
 
 
-SOMETHING = "what is before it"
+SOMETHING = "the obstacle"
 """Words on what hides, where it has no name."""
 
 
@@ -97,7 +97,7 @@ def advice(
     reach = "or more" if math.isinf(z_f) else f"to {in_words(z_f, unit)}"
     factor, found, wanted = short or Short(1.0, "", "")
     return REASONS[reason].advice.format(
-        wider=", or take a wider lens" if (depth > 0).all() else "",
+        wider=" or use a wider lens" if (depth > 0).all() else "",
         depth=depth_in_words(depth, unit),
         in_focus=f"{in_words(z_n, unit)} {reach}",
         found=found,
@@ -157,14 +157,14 @@ _NAMES = {value: name for name, value in EDITIONS["EN 62676-4:2015"].items()}
 WORDS: dict[str, Callable[[Any], str]] = {
     "min_pixel_density": lambda value: f"with {density_text(value)} or more on the surface",
     "min_facing_density": lambda value: (
-        f"with {density_text(value)} or more on what faces the camera"
+        f"with {density_text(value)} or more facing the camera"
         + (f" ({_NAMES[value]})" if value in _NAMES else "")
     ),
     "min_pixels_per_m2": lambda value: f"with {density_text(value, 'px/m²')} or more",
     "min_illuminance": lambda value: f"with an illuminance of {_light(value)} or more",
     "max_illuminance": lambda value: f"with an illuminance of {_light(value)} or less",
     "max_highlight_deg": lambda value: f"with no lamp within {value:g}° of its mirror direction",
-    "max_incidence_deg": lambda value: f"within {value:g}° of its normal",
+    "max_incidence_deg": lambda value: f"at an incidence of {value:g}° or less",
     "max_blur": lambda value: f"with a blur of {value:g} px or less",
     "focus_rule": lambda value: "with the centroid of its face in focus",
     "min_visibility": lambda value: f"where {percent(value)} or more of its face is visible",
@@ -184,11 +184,11 @@ def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = Non
     few = 2 if task["min_angle_deg"] else 1  # to have an angle between them
     named = wanted if isinstance(wanted, Mapping) else {"": wanted}
     n = max(few, named.get("", 1))
-    said = ["a camera sees" if n == 1 else f"{n} cameras see"]
+    said = ["a camera sees it" if n == 1 else f"{n} cameras see it"]
     said += [f'{max(few, n)} for "{name}"' for name, n in named.items() if name]
     if task["min_angle_deg"]:
         said.append(f"{task['min_angle_deg']:g}° apart")
     names = [*WORDS, *sorted(usual.keys() - {*WORDS, "views", "min_angle_deg"})]
     changed = [name for name in names if task[name] != usual[name]]
     more = [WORDS[at](task[at]) if at in WORDS else f"with {at} {task[at]}" for at in changed]
-    return f"Covered is what {', '.join(said + more)}."
+    return f"A point is covered if {', '.join(said + more)}."

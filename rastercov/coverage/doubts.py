@@ -135,8 +135,8 @@ def _lens_line(name: str, camera: Camera) -> list[str]:
     if angle >= WIDE and share <= MOST_DEAD_SHARE:
         return []
     return [
-        f"{share:.0%} of the image of {name} sees nothing: its lens is known to "
-        f"{math.degrees(angle):.0f} degrees from its axis: check its model and coefficients"
+        f"{share:.0%} of the image of {name} is outside the valid field of its lens model "
+        f"({math.degrees(angle):.0f} degrees off axis): check its model and coefficients"
     ]
 
 
@@ -174,6 +174,6 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{share:.0%} of what the cameras look at is seen from behind: "
+        f"{share:.0%} of the surface in view is back-facing: "
         "normals point inwards, or the surface is open: use two_sided"
     ]

@@ -31,7 +31,7 @@ def answer(summary: Summary) -> str:
     text = f"covered: {in_words(summary['covered_area'])}{''.join(over_time)}"
     of_seeable = summary["covered_of_seeable_percent"]
     if summary["unseeable_m2"] and of_seeable is not None:
-        text += f"; {percent(of_seeable / 100)} of what can be seen"
+        text += f"; {percent(of_seeable / 100)} of what is coverable"
     return text
 
 

@@ -29,7 +29,7 @@ from rastercov.mesh.groups import parts_of
 from rastercov.native.coverage_spread import add_rays
 from rastercov.raster.observation import BoundKind
 
-UNSEEABLE_WORDS = "inside closed bodies of the mesh, or in contact with them all over: proved"
+UNSEEABLE_WORDS = "inside closed bodies of the mesh or in full contact with them (proved)"
 """Reason of faces that no camera outside the bodies can ever see."""
 
 

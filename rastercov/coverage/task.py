@@ -121,43 +121,43 @@ class Task:
     [1.0, 0.997]
     """
 
-    min_pixels: Annotated[Positive, Doc("R_min: pixels that give resolution 1.")] = 1.0
-    min_visibility: Annotated[Share, Doc("V_min: a face less visible counts as hidden.")] = 0.0
+    min_pixels: Annotated[Positive, Doc("R_min: pixels per face for resolution 1.")] = 1.0
+    min_visibility: Annotated[Share, Doc("V_min: minimum visible share of a face, 0 to 1.")] = 0.0
     max_blur: (
-        Annotated[Positive, Doc("Largest blur circle, px; the camera's unless given.")] | None
+        Annotated[Positive, Doc("Maximum blur circle, px; default: that of the camera.")] | None
     ) = None
     max_incidence_deg: Annotated[
-        float, Gt(0), Le(90), Doc("Largest angle between normal and ray.")
+        float, Gt(0), Le(90), Doc("Maximum angle of incidence, deg from the normal.")
     ] = 90.0
-    min_pixel_density: Annotated[Density, Doc("Least pixels a metre, in the worst direction.")] = (
-        0.0
-    )
+    min_pixel_density: Annotated[
+        Density, Doc("Minimum pixels per metre on the surface, in the worst direction.")
+    ] = 0.0
     min_facing_density: Annotated[
-        Density, Doc("Least pixels a metre of a target that faces the camera.")
+        Density, Doc("Minimum pixels per metre on a target facing the camera.")
     ] = 0.0
     min_pixels_per_m2: Annotated[
-        float, Ge(0), Doc("Least pixels on a square metre of the surface.")
+        float, Ge(0), Doc("Minimum pixels per square metre of the surface.")
     ] = 0.0
-    min_illuminance: Annotated[float, Ge(0), LIGHT, Doc("Least illuminance, with lamps.")] = 0.0
+    min_illuminance: Annotated[float, Ge(0), LIGHT, Doc("Minimum illuminance (needs lamps).")] = 0.0
     max_illuminance: (
-        Annotated[float, Gt(0), LIGHT, Doc("Greatest illuminance, with lamps.")] | None
+        Annotated[float, Gt(0), LIGHT, Doc("Maximum illuminance (needs lamps).")] | None
     ) = None
     max_highlight_deg: Annotated[
         float,
         Ge(0),
         Le(90),
         GLOSS,
-        Doc("Angle off the mirror direction in which a lamp dazzles; or matt, satin, polished."),
+        Doc("Half angle of specular highlights, deg, or matt, satin, polished."),
     ] = 0.0
-    min_coverage: Annotated[Share, Doc("Coverage from which a camera covers a face.")] = 0.5
-    views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
+    min_coverage: Annotated[Share, Doc("Minimum coverage of a face, 0 to 1.")] = 0.5
+    views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
     min_angle_deg: Annotated[
-        float, Ge(0), Le(180), Doc("Least angle between the rays to two of these cameras.")
+        float, Ge(0), Le(180), Doc("Minimum angle between the rays to two of these cameras, deg.")
     ] = 0.0
     focus_rule: Annotated[
-        Literal["vertices", "centroid"], Doc("Part of a face that must be in focus.")
+        Literal["vertices", "centroid"], Doc("Points of a face that must be in focus.")
     ] = "vertices"
-    cap_resolution: Annotated[bool, Doc("Resolution counts up to 1 only.")] = True
+    cap_resolution: Annotated[bool, Doc("Cap the resolution at 1.")] = True
 
     def __post_init__(self) -> None:
         check_limits(self)

@@ -32,7 +32,9 @@ def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
         raise ConfigError(f"times must be finite numbers, got {shown(given)}")
     for row, (before, after) in enumerate(pairwise(times), start=1):
         if not after > before:
-            raise ConfigError(f"times must rise, got {after:g} after {before:g} in frame {row}")
+            raise ConfigError(
+                f"times must be strictly increasing, got {after:g} after {before:g} in frame {row}"
+            )
     lengths = np.diff(times).tolist() or [1.0]
     return {"durations": [*lengths, lengths[-1]][: len(times)]}
 
@@ -44,20 +46,20 @@ def columns_of(text: str) -> dict[str, list[float]]:
     except csv.Error as error:
         raise ConfigError(f"not a table of CSV ({error})") from None
     if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
-        raise ConfigError(f"wanted a row of names and 1 to {MOST_FRAMES:,} frames")
+        raise ConfigError(f"expected a row of names and 1 to {MOST_FRAMES:,} frames")
     names = [name.strip() for name in rows[0]]
     if len(set(names)) < len(names):
         raise ConfigError("two columns have one name")
     if uneven := [frame for frame, row in enumerate(rows[1:]) if len(row) != len(names)]:
-        raise ConfigError(f"frame {uneven[0]}: wanted {len(names)} numbers, as there are names")
+        raise ConfigError(f"frame {uneven[0]}: expected {len(names)} numbers, as there are names")
     columns: dict[str, list[float]] = {}
     for at, name in enumerate(names):
         columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
         is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
         if not is_usable.all():
             raise ConfigError(
-                f"column {shown(name)}, frame {int(is_usable.argmin())}: a number within "
-                f"±{LARGEST_NUMBER:g} wanted, got {shown(rows[1 + int(is_usable.argmin())][at])}"
+                f"column {shown(name)}, frame {int(is_usable.argmin())}: expected a number within "
+                f"±{LARGEST_NUMBER:g}, got {shown(rows[1 + int(is_usable.argmin())][at])}"
             )
     return columns
 

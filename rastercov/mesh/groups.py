@@ -135,7 +135,7 @@ def of_files(what: str, given: object, paths: Sequence[StrPath], other: object) 
         return by_file(what, given.items(), paths, other)
     values = list(given) if isinstance(given, (list, tuple)) else [given] * len(paths)
     if len(values) != len(paths):
-        raise MeshError(f"{what}: one for each of {len(paths)} files wanted, got {len(values)}")
+        raise MeshError(f"{what}: expected one for each of {len(paths)} files, got {len(values)}")
     return values
 
 

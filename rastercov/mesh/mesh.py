@@ -304,7 +304,7 @@ class Mesh(InNotebook):
         words = "a name for each group"
         new = members("names", names, str, words, MeshError) if names is not None else None
         if not parts or (new is not None and len(new) != len(groups)):
-            raise MeshError(f"parts, and {words}, wanted, got {len(parts)} parts")
+            raise MeshError(f"expected parts and {words}, got {len(parts)} parts")
         named = [replace(g, name=n) for g, n in zip(groups, new or (), strict=False)] or groups
         unique = list(dict.fromkeys(named))
         row_of = np.array([unique.index(group) for group in named])

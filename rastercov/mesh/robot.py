@@ -186,7 +186,7 @@ class Robot(InOneLine):
         if not shapes:
             other = GEOMETRIES[geometry == "collision"]
             raise MeshError(
-                f"{printable(str(path))}: {geometry} shapes wanted, got none; "
+                f"{printable(str(path))}: expected {geometry} shapes, got none; "
                 f'try geometry="{other}"'
             )
         return cls(found, shapes, base, rest, name)
@@ -295,7 +295,7 @@ class Robot(InOneLine):
         duration = np.array(durations.get("durations", np.ones(len(rows))))
         if not (duration > 0).all():
             line = int((duration <= 0).argmax())
-            raise ConfigError(f"{shown_path}: frame {line}: a duration above 0 wanted")
+            raise ConfigError(f"{shown_path}: frame {line}: expected a duration above 0")
         return JointPath(self._configurations(shown_path, rows), duration)
 
     def solve(

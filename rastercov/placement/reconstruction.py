@@ -54,8 +54,8 @@ MOST_IMAGES, MOST_PAIRS, MOST_ZONES = 2000, 10_000, 100
 KINDS = ("few_views", "small_angle", "coarse")
 """Kinds of weakness; an element has the first that is true of it."""
 ADVICE = {
-    "few_views": "covered by {views}{why}: take {missing} facing it{place}",
-    "small_angle": "views within {angle}: at {distance} take images {apart} apart or more",
+    "few_views": "{views}{why}: take {missing} facing it{place}",
+    "small_angle": "views span {angle}: at {distance}, take images at least {apart} apart",
     "coarse": REASONS["too_coarse"].advice,
 }
 """Advice for a zone of each kind, in numbers."""
@@ -339,6 +339,12 @@ def _unseen_because(found: Audit, mask: BoolArray) -> str | None:
     return NAMES[int(areas.argmax())] if areas.any() else None
 
 
+def _views(mean: float, least: int) -> str:
+    """Views of a weak zone and those that it needs."""
+    seen = f"seen by {mean:.1f} images on average" if mean >= 0.05 else "seen by no image"
+    return f"{seen}; {least} required"
+
+
 def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     """Advice for a weak zone, in numbers."""
     away, gsd, why = zone["distance"], zone["gsd_per_px"] or 0.0, zone["unseen_because"]
@@ -348,8 +354,8 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + ADVICE[zone["kind"]].format(
-        views=f"{zone['mean_views']:.1f} images on average, {least['views']} wanted",
-        why=f", mostly {REASONS[why].label}" if why else "",
+        views=_views(zone["mean_views"], least["views"]),
+        why=f"; mostly {REASONS[why].label}" if why else "",
         missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
         place=f", from {distance(away, unit)} or nearer" if away else "",
         angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",

@@ -164,10 +164,10 @@ def _evenly_spread(n: int) -> FloatArray:
 
 
 COULD = {
-    "could_be_covered": "could be covered by one",
-    "seen_never_covered": "are seen by one, and covered by none",
-    "seen_by_no_candidate": "are seen by none: proved",
-    "unknown": "may be seen by one: not decided",
+    "could_be_covered": "could be covered by a candidate",
+    "seen_never_covered": "are visible to a candidate, but below a threshold",
+    "seen_by_no_candidate": "are visible to no candidate (proved)",
+    "unknown": "are undecided",
 }
 """Words on uncovered faces by what the candidates prove of them."""
 
@@ -288,7 +288,7 @@ class Leftover:
                     f"{'itself' if name == part else name} ({area(size)})"
                     for name, size in found[part].items()
                 ]
-                lines.append(f"In the way of {part}: {', '.join(first[:3])}")
+                lines.append(f"Occluders of {part}: {', '.join(first[:3])}")
         return lines
 
 

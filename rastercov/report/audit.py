@@ -229,7 +229,7 @@ class AuditPage(NetworkPage):
         """Sentences on the area, sampling, weak zones, suggested images, redundancy and overlap."""
         summary, unit, zones = self.summary, self.unit, self.summary["weak"]
         least, median, most = summary["gsd_per_px"].values()
-        said = [f"{summary['mean_views']:.1f} images see a point of the surface on average."]
+        said = [f"{summary['mean_views']:.1f} images see each point of the surface on average."]
         if self.covered_words:
             said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
@@ -247,7 +247,7 @@ class AuditPage(NetworkPage):
         if summary.get("suggested", {}).get("images"):
             before, images, after = summary["suggested"].values()
             covered, left = (
-                f"{percent(after[name] / 100)} in place of {percent(before[name] / 100)}"
+                f"{percent(after[name] / 100)} instead of {percent(before[name] / 100)}"
                 for name in ("covered_percent", "weak_percent")
             )
             text += f"; with {plural(len(images), 'suggested image')} (simulated) {left}"
@@ -259,13 +259,11 @@ class AuditPage(NetworkPage):
                 ("frame", *(summary["frames"][x] for x in ("count", "subset", "redundant")))
             )
         said += [
-            _of_subset(*group)
-            if group[3]
-            else f"Each of the {plural(group[1], group[0])} is needed."
+            _of_subset(*group) if group[3] else f"All {plural(group[1], group[0])} are needed."
             for group in groups
         ]
         n = len(summary["overlap"].get("components", ()))
-        return said + [f"The images fall into {n:,} groups that do not overlap."] * (n > 1)
+        return said + [f"The images form {n:,} groups that do not overlap."] * (n > 1)
 
     def overview(self) -> Image.Image:
         """The elements by weak zones."""
@@ -341,19 +339,19 @@ class AuditPage(NetworkPage):
 def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int) -> str:
     """Sentence on the smallest subset of images or frames, and on those that add little to it."""
     chosen, bound = subset["cameras"], round(subset["bound"])
-    text = f"{chosen:,} of the {plural(count, noun)} cover the same: "
+    text = f"{chosen:,} of the {plural(count, noun)} suffice for the same coverage"
     if chosen == bound:
-        text += "no fewer do"
+        text += " (proved minimum)"
     else:
-        text += f"at least {bound:,} are needed, and whether fewer than {chosen:,} do is open"
+        text += f"; at least {bound:,} are needed"
         if subset["method"] == "greedy":
-            text += "; pip install 'rastercov[place]' for a better bound"
-    text += f"; {spare:,} could be left out, one at a time."
+            text += "; pip install 'rastercov[place]' gives a better bound"
+    text += f"; {spare:,} can each be removed without loss, one at a time."
     steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
     few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
     if few:
         each = verb(len(few), "add")
-        text += f" Of these {chosen:,}, {first_of(few)} {each} under 1 % of what they cover, each."
+        text += f" Of these {chosen:,}, {first_of(few)} {each} under 1 % of their coverage each."
     return text
 
 

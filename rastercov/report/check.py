@@ -42,12 +42,12 @@ def page_of(found: Checked, level: int | None = None) -> str:
     )
     run = provenance_of(found.mesh, plan.rig, found.cameras.poses, found.task, options)
     short = [each for each in found.requirements if each.short_by > 0]
-    answer = "All requirements hold" if found.is_met else "The rig falls short"
+    answer = "All requirements are met" if found.is_met else "The rig fails"
     losses = [] if found.against is None else found.against.losses(level)
     if losses and not short:
         answer = "Worse than the baseline"
     if len(short) == 1:
-        answer += f" by {percent(short[0].short_by).removesuffix(' %')} points"
+        answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
     return shown.page(
         "network.html",
         shown.drawn(),

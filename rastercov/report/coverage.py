@@ -132,7 +132,7 @@ class Options:
             check_choice("table", self.table, (*CHOICES, OF_GROUPS))
         check_choice("full", self.full, FULL)
         if self.pdf and not self.pictures:
-            raise ConfigError("--pdf wants a page, got --pictures 0, which has none; leave out one")
+            raise ConfigError("--pdf: expected a page, got --pictures 0; leave out one")
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):

@@ -113,7 +113,7 @@ class ReportFolder:
 
     def __init__(self, path: str | Path, kind: ReportKind) -> None:
         if not os.fspath(path).strip():
-            raise ConfigError("a folder for the report is wanted, got an empty name")
+            raise ConfigError("expected a folder for the report, got an empty name")
         self.path, self.kind = Path(path), kind
         self.has_earlier = False
         self._staging, self._new = self.path / STAGING, self.path / STAGING / NEW
@@ -129,8 +129,8 @@ class ReportFolder:
                 self._files = _read(self.path / journal.name)[1]
                 if others := self._not_ours(chain(*self._moves(journal))):
                     raise ConfigError(
-                        f"{_named(others[0])}: in the way of the report that a killed "
-                        "run was putting here, and not of an earlier one; move it away"
+                        f"{_named(others[0])}: expected a file of an earlier report, where "
+                        "a killed run was writing one; move it away"
                     )
                 self._swap(journal)
             self._clean()

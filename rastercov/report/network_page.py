@@ -411,7 +411,7 @@ class NetworkPage:
         whole, exact = figures["covered"], figures.get("covered_area")
         first = (
             f"{whole['faces']:,} of {figures['task_faces']:,} faces "
-            f"({percent(whole['percent'] / 100)}) are covered as a whole"
+            f"({percent(whole['percent'] / 100)}) are fully covered"
         )
         if self.timed is not None:  # whole faces are those at rest
             first = self.covered_words
@@ -425,24 +425,24 @@ class NetworkPage:
                 f"{each['faces']:,} {verb(each['faces'], REASONS[name].sentence)}"
                 for name, each in reasons.items()
             ]
-            said[0] += f" Of those that are left, {', '.join(parts)}."
+            said[0] += f" Of the others, {', '.join(parts)}."
         if entries:
             total, worst = area(float(zones.area.sum())), area(entries[0]["area_m2"])
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
             where = f" of {zone_parts(entries[0])[0]}" if len(self.mesh.groups) > 1 else ""
             said.append(
-                f"{plural(zones.count(), 'dead zone', 'are left')}{largest}: {worst}{where}, "
+                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: {worst}{where}, "
                 f"{zone_reason(entries[0])}."
             )
         if hidden := figures["unseeable_m2"]:
-            said.append(f"Of that, {area(hidden)} can be seen by no camera: proved.")
+            said.append(f"Of that, {area(hidden)} is not visible from anywhere (proved).")
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             spare = 0 if self.serves_goals else spare
-            rest = f" {spare} of {len(lost)} could be left out, one at a time, with no loss."
+            rest = f" {spare} of {len(lost)} can each be removed without loss, one at a time."
             said.append(
-                f"{self.noun.capitalize()} {self.labels[best]} adds most: {area(lost[best])} that "
-                f"would not be covered without it.{rest if spare else ''}"
+                f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
+                f"{area(lost[best])} would not be covered.{rest if spare else ''}"
             )
         return said
 

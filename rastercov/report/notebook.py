@@ -113,7 +113,7 @@ def _parts(figures: Mapping[str, Any], unit: str = "m") -> Cells:
         (row.name, area(row.area_m2, unit), percent(row.percent / 100), row.reason) for row in every
     ]
     covered = "covered" if "covered_area" in figures else "faces covered"
-    return ("part", "area", covered, "not covered mainly because"), rows
+    return ("part", "area", covered, "main cause"), rows
 
 
 class Page:

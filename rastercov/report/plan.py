@@ -352,7 +352,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
         said += [
-            f"{what} {row + 1} of the selection added nothing after refinement and was left out"
+            f"{what} {row + 1} of the selection adds nothing after refinement and was removed"
             for row in placement.left_out
         ]
     added = np.bincount(placement.cameras.owner, np.diff(placement.cameras.curve, prepend=0.0))
@@ -363,26 +363,25 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     if placement.arm is not None:
         said.append(placement.arm.line())
     said += [
-        f"the {how} poses cover less of the exact area than those before, or lose a goal, and "
-        "were not taken"
+        f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses
     ]
     if placement.tolerance is not None and len(placement.cameras.placed):
         found = placement.tolerance
         error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
-        error += "" if prepared.cells is None else ", on cells"
+        error += "" if prepared.cells is None else ", on patches"
         text = (
             f"installed with errors of {error}: {percent(found.together.mean)} on average, "
             f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
         )
         if found.critical >= 0:
             left = percent(found.cameras[found.critical].without)
-            text += f"; without {_what(prepared)} {found.critical + 1} only {left} are left"
+            text += f"; without {_what(prepared)} {found.critical + 1} {left} remains"
         said.append(text)
     if not placement.is_met and "stricter selection" in placement.steps:
         said.append(
-            "further selections on cells did not meet all goals either: ask for less, add "
-            "candidates, or give a smaller resolution_of_result"
+            "further selections did not meet all goals either: lower a goal, add candidates, or "
+            "reduce resolution_of_result"
         )
     if placement.interrupted:
         said.append(_interrupted(placement))
@@ -406,8 +405,8 @@ def _interrupted(placement: Placement) -> str:
     step = placement.interrupted
     found = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
     if found.get(step):
-        return f"interrupted in {step}: this is the best until then"
-    return f"interrupted: this is what there was before {step}"
+        return f"interrupted in {step}: best result so far"
+    return f"interrupted: result before {step}"
 
 
 def _asked_of_cells(prepared: Prepared) -> list[str]:
@@ -421,8 +420,8 @@ def _asked_of_cells(prepared: Prepared) -> list[str]:
         return []
     of = OF[prepared.plan.task.weight_by]
     return [
-        f"{percent(goal.coverage)} of {of} on cells were asked for, more than the "
-        f"{percent(wanted.coverage)} wanted, so that the exact area reaches it"
+        f"the selection targets {percent(goal.coverage)} of {of} on patches, so that the exact "
+        f"area reaches the required {percent(wanted.coverage)}"
     ]
 
 
@@ -430,7 +429,7 @@ def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
     of, cells = OF[prepared.plan.task.weight_by], prepared.cells
     of += " of task and goals" if has_goals(prepared.problem) else ""
-    return of if cells is None else f"{of} on {len(cells):,} cells of {cells.size:g} m"
+    return of if cells is None else f"{of} on {len(cells):,} patches of {cells.size:g} m"
 
 
 def _selected(placement: Placement) -> str:
@@ -440,17 +439,17 @@ def _selected(placement: Placement) -> str:
     text = f"{len(found.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
     text += f" {verb(len(found.chosen), 'cover')} {percent(found.share)} of {of}"
     if prepared.cells is not None:
-        text += f" (one counts where a camera covers {100 * prepared.task.min_coverage:g} % of it)"
+        text += f" (a patch counts if a camera covers {100 * prepared.task.min_coverage:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:
-        return f"{text}: no candidate covers any of it; see what the candidates fail, below"
+        return f"{text}: no candidate covers any of it; see the reasons below"
     if found.status == "optimal":
-        return f"{text}: proved to be the best selection"
+        return f"{text}: proved optimal"
     if isinstance(prepared.problem.goal, BestCoverage):
-        return f"{text}; no selection covers more than {percent(found.bound)}"
-    what = "costs less than" if (prepared.pool.costs != 1).any() else "takes fewer than"
-    return f"{text}; no selection that does {what} {found.bound:g}"
+        return f"{text}; upper bound {percent(found.bound)}"
+    what = "cost of" if (prepared.pool.costs != 1).any() else "number of cameras"
+    return f"{text}; lower bound of the {what} {found.bound:g}"
 
 
 def left_lines(placement: Placement) -> list[str]:
@@ -466,4 +465,6 @@ def left_lines(placement: Placement) -> list[str]:
     hidden = (left.sight == Sight.NONE) & (left.n_covering == 0) & left.left
     m2 = float(zones.piece_area[hidden[zones.face]].sum())
     candidates = plural(left.n_candidates, "candidate")
-    return [f"{area(m2)} of what is not covered is seen by none of {candidates}: proved"] * (m2 > 0)
+    return [f"{area(m2)} of what is not covered is visible to none of {candidates} (proved)"] * (
+        m2 > 0
+    )

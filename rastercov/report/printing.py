@@ -40,7 +40,7 @@ def browser() -> str:
         pass
     if found is None or not Path(found).exists():
         raise ConfigError(
-            f"--pdf wants a browser that prints, got none: {INSTALL_CHROMIUM}, or run "
+            f"--pdf: expected Chromium or Chrome, got none: {INSTALL_CHROMIUM}, or run "
             "`playwright install chromium`, or print the page by hand"
         )
     return found

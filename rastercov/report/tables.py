@@ -27,7 +27,7 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
     as for `rastercov.coverage.parts.entries_at`. "Mainly" is the reason of most of what is not
-    covered, "faces %" the share of faces where the result is by face, and "seeable %", where it
+    covered, "faces %" the share of faces where the result is by face, and "coverable %", where it
     differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
     lengths, as of `rastercov.base.format.area`.
     """
@@ -37,7 +37,7 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     if "over_time" in summary:
         title += f" {summary['over_time']['in_words']}"
     rows, has_seeable = part_rows(summary, level), bool(summary["unseeable_m2"]) or not by_area
-    names = ("area", "covered %" if by_area else "faces %", *["seeable %"] * has_seeable)
+    names = ("area", "covered %" if by_area else "faces %", *["coverable %"] * has_seeable)
     cells = [[_end_of(row.name), *_cells(row, unit, has_seeable)] for row in rows[:MOST_ROWS]]
     for row, own in zip(rows, cells, strict=False):
         own.append(row.reason)
@@ -47,7 +47,7 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
         width = max(cell_len(text) for text in [name, *(own[at] for own in cells)])
         table.add_column(name, justify="right", no_wrap=True, min_width=width)
     if any(own[-1] for own in cells):
-        table.add_column("mainly")
+        table.add_column("main cause")
     for own in cells:
         table.add_row(*map(Text, own[: len(table.columns)]))
     if rows[MOST_ROWS:]:
@@ -81,7 +81,7 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("size", size_in_words(summary["size_m"]))
     table.add_row("poses", f"{summary['poses']:,}")
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
-    table.add_row("measured by", Text(summary["run"]["measured_by"]["renderer"]))
+    table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
     bound = f"; largest bound {summary['largest_visibility_bound']:.2g}"
     table.add_row("visibility", ", ".join(kinds) + bound if kinds else "none")

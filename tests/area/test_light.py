@@ -235,12 +235,12 @@ def test_the_command_takes_a_file_of_lamps(tmp_path, monkeypatch, capsys):
     line = "evaluate teapot -c khepra -p sphere:4 --lamps lamps.toml -o out --max-incidence-deg 75"
     out, _ = done(capsys, line)
     assert "exposure: SNR 20 or more and saturation 1 or less is " in out
-    assert "seen, and unlit: " in out
+    assert "visible but unlit: " in out
     assert "by left 0" in out
     content = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert [each["lamp"] for each in content["light"]["lamps"]] == ["left 0", "left 1", "ring"]
     assert content["light"]["lamps"][2]["lit_percent"] is None
-    assert "seen, and unlit: " in (tmp_path / "out" / "report.html").read_text()
+    assert "visible but unlit: " in (tmp_path / "out" / "report.html").read_text()
     assert "Illuminance" in (tmp_path / "out" / "view.html").read_text()
     again = rc.load_lamps(tmp_path / "out" / "network.glb")
     given = rc.load_lamps(tmp_path / "lamps.toml")
@@ -443,7 +443,7 @@ def test_thresholds_in_another_unit_and_below_ambient_light_are_refused(task, wo
 )
 def test_thresholds_of_light_without_lamps_are_refused(task):
     for call in (rc.regions, rc.evaluate):
-        with pytest.raises(ConfigError, match="is of light; give lamps, or leave it out"):
+        with pytest.raises(ConfigError, match="needs lamps; give lamps, or leave it out"):
             call(sheet(), CAMERA, ABOVE, rc.Task(**task))
     rig = rc.Rig([CAMERA], tasks={"camera 1": task})
     with pytest.raises(ConfigError, match="leave it out of 'camera 1'"):
@@ -536,7 +536,7 @@ def test_a_luminaire_of_an_ies_file_lights_by_its_profile(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("TILT=NONE", "TILT=INCLUDE"), "wanted TILT=NONE, got TILT=INCLUDE"),
+        (("TILT=NONE", "TILT=INCLUDE"), "expected TILT=NONE, got TILT=INCLUDE"),
         (("IESNA", "LDT"), "begins with IES"),
         (("240", ""), "not as many as it says"),
         (("1 1000 2 6 1 1", "1 1000 2 6 1 2"), "type C, 1, got 2"),

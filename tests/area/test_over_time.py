@@ -98,7 +98,7 @@ def test_the_body_that_hides_a_dead_zone_is_named():
     assert hidden
     for zone in hidden:
         assert zone["reason"] == "occluded"
-        assert zone["advice"] == "b is between"
+        assert zone["advice"] == "b blocks the view"
     assert result.table()[0]["hidden_by"] == "b"
     assert "of the area in all frames, of 4 frames; ever" in result.lines()[0]
 
@@ -127,7 +127,7 @@ def test_what_hides_itself_is_another_part_of_it():
     eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0, 0, 1))
     zones = evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
     assert zones[0]["hidden_by"] == torus.groups[0].name
-    assert zones[0]["advice"] == "another part of it is between"
+    assert zones[0]["advice"] == "another part of it blocks the view"
 
 
 def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():
@@ -210,7 +210,11 @@ def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
     [
         ("m.json", "{", "not valid JSON"),
         ("m.json", "{}", "bodies"),
-        ("m.json", '{"bodies": {"b": {}}, "times": [0.7, 0.5]}', "times must rise"),
+        (
+            "m.json",
+            '{"bodies": {"b": {}}, "times": [0.7, 0.5]}',
+            "times must be strictly increasing",
+        ),
         ("m.json", '{"bodies": {"b": {}}, "times": [0], "durations": [1]}', "exclude"),
         ("m.json", '{"bodies": {"b": {}}, "durations": [-1]}', "above 0"),
         ("m.json", '{"bodies": {"b": {}}, "durations": [1e99]}', "at most"),
@@ -221,11 +225,15 @@ def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
         ("m.json", '{"bodies": {"b": {}}, "x": 1}', "no entry"),
         ("m.csv", "b.x\n", "1 to"),
         ("m.csv", "b.x,b.x\n1,2\n", "one name"),
-        ("m.csv", "b.x\n1,2\n", "wanted 1 numbers"),
-        ("m.csv", "b.x\nfar\n", "a number within .* wanted"),
+        ("m.csv", "b.x\n1,2\n", "expected 1 numbers"),
+        ("m.csv", "b.x\nfar\n", "a number within .*"),
         ("m.csv", "b.w\n1\n", "no column"),
         ("m.csv", "time\n1\n", "no body"),
-        ("m.csv", "time,b.x\n1,0\n1,0\n", "times must rise, got 1 after 1 in frame 1"),
+        (
+            "m.csv",
+            "time,b.x\n1,0\n1,0\n",
+            "times must be strictly increasing, got 1 after 1 in frame 1",
+        ),
         ("m.csv", "b.qw\n0\n", "'b', frame 0: expected a quaternion of length 1, got 0"),
         ("m.csv", "b.qw,b.qx\n1,0\n2.69,-4.16\n", "frame 1: expected a quaternion of length 1"),
         ("m.csv", "b.qw\n1e90\n", "frame 0: expected a quaternion of length 1, got"),

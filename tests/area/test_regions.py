@@ -246,7 +246,7 @@ def test_plane_coordinates_lead_to_space_and_back():
     ],
 )
 def test_a_threshold_of_a_face_is_refused_by_name(threshold, value):
-    with pytest.raises(ConfigError, match=f"{threshold} is of a face"):
+    with pytest.raises(ConfigError, match=f"{threshold} applies to faces"):
         rc.regions(square(1, 2), CAMERA, AHEAD, rc.Task(**{threshold: value}))
     assert threshold in OF_A_FACE
 

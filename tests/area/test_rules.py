@@ -182,11 +182,11 @@ def test_rigs_of_several_rules_keep_the_order_of_their_rows():
     ("ask", "words"),
     [
         ({"method": "sampled"}, "regions are exact"),
-        ({"task": rc.Task(min_pixels=4)}, "min_pixels is of a face"),
-        ({"task": rc.Task(min_visibility=0.9)}, "min_visibility is of a face"),
-        ({"task": rc.Task(min_coverage=0.9)}, "min_coverage is of a face"),
+        ({"task": rc.Task(min_pixels=4)}, "min_pixels applies to faces"),
+        ({"task": rc.Task(min_visibility=0.9)}, "min_visibility applies to faces"),
+        ({"task": rc.Task(min_coverage=0.9)}, "min_coverage applies to faces"),
         ({"tasks": {"left": rc.Task(views=2)}}, "is one camera"),
-        ({"tasks": {"left": {"min_pixels": 3}}}, "min_pixels is of a face"),
+        ({"tasks": {"left": {"min_pixels": 3}}}, "min_pixels applies to faces"),
         ({"tasks": {"left": {"lux": 3}}}, "'left'"),
     ],
 )

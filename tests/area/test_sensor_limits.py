@@ -90,7 +90,7 @@ def test_each_remedy_covers_at_least_half_of_the_points(kind):
             continue
         text = limit_advice(failures_of_rows, MESH, rig, task, poses, points, face)
         words, _, remedies = text.partition(": ")
-        assert re.match("uncertainty .* at best, .* wanted$|rays to its devices differ", words)
+        assert re.match("uncertainty .* at best, .* required$|rays to its devices differ", words)
         for remedy in filter(None, remedies.split(" or ")):
             own, moved = carried_out(remedy, rig, poses.world_from_camera, points, limits)
             share = covered(own, moved, task, points, face)

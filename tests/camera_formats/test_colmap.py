@@ -190,7 +190,7 @@ def test_a_model_is_replaced_as_a_whole_if_at_all(tmp_path):
     write_views(tmp_path / "m", two_views(), format="colmap-text", overwrite=True)
     assert {path.suffix for path in (tmp_path / "m").iterdir()} == {".txt"}
     (tmp_path / "file").touch()
-    with pytest.raises(rc.ConfigError, match="a folder for the COLMAP model wanted"):
+    with pytest.raises(rc.ConfigError, match="a folder for the COLMAP model"):
         write_views(tmp_path / "file", two_views(), format="colmap", overwrite=True)
 
 

@@ -187,12 +187,12 @@ def test_other_vectors_are_no_coefficients(tmp_path, suffix, n):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"D": np.ones(6)}, "4, 5, 8, 12 or 14 distortion coefficients wanted"),
-        ({"D": BROWN[:5], "distCoeffs": BROWN[:5]}, "wanted, got D, distCoeffs"),
+        ({"D": np.ones(6)}, "4, 5, 8, 12 or 14 distortion coefficients"),
+        ({"D": BROWN[:5], "distCoeffs": BROWN[:5]}, ", got D, distCoeffs"),
         ({"k1": 0.1, "k2": 0.2}, "one vector of distortion"),
         ({"D": np.full(5, np.nan)}, "D must have finite"),
-        ({"D": BROWN[:5], "xi": 0.9}, "xi and 4 coefficients of cv2.omnidir wanted"),
-        ({"D": BROWN[:4], "xi": "wide"}, "cv2.omnidir wanted, got 'wide' and 4"),
+        ({"D": BROWN[:5], "xi": 0.9}, "xi and 4 coefficients of cv2.omnidir"),
+        ({"D": BROWN[:4], "xi": "wide"}, "cv2.omnidir, got 'wide' and 4"),
         ({"D": BROWN[:5], "camera_matrix": np.where(K == 700, 1e308, K)}, "fx must"),
     ],
 )

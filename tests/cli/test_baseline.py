@@ -81,7 +81,7 @@ def test_files_for_build_servers_say_what_the_terminal_does(files, capsys):
     assert sum(row.startswith("| fails |") for row in rows) == len(said)
     told = answer(capsys, f"{CHECK} --baseline base/check.json --json", code=1)
     assert told["baseline"]["zones"][0]["status"] == "new"
-    assert "not of an earlier check" in refusal(capsys, f"{CHECK} --summary plan.toml")
+    assert "not written by `rastercov check`" in refusal(capsys, f"{CHECK} --summary plan.toml")
 
 
 def test_what_is_no_baseline_is_one_line(files, capsys):

@@ -251,7 +251,7 @@ def test_without_any_library_the_report_says_what_to_install(no_library):
     assert (report["cpu"]["self_test"], doctor.exit_code(report)) == ("passed", 0)
     text = flat(printed(report, 120))
     assert "Missing devices, needed only for OpenGL" in text
-    for words in ("wanted", "libEGL.so.1", "libOSMesa.so.8", "libegl1", "libosmesa6"):
+    for words in ("expected", "libEGL.so.1", "libOSMesa.so.8", "libegl1", "libosmesa6"):
         assert words in text
     assert ON_CPU.search(text)
 

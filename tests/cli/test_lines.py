@@ -30,9 +30,9 @@ def test_a_long_value_or_name_is_shortened(capsys, line, value):
 
 def test_a_long_value_keeps_its_begin_and_end_and_the_words_around_it(capsys):
     path = f"/begin/{'x' * 500}/part.stl"
-    say(f"error: {path}: wanted a file, got {path}; look again")
+    say(f"error: {path}: expected a file, got {path}; look again")
     line = capsys.readouterr().err.rstrip("\n")
-    first, rest = line.removeprefix("error: ").split(": wanted a file, got ")
+    first, rest = line.removeprefix("error: ").split(": expected a file, got ")
     assert first == rest.removesuffix("; look again")
     assert len(first) == LONGEST_WORD - 1  # with its comma or colon
     assert (first[:8], first[-10:]) == ("/begin/x", "x/part.stl")

@@ -141,7 +141,7 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     assert told["share"] == 1 > alone["share"]
     assert told["candidates"]["made"]["cavity"] > 0
     assert told["cavities"]["faces"] == told["cavities"]["reached"] == 2  # the underside
-    assert "into cavities cover" in told["notes"][0]
+    assert "candidates in cavities cover" in told["notes"][0]
     assert told["notes"][0] in out
 
 
@@ -149,13 +149,13 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj", unit = "um"'))
     assert code == 1
     assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
-    assert "no candidate covers any of it; see what the candidates fail, below" in out
+    assert "no candidate covers any of it; see the reasons below" in out
 
 
 def test_a_part_that_has_no_unit_to_change_is_told_none(capsys):
     plan = QUICK.replace('path = "part.obj"', 'built_in = "box"')
     _, out, _ = placed(capsys, plan.replace("min_pixels = 2", "min_pixels_per_m2 = 1e12"))
-    assert "whichever candidates are chosen" in out
+    assert "can be covered by any candidate" in out
     assert "meshes.unit" not in out
 
 
@@ -184,7 +184,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         (SCENE, ["plan.toml: candidates: missing", "plan.toml: selection: missing"]),
         (QUICK.replace("[3.5]", "[0.2]"),
          ["plan.toml: no candidate is left (20 candidates: 17 in or behind rest, 3 in or"]),
-        (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
+        (QUICK + 'folder = "part.obj"\n', ["part.obj: expected a folder, got a file"]),
     ],
 )  # fmt: skip
 def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lines):
@@ -264,7 +264,7 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
     words, page = (
-        f"interrupted: this is what there was before {STEPS[step]}",
+        f"interrupted: result before {STEPS[step]}",
         Path("plan/page.html"),
     )
     assert words in out
@@ -393,7 +393,7 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
-    said = "undecided: all: 100.0 % covered, 90.0 % required: not decided, the bound"
+    said = "undecided: all: 100.0 % covered, 90.0 % required: undecided, the error bound"
     assert out.splitlines()[1].startswith(said)
     told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
@@ -431,7 +431,7 @@ def test_junit_replaces_an_outcome_and_nothing_else(capsys):
     before = content(".")
     for name in ("plan.toml", "rig.json", "part.obj", "of_others.xml"):
         said = refusal(capsys, f"{CHECK} --junit {name}")
-        assert said.startswith(f"error: {name}: not of an earlier check")
+        assert said.startswith(f"error: {name}: refusing to overwrite a file")
     assert content(".") == before
 
 
@@ -454,8 +454,8 @@ def test_junit_goes_through_links_and_pipes(capsys):
         ("check no.toml -p rig.json", "no.toml: cannot be read"),
         ("check plan.toml -p no.json", "no.json: cannot be read"),
         ("check plan.toml", "Missing option"),
-        ("check plan.toml -p rig.json --group lid", "--group wants NAME=SHARE"),
-        ("check plan.toml -p rig.json --group lid=nan", "--group wants NAME=SHARE"),
+        ("check plan.toml -p rig.json --group lid", "--group: expected NAME=SHARE"),
+        ("check plan.toml -p rig.json --group lid=nan", "--group: expected NAME=SHARE"),
         ("check plan.toml -p rig.json --group led=1", "there is no group 'led'"),
         ("check plan.toml -p rig.json --junit no/j.xml", "its folder does not exist"),
     ],

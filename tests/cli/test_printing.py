@@ -110,7 +110,7 @@ def test_without_a_browser_nothing_is_done(here, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
     code, _, err = call(capsys, "evaluate box -c khepra -p sphere:2 -o out --pdf")
     assert code == 2
-    assert "wants a browser" in err
+    assert "expected Chromium or Chrome" in err
     assert ("apt-get install -y chromium)," in err) == (sys.platform == "linux")
     assert not Path("out").exists()
 
@@ -119,5 +119,5 @@ def test_paper_without_a_page_is_refused(here, capsys):
     line = "evaluate torus -c khepra -p sphere:2 --pictures 0 -o out --pdf"
     code, _, error = call(capsys, line)
     assert (code, error.count("\n")) == (2, 1)
-    assert "--pdf wants a page, got --pictures 0" in error
+    assert "--pdf: expected a page, got --pictures 0" in error
     assert not Path("out").exists()

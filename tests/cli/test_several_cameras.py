@@ -89,7 +89,10 @@ def test_a_terminal_has_a_line_for_each_camera(capsys):
     [
         ("-c wide=wide.json -p named.json", "the poses are of a camera 'long', and cameras are"),
         ("-c rig.json -p bare.json", "the poses do not say which camera each is of"),
-        ("-c wide.json -c long.json -p named.json", "each wants a name and a file or preset"),
+        (
+            "-c wide.json -c long.json -p named.json",
+            "expected NAME=FILE for each of several cameras",
+        ),
         ("-c a=wide.json -c a=long.json -p named.json", "there is a camera 'a' already"),
         ("-c wide=wide.json -c long=gone.toml -p named.json", "gone.toml: cannot be read"),
         ("-p rig.json --camera-name tall", "there is no camera 'tall'"),

@@ -157,7 +157,7 @@ def test_indices_out_of_range_and_truncated_files_are_refused(name, load):
     faces[2, 1] = 4
     assert "must lie in 0 ... 3" in refusal(load, name, WRITERS[name](POINTS, faces))
     for cut in (20, 60, 110):
-        assert re.search("truncated|wanted", refusal(load, name, VALID[name][:-cut])), cut
+        assert re.search("truncated|expected", refusal(load, name, VALID[name][:-cut])), cut
 
 
 # ---- group names
@@ -336,7 +336,7 @@ def test_each_file_has_its_own_unit(tmp_path):
     mesh = Mesh.load(paths, ["mm", 2])
     assert [np.ptp(triangles(mesh)[rows]) for rows in (slice(4), slice(4, 8))] == [1e-3, 2]
     for unit in (["mm"], ["mm"] * 3, []):
-        with pytest.raises(MeshError, match=f"one for each of 2 files wanted, got {len(unit)}"):
+        with pytest.raises(MeshError, match=f"one for each of 2 files, got {len(unit)}"):
             Mesh.load(paths, unit)
     with pytest.raises(MeshError, match="unit must be one of"):
         Mesh.load(paths, ["mm", "miles"])

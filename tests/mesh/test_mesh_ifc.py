@@ -76,7 +76,9 @@ def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
 def test_a_space_that_is_none_or_several_is_refused_with_the_list():
     two, every = r"got 2; spaces are Ground/1 Hall \(.{22}\), ", "Ground/0 Kitchen, Ground/1 Hall, "
     for space, words in {"Hall": two, "Bath": f"got none; spaces are {every}Loft/2 Hall$"}.items():
-        with pytest.raises(PlanError, match=f"rooms.a: one space called '{space}' wanted, {words}"):
+        with pytest.raises(
+            PlanError, match=f"rooms.a: expected one space called '{space}', {words}"
+        ):
             named_scene(plan_of(PLAN | {"rooms": {"a": {"space": space}}, "targets": []}))
     with pytest.raises(PlanError, match="in IFC files, and none is in the meshes"):
         plan_of(PLAN | {"meshes": [{"built_in": "room"}]}).with_rooms(rc.shapes.box())

@@ -34,28 +34,28 @@ PLACES = [
     ("ascii.stl", b"endfacet\nfacet", b"endfacet\nfaced", "line 9: "),
     ("ascii.stl", b"endloop", b"endloop endfacet", "line 7: "),
     ("ascii.stl", b"endsolid a name\n", b"endsolid\nfacet\n", "line 31: "),
-    ("ascii.stl", b"endsolid a name\n", b"", "'endsolid' wanted after line 29, the file ends"),
-    ("a.obj", b"v 1.0 0.0 0.0", b"v 1.0 0.0", "line 5: three coordinates wanted"),
-    ("a.obj", b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 1 1", "line 5: three coordinates wanted"),
+    ("ascii.stl", b"endsolid a name\n", b"", "'endsolid' after line 29, the file ends"),
+    ("a.obj", b"v 1.0 0.0 0.0", b"v 1.0 0.0", "line 5: expected three coordinates"),
+    ("a.obj", b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 1 1", "line 5: expected three coordinates"),
     *(("a.obj", b"f 1//1 2//1 4//1", b"f " + corners, f"line 10: {text}") for corners, text in (
-        (b"1 2 5", "vertex indices must lie in 1 ... 4, got 5"), (b"1 2", "a face of 3 or more"),
-        (b"0 1 2", "vertex indices from 1, or from -1 to -4, wanted, got 'f 0 1 2'"),
-        *((corner + b" 2 3", "corners of whole numbers")
+        (b"1 2 5", "vertex indices must lie in 1 ... 4, got 5"), (b"1 2", "expected a face of 3"),
+        (b"0 1 2", "expected vertex indices from 1, or from -1 to -4, got 'f 0 1 2'"),
+        *((corner + b" 2 3", "expected corners of whole")
           for corner in (b"1/x/y", b"1/1/1/1", b"/1", b"1/1_0")))),
-    ("a.off", b"4 4 0", b"4 4 0 0", "line 2: the counts of vertices, faces, edges wanted"),
+    ("a.off", b"4 4 0", b"4 4 0 0", "line 2: expected the counts of vertices, faces, edges"),
     *(("a.off", b"4 4 0", counts, r"promises -?\d+ (vertices|faces)")
       for counts in (b"2000000000 4 0", b"4 2000000000 0", b"-4 4 0", b"4 -4 0")),
-    ("a.off", b"1.0 0.0 0.0", b"1.0 0.0 0.0 5 5", "line 4: three coordinates"),
-    *(("a.off", b"3 0 1 3 255 0 0", row, "line 8: a corner count of 3 or more")
+    ("a.off", b"1.0 0.0 0.0", b"1.0 0.0 0.0 5 5", "line 4: expected three coordinates"),
+    *(("a.off", b"3 0 1 3 255 0 0", row, "line 8: expected a corner count of 3 or more")
       for row in (b"4 0 1 3", b"2 0 1 3", b"-3 0 1 3", b"3 0 1 3 255 0")),
-    *(("ascii.ply", b"5 3 0 1 3", row, "line 20: values for")
+    *(("ascii.ply", b"5 3 0 1 3", row, "line 20: expected values for")
       for row in (b"5 4 0 1 3", b"5 3 0 1 3 2", b"5 -1 0 1 3")),
     *((name, old, new, text) for name in ("ascii.ply", "big.ply") for old, new, text in (
-        (b"ply\n", b"plz\n", "no PLY file"), (b"format", b"comment", "'format' with one of"),
-        (b"property double y\n", b"", r"wants a property 'y', has \['x', 'z', 'red'\]"),
-        (b"list uchar int", b"list float int", "line 11: a format, element or property"),
-        (b"list uchar int", b"list uchar float", "wants a property 'vertex_indices'"),
-        (b"element extra", b"element face", "line 12: each element once"))),
+        (b"ply\n", b"plz\n", "not a PLY file"), (b"format", b"comment", "'format' with one of"),
+        (b"property double y\n", b"", r"expected a property 'y', got \['x', 'z', 'red'\]"),
+        (b"list uchar int", b"list float int", "line 11: expected a format, element or property"),
+        (b"list uchar int", b"list uchar float", "expected a property 'vertex_indices'"),
+        (b"element extra", b"element face", "line 12: expected each element once"))),
 ]  # fmt: skip
 
 
@@ -205,7 +205,7 @@ def test_lines_end_as_on_any_system(name, load):
 
 def test_line_ends_may_be_mixed_and_are_counted(load):
     data = b"v 0 0 0\rv 1 0 0\r\nv 0 1 0\n\rf 1 2 3\rf 1 2 x\n"
-    with pytest.raises(MeshError, match="line 6: whole numbers"):
+    with pytest.raises(MeshError, match="line 6: expected whole numbers"):
         load("a.obj", data)
     assert load("a.obj", data.replace(b"x", b"3")).n_faces == 2
 
@@ -213,7 +213,7 @@ def test_line_ends_may_be_mixed_and_are_counted(load):
 def test_continued_lines_are_joined_counted_and_end_in_comments(load):
     data = b"v 0 0 \\\n 0\nv 1 0 0 # not joined \\\nv 0 1\\\r\n0\nf 1 \\ \n2 \\\n\\\n3\nf 1 2 x\n"
     with pytest.raises(
-        MeshError, match=r"line 10: whole numbers as vertex indices wanted, got '1 2 x'"
+        MeshError, match=r"line 10: expected whole numbers as vertex indices, got '1 2 x'"
     ):
         load("a.obj", data)
     mesh = load("a.obj", data.replace(b"x", b"3"))

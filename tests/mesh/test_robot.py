@@ -160,7 +160,7 @@ def test_meshes_of_packages_are_read_scaled_and_mirrored(tmp_path):
     assert found.is_closed_outward
     with pytest.raises(MeshError, match="try geometry"):
         robot(tmp_path, link("a", shape), packages={"made": folder})
-    with pytest.raises(MeshError, match=r"the folder of a package wanted.*packages="):
+    with pytest.raises(MeshError, match=r"the folder of a package.*packages="):
         robot(tmp_path, link("a", shape), geometry="visual")
     with pytest.raises(MeshError, match="and there is no"):
         robot(tmp_path, link("a", shape), geometry="visual", packages={"made": tmp_path})
@@ -225,10 +225,10 @@ def test_a_large_mesh_may_be_used_fifty_times(n, is_read):
 AB = link("a") + link("b")
 BOMB = '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
 REFUSED = {
-    "no link": ("", "links wanted, got none"),
+    "no link": ("", "links, got none"),
     "unnamed": ("<link/>", "must have a name"),
     "twice": (link("a") * 2, "two links have the name 'a'"),
-    "roots": (AB, r"one link without a parent wanted, got \['a', 'b'\]"),
+    "roots": (AB, r"one link without a parent, got \['a', 'b'\]"),
     "cycle": (AB + joint("j", "a", "b") + joint("k", "b", "a"), "cycle of joints"),
     "cycle beside a tree": (
         AB + link("c") + joint("j", "b", "c") + joint("k", "c", "b"), "a cycle of joints about"),
@@ -253,9 +253,9 @@ REFUSED = {
     "numbers": (link("a", BOX.replace("1 1 1", "1 1")), "size must be 3 finite numbers"),
     "scale": (
         link("a", mesh_shape('x.stl" scale="0 1 1')), "a scale other than 0"),
-    "missing": (link("a", mesh_shape("x.stl")), "its mesh 'x.stl' wanted, and there is no"),
-    "url": (link("a", mesh_shape("http://x/y.stl")), "a file or package:// wanted"),
-    "outside": (link("a", mesh_shape("package://p/../../x.stl")), "a file in a package wanted"),
+    "missing": (link("a", mesh_shape("x.stl")), "its mesh 'x.stl', and there is no"),
+    "url": (link("a", mesh_shape("http://x/y.stl")), "a file or package://"),
+    "outside": (link("a", mesh_shape("package://p/../../x.stl")), "a file in a package"),
     "slip": (link("a") + link("b") + joint("j", "a", "b").replace("limit", "limti"), "no 'limit'"),
 }  # fmt: skip
 
@@ -279,7 +279,7 @@ def test_what_is_no_robot_of_rigid_links_is_refused_in_one_line(tmp_path, name):
             "</robot>",
             "run xacrodoc a.urdf -o a.whole.urdf",
         ),
-        ("b.urdf", "<model/>", "an element robot wanted, got 'model'"),
+        ("b.urdf", "<model/>", "an element robot, got 'model'"),
         ("c.urdf", BOMB + "<robot>&b;</robot>", "declares a document type"),
         ("d.urdf", "<robot>", "is no XML"),
         ("e.urdf", "<robot>" + "<link>" * 20_000 + "</link>" * 20_000 + "</robot>", "a name"),
@@ -318,8 +318,8 @@ def test_a_path_has_a_column_for_each_joint_in_any_order(arm, tmp_path):
         "none": (),
     }
     words = (
-        *("columns pan", "frame 1: a number within .* wanted", "frame 1: wanted 7 numbers"),
-        *("row 1: pan must lie", "frame 1: a duration above 0", "1 to 10,000 frames"),
+        *("columns pan", "frame 1: expected a number within .*", "frame 1: expected 7 numbers"),
+        *("row 1: pan must lie", "frame 1: expected a duration above 0", "1 to 10,000 frames"),
         "1 to 10,000 frames",
     )
     for text, expected in zip(spoiled.values(), words, strict=True):

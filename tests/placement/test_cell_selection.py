@@ -120,7 +120,7 @@ def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path
     [
         (room()[0], "certified", None, "compute all of them with the same Mesh"),
         (MESH, "sampled:cpu", None, "got sampled"),
-        (MESH, "certified", rc.Task(min_pixels=3), "min_pixels is of a face"),
+        (MESH, "certified", rc.Task(min_pixels=3), "min_pixels applies to faces"),
     ],
 )
 def test_cells_need_exact_visibility_of_their_own_mesh(mesh, method, task, words):

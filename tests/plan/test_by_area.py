@@ -66,7 +66,7 @@ def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
     assert [matrix[name] for name in ("cells", "cell_m", "least_share")] == [n_cells, 0.5, 0.5]
     assert told()["selection"]["share"] == found.selection.share != told()["share"]
     assert share == pytest.approx(told()["covered_area"]["percent"] / 100, abs=1e-12)
-    assert f"of the area on {n_cells:,} cells of 0.5 m (one counts where a" in text_of(found)
+    assert f"of the area on {n_cells:,} patches of 0.5 m (a patch counts if a" in text_of(found)
     assert report.head_lines(found)[0].startswith("covered: ")
     assert "point by point" not in text_of(found)
     by_face = placed(task=SIZED | {"by": "face"})
@@ -112,7 +112,7 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
     assert "m² uncovered" in required.words()
     nothing = placed(task=CELLS | {"min_pixels_per_m2": 1e12})
     assert len(nothing.cameras.poses) == nothing.cameras.share == 0
-    assert nothing.prepared.notes[0].startswith("no cell is covered")
+    assert nothing.prepared.notes[0].startswith("no patch can be covered")
     assert told()["covered_area"]["m2"] == 0
 
 
@@ -124,7 +124,7 @@ def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(caplog):
     assert bound in said
     assert "stricter selection" not in found.steps
     assert found.prepared.is_beyond
-    high = float(re.search(r"cover ([\d.]+) % at most", bound)[1])
+    high = float(re.search(r"cover at most ([\d.]+) %", bound)[1])
     assert found.cameras.areas.summary()["percent"] <= high + 0.1 < 100
     missing = re.search(r"missing: (.*)", bound)[1]
     parts = [float(each) for each in re.findall(r"([\d.]+) % [a-z]", missing)]
@@ -162,7 +162,7 @@ def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(vie
     assert required.of_m2 == pytest.approx(most)
     assert required.low <= required.share <= required.high
     assert found.is_met
-    assert "of the area that can be covered, 90.0 % required" in required.words()
+    assert "of the area that candidates can cover, 90.0 % required" in required.words()
 
 
 @pytest.mark.slow
@@ -171,7 +171,7 @@ def test_a_share_of_what_is_reachable_is_judged_on_cells_where_the_area_is_not_k
     found = placed(selection=OF_REACHABLE)
     (required,) = found.requirements
     assert required.of_reachable
-    assert required.words().endswith("90.0 % required (on cells)")
+    assert required.words().endswith("90.0 % required (on patches)")
     reached = found.prepared.problem.share(found.prepared.problem.reachable)
     assert 0.9 <= required.share == pytest.approx(found.selection.share / reached, abs=1e-12)
 
@@ -196,7 +196,7 @@ def test_a_required_area_holds_fails_or_is_not_decided(views):
         for limit, status in limits.items():
             (found,) = judge_areas(areas, {group: limit}, views)
             assert found.status == status
-            assert ("not decided" in found.words()) == (status == UNDECIDED)
+            assert ("undecided" in found.words()) == (status == UNDECIDED)
 
 
 @pytest.mark.slow
@@ -234,7 +234,7 @@ def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     assert len(found.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
     assert found.leftover.left.any()
     (line,) = report.left_lines(found)
-    assert re.fullmatch(r"[\d.]+ m² of what is not covered is seen by none of 40 .*: proved", line)
+    assert re.fullmatch(r"[\d.]+ m² of what is not covered is visible to none of 40 .*", line)
 
     def worse(objective, space, poses, **_):
         """Moves of all cameras to the first one, said to be a gain."""

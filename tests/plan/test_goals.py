@@ -248,9 +248,9 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
 @pytest.mark.parametrize(
     ("entries", "line"),
     [
-        ({"goals": {"a": {"groups": ["west"]}}}, "goals.a: wanted one of coverage, at_most"),
+        ({"goals": {"a": {"groups": ["west"]}}}, "goals.a: expected one of coverage, at_most"),
         ({"goals": {"a": DOORS | {"at_most": 0.0}}}, "got coverage and at_most; give exactly one"),
-        ({"goals": {"a": DOORS | {"at_most": 1.0}}}, "goals.a.at_most: wanted a number below 1"),
+        ({"goals": {"a": DOORS | {"at_most": 1.0}}}, "goals.a.at_most: expected a number below 1"),
         ({"goals": {"a": PRIVATE | {"groups": ["wets"]}}}, "a.groups: there is no group 'wets'"),
         ({"goals": {"a": PRIVATE | {"groups": list(QUADS)}}}, "goals: all groups have one; leave"),
         ({"goals": {"a": DOORS}}, "goals.a.coverage: it needs a selection with goal ="),

@@ -131,7 +131,7 @@ def test_by_face_and_by_samples_rules_are_refused():
     for given in ({"by": "face"}, {"method": "sampled"}):
         with pytest.raises(ConfigError):
             rc.evaluate(MESH, rig, rig.poses(POSES), TASK, **given)
-    with pytest.raises(ConfigError, match="min_pixels is of a face"):
+    with pytest.raises(ConfigError, match="min_pixels applies to faces"):
         rc.evaluate(MESH, rig, rig.poses(POSES), rc.Task(min_pixels=4))
 
 
@@ -539,7 +539,9 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
 
     first = found(1e-3 * noise)
     (line,) = [each for each in first.prepared.notes if each.startswith("rig fringe: uncertainty")]
-    words = r"uncertainty ([\d.]+) (m?m) at best, .* wanted: (?:.* )?noise ([\d.]+) times as large"
+    words = (
+        r"uncertainty ([\d.]+) (m?m) at best, .* required: (?:.* )?noise ([\d.]+) times as large"
+    )
     assert first.leftover.summary()["could_be_covered"]["faces"] == 0  # single cameras do
     assert first.prepared.bounds.covering.any()
     value, unit, factor = re.search(words, line).groups()

@@ -313,13 +313,13 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
             "generator per_cavity does not go with lamp key",
         ),
         ({"candidates": [ENTRY, SPOT]}, "existing: candidates are of cameras, too"),
-        ({"candidates": [SPOT]}, "selection.lamps is of lamps; give"),
+        ({"candidates": [SPOT]}, "selection.lamps applies only when"),
         (
             {"existing": None, "candidates": [SPOT], "lamps": {"key": {**KEY, "rig": True}}},
-            "selection.lamps is of lamps; give",
+            "selection.lamps applies only when",
         ),
         ({"existing": None}, "existing: missing; lamps are chosen for cameras: give their poses"),
-        ({"existing": "gone.json"}, "existing: wanted a file, got 'gone.json'"),
+        ({"existing": "gone.json"}, "existing: expected a file, got 'gone.json'"),
         (
             {"selection": {"goal": "best_coverage", "cameras": 2}},
             "selection.cameras: cameras are there, and lamps are chosen",

@@ -84,7 +84,7 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
     light = content["network"]["light"]
     assert [each["lamp"] for each in light["lamps"]] == ["key", "ring"]
     assert light["out_of_limits"]["percent"] > 1
-    assert "too dark, too bright or in a highlight: " in page
+    assert "visible but badly lit: " in page
     done(
         capsys, "check plan.toml -p out/poses.json --min-coverage 0.3 --junit junit.xml -o checked"
     )
@@ -103,7 +103,10 @@ def test_a_fringe_sensor_with_two_lamps_and_a_satin_part_from_place_to_check(cap
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("intensity_cd = 900", "intensity_cd = 0"), "lamps.key.intensity_cd: wanted a number ab"),
+        (
+            ("intensity_cd = 900", "intensity_cd = 0"),
+            "lamps.key.intensity_cd: expected a number ab",
+        ),
         (("intensity_cd = 900", "power_w_sr = 3"), "lx and W/m2 do not add up"),
         (("intensity_cd = 900\n", ""), "an intensity in cd or power_w_sr in W/sr"),
         (("half_angle_deg = 40\n", ""), "a lamp of kind spot needs half_angle_deg"),
@@ -122,9 +125,9 @@ def test_wrong_lamps_of_a_plan_are_one_line(change, words, capsys):
 
 def test_thresholds_of_light_without_lamps_are_refused():
     plan = {"meshes": [{"built_in": "box"}], "task": {"min_illuminance": 300}}
-    with pytest.raises(PlanError, match=r"task.min_illuminance is of light; add lamps as"):
+    with pytest.raises(PlanError, match=r"task.min_illuminance needs lamps; add them as"):
         plan_of(plan)
-    with pytest.raises(PlanError, match="ambient is of light; add lamps"):
+    with pytest.raises(PlanError, match="ambient needs lamps; add them"):
         plan_of({"meshes": [{"built_in": "box"}], "ambient": 3})
 
 

@@ -136,7 +136,7 @@ except DeviceError as error:
         ("eglMakeCurrent", 0, "cannot make the context current"),
         ("eglInitialize", 0, "cannot initialise the EGL display.*driver installed"),
         ("eglGetPlatformDisplayEXT", None, "cannot initialise the EGL display"),
-        ("address", 0, r"no OpenGL library: wanted libGL\.so\.1"),
+        ("address", 0, r"no OpenGL library: expected libGL\.so\.1"),
     ],
 )
 def test_what_the_driver_refuses_is_an_error(egl, monkeypatch, function, answer, words):
@@ -146,7 +146,7 @@ def test_what_the_driver_refuses_is_an_error(egl, monkeypatch, function, answer,
 
 
 def test_a_library_without_an_entry_point_is_refused_by_its_name():
-    with pytest.raises(DeviceError, match="no OSMesaCreateContextAttribs: wanted a library of"):
+    with pytest.raises(DeviceError, match="no OSMesaCreateContextAttribs: expected a library of"):
         libraries.Library("OSMesa", lambda name: 0)
 
 

@@ -104,7 +104,8 @@ def test_every_figure_that_counts_is_told(placement, pages):
 
 
 @pytest.mark.parametrize(
-    ("missing", "heading"), [({"tolerance": None}, "Tolerance"), ({"left": None}, "What is left")]
+    ("missing", "heading"),
+    [({"tolerance": None}, "Tolerance"), ({"left": None}, "Faces not covered")],
 )
 def test_what_is_not_known_has_no_section(placement, missing, heading):
     assert heading in page_of(placement)
@@ -112,10 +113,10 @@ def test_what_is_not_known_has_no_section(placement, missing, heading):
 
 
 def test_a_selection_that_covers_nothing_is_not_called_the_best(placement):
-    nothing = "nothing: no candidate covers any of it"
+    nothing = "no candidate covers any of it"
     assert nothing not in page_of(placement)
     assert nothing in page_of(placement, selection={"share": 0.0, "status": "optimal"})
-    assert "proved to be the best" in page_of(placement, selection={"status": "optimal"})
+    assert "proved optimal" in page_of(placement, selection={"status": "optimal"})
 
 
 @pytest.mark.slow
@@ -236,7 +237,7 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
     task = rc.Task(min_pixels=400)
     run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by="face"))
     words = " ".join(read_alone((tmp_path / "report.html").read_text("utf-8")).words)
-    assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m, 400 px wanted", words)
+    assert re.search(r"comes nearest: best [\d.]+ px at [\d.]+ m, 400 px required", words)
 
 
 def test_a_page_lists_the_largest_hiders_by_part():

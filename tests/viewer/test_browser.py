@@ -380,7 +380,7 @@ def test_an_empty_rig_is_clay_with_a_card_of_ways_to_cameras(empty):
 
 def test_a_camera_that_is_sold_is_found_by_words_and_taken_by_keys(tab):
     name = "flir-bfs-u3-51s5+fujinon-hf12xa-5m"
-    box = tab.page.get_by_role("combobox", name="Find a camera that is sold")
+    box = tab.page.get_by_role("combobox", name="Search the camera catalogue")
     box.fill("FLIR 51s5")
     box.press_sequentially(" hf12xa")
     assert tab.page.locator(".found strong").first.inner_text() == name

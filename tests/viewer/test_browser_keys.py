@@ -288,6 +288,8 @@ def test_why_there_are_no_exact_pieces_is_said(tab):
     tab.open("Network")
     tab.type_number("Min pixels", "9")
     assert (
-        tab.page.locator(".summary").inner_text().endswith("whole faces: min_pixels is of a face")
+        tab.page.locator(".summary")
+        .inner_text()
+        .endswith("whole faces: min_pixels applies to faces")
     )
-    assert "min_pixels is of a face" in words.inner_text()
+    assert "min_pixels applies to faces" in words.inner_text()

@@ -137,7 +137,7 @@ def test_ctrl_c_in_a_request_ends_in_one_line(gaps):
     assert time.monotonic() - began < 45  # the answer takes a minute
     assert code == 130
     lines = [line for line in said.splitlines() if not line.startswith("warning: ")]
-    assert lines == ["Ctrl-C ends it", "interrupted"]
+    assert lines == ["press Ctrl-C to stop", "interrupted"]
 
 
 def test_a_defect_is_one_line(program, monkeypatch, capfd):

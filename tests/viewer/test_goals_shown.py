@@ -152,7 +152,9 @@ def test_goals_are_listed_and_shown_by_their_buttons(context, session):
     buttons = rows.get_by_role("button")
     assert [each.inner_text() for each in buttons.all()] == [each["words"] for each in said]
     asked = rows.nth(1).locator(".soft").inner_text()
-    assert asked.startswith("Of west: Covered is what 2 cameras see, with 250 px/m or more")
+    assert asked.startswith(
+        "Of west: A point is covered if 2 cameras see it, with 250 px/m or more"
+    )
     tab.page.get_by_role("button", name="goal doors").click()
     tab.idle()
     assert "of goal doors" in tab.page.locator(".summary").inner_text()

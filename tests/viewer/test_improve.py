@@ -35,7 +35,7 @@ def measurements():
 
 
 def covered_area(state):
-    """Area that `rc.evaluate` finds covered, and summed over the views that are wanted, m^2."""
+    """Area that `rc.evaluate` finds covered, and summed over the required views, m^2."""
     found = rc.evaluate(MESH, CAMERA, state.poses(), state.task, fields=()).summary()
     if "covered_area" not in found:
         network = rc.Network(MESH, state.task)

@@ -228,9 +228,9 @@ FULL = OSError(28, "No space left on device")
 
 @pytest.mark.parametrize(
     ("display", "fault", "said"),
-    [("", None, "there is no display: open the address elsewhere"),
-     (":0", FULL, "no browser is opened (No space left on device); open the address"),
-     (":0", None, "Ctrl-C ends it\n")],
+    [("", None, "no display found: forward the port"),
+     (":0", FULL, "cannot open a browser (No space left on device); open the address"),
+     (":0", None, "press Ctrl-C to stop\n")],
 )  # fmt: skip
 def test_a_browser_is_opened_where_one_can_be_and_the_address_is_printed(
     monkeypatch, capsys, display, fault, said

@@ -366,7 +366,7 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
     assert head == {}
     assert np.array_equal(reasons, session.areas().zones.reason)
     acted(session, do="task", changes={"min_pixels": 9})
-    with pytest.raises(rc.ConfigError, match="min_pixels is of a face"):
+    with pytest.raises(rc.ConfigError, match="min_pixels applies to faces"):
         session.pieces()
 
 

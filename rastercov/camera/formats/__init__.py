@@ -71,7 +71,7 @@ def _mvsnet_files(folder: Path) -> list[Path]:
 def _mvsnet(source: Source, border: Border) -> Views:
     files = _mvsnet_files(source.path) if source.path.is_dir() else [source.path]
     if not files:
-        raise CameraError(f"files {bundler.PATTERN} wanted, got a folder without any")
+        raise CameraError(f"expected files {bundler.PATTERN}, got a folder without any")
     return bundler.read_mvsnet([Source(path) for path in files], border)
 
 
@@ -190,7 +190,7 @@ def _naming(path: StrPath, kind: type[RastercovError], words: str = "{}") -> Ite
 
 def _path(path: StrPath) -> Path:
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
-        raise CameraError(f"a path wanted, got {type(path).__name__}; pass a string or a Path")
+        raise CameraError(f"expected a path, got {type(path).__name__}; pass a string or a Path")
     return Path(path)
 
 
@@ -205,7 +205,7 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path, format
     if suffix in PROJECTS:
         raise CameraError(
-            f"cameras wanted, got a project of {PROJECTS[suffix]}; export cameras, as COLMAP, "
+            f"expected cameras, got a project of {PROJECTS[suffix]}; export cameras, as COLMAP, "
             "Bundler or XML, and name that file"
         )
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
@@ -223,8 +223,8 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
             return path / name, its
     if format is None and not _mvsnet_files(path):
         raise CameraError(
-            f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {bundler.PATTERN} of MVSNet wanted, got "
-            "a folder without any; name the file itself"
+            f"expected a COLMAP model, {', '.join(IN_FOLDERS)}, or {bundler.PATTERN} of MVSNet, "
+            "got a folder without any; name the file itself"
         )
     return path, format or "mvsnet"
 
@@ -243,7 +243,7 @@ def _of_content(source: Source) -> str:
         if is_mine(source.text):
             return name
     raise CameraError(
-        f"a camera file, or one of {', '.join(READERS)}, wanted; name its format by --from"
+        f"expected a camera file, or one of {', '.join(READERS)}; name its format by --from"
     )
 
 
@@ -267,8 +267,8 @@ def format_of(path: StrPath) -> str:
     if suffix in BY_SUFFIX:
         return BY_SUFFIX[suffix]
     raise ConfigError(
-        f"{printable(str(path))}: a name that ends in .json, .toml, .npy, .glb or .yaml, or a "
-        "folder for COLMAP, wanted; name the format by --to"
+        f"{printable(str(path))}: expected a name that ends in .json, .toml, .npy, .glb or .yaml, "
+        "or a folder for COLMAP; name the format by --to"
     )
 
 
@@ -336,7 +336,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         return {"": own.bytes_of(views, path.suffix.lower(), notes)}, notes
     if views.rig is None:
         raise CameraError(
-            "cameras wanted, got poses alone; put both into a .json file of ours, or write one"
+            "expected cameras, got poses alone; put both into a .json file of ours, or write one"
         )
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:

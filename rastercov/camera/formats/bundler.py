@@ -57,7 +57,7 @@ def read_bundler(text: str, border: Border) -> Views:
         )
     is_found = values[:, 0] != 0
     if not is_found.any():
-        raise CameraError("cameras with a focal length wanted, got none")
+        raise CameraError("expected cameras with a focal length, got none")
     if not is_found.all():
         border.note(
             f"{plural((~is_found).sum(), 'image')} without a camera left out: their focal length "
@@ -79,7 +79,7 @@ def read_bal(text: str, border: Border) -> Views:
     lines = rest.split("\n", n_observations)
     if len(lines) <= n_observations:
         raise CameraError(
-            f"{n_observations} lines of observations wanted, got {len(lines) - 1}; the file is "
+            f"expected {n_observations} lines of observations, got {len(lines) - 1}; the file is "
             "truncated or broken"
         )
     values = _numbers(lines[-1], n_cameras, 9)
@@ -144,7 +144,7 @@ def _counts(text: str, what: str) -> tuple[list[int], str]:
     n = what.count(" ") + 1 - what.count(" and ")
     words = text.split(maxsplit=n)
     if len(words) < n or not all(word.isdecimal() and len(word) < 10 for word in words[:n]):
-        raise CameraError(f"the numbers of {what} wanted, got {shown(' '.join(words[:n]))}")
+        raise CameraError(f"expected the numbers of {what}, got {shown(' '.join(words[:n]))}")
     return [int(word) for word in words[:n]], "".join(words[n:])
 
 
@@ -154,7 +154,7 @@ def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
     words = text.split(maxsplit=wanted)[:wanted] if 2 * wanted - 1 <= len(text) else []
     if n_cameras < 1 or len(words) < wanted:
         raise CameraError(
-            f"{n_cameras} cameras wanted, got numbers for fewer; the file is truncated or broken"
+            f"expected {n_cameras} cameras, got numbers for fewer; the file is truncated or broken"
         )
     return checked([*map(number_of, words)], "numbers of cameras", (wanted,)).reshape(
         n_cameras, per_camera
@@ -195,7 +195,7 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
         words = source.text[:10_000].split()
         if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
             raise CameraError(
-                f"{name}: extrinsic with 16 numbers and intrinsic with 9 wanted, got "
+                f"{name}: expected extrinsic with 16 numbers and intrinsic with 9, got "
                 f"{len(words)} words"
             )
         numbers = [number_of(word) for word in words]

@@ -99,7 +99,9 @@ def read(path: Path, border: Border) -> Views:
         raise CameraError("cannot be read (No such file or directory)")
     folder = model_folder(path)
     if folder is None:
-        raise CameraError("a COLMAP model wanted, got a folder without cameras.bin or cameras.txt")
+        raise CameraError(
+            "expected a COLMAP model, got a folder without cameras.bin or cameras.txt"
+        )
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
 
     def part(name: str) -> Any:
@@ -140,7 +142,7 @@ def _names(ids: Iterable[int]) -> list[str]:
 def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
     """Cameras by id, and the row of each id."""
     if not table:
-        raise CameraError("a COLMAP model wanted, got one without cameras")
+        raise CameraError("expected a COLMAP model, got one without cameras")
     ids = sorted(table)
     return [table[number] for number in ids], {number: row for row, number in enumerate(ids)}
 
@@ -226,7 +228,7 @@ class _Words:
         # The ids of the first points and of the last: a line of an image may look like points.
         if len(found) % 3 or not all(_is_whole(word) for word in (*found[2:9:3], *found[-1:])):
             raise CameraError(
-                f"line {after}: the points of image {shown(name)} wanted, got {shown(points)}; "
+                f"line {after}: expected the points of image {shown(name)}, got {shown(points)}; "
                 "leave an empty line where an image has none"
             )
 
@@ -353,7 +355,7 @@ def _lines(file: BinaryIO, promised: dict[str, int]) -> Iterator[tuple[int, str]
         if len(raw) == LONGEST_LINE:
             raise CameraError(f"line {number} is longer than {LONGEST_LINE} bytes")
         if number == 1 and raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise CameraError("text in UTF-8 wanted, got UTF-16; save it as UTF-8")
+            raise CameraError("expected text in UTF-8, got UTF-16; save it as UTF-8")
         text = raw.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace").strip()
         if not text.startswith("#"):
             has_begun = has_begun or bool(text)
@@ -540,7 +542,7 @@ def _motions(matrices: FloatArray) -> list[list[float]]:
 def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:
     """Write the files of a model; a model that is there is replaced as a whole, if at all."""
     if folder.exists() and not folder.is_dir():
-        raise ConfigError("a folder for the COLMAP model wanted, got a file; give another name")
+        raise ConfigError("expected a folder for the COLMAP model, got a file; give another name")
     others = [folder / f"{name}.{end}" for name in HEADS for end in ("bin", "txt")]
     there = [path for path in others if path.exists()]
     if there and not overwrite:

@@ -67,7 +67,7 @@ def read(source: Source, border: Border) -> Views:
     for note in notes:
         border.note(note)
     if not found:
-        raise CameraError("a node with a camera wanted, got none")
+        raise CameraError("expected a node with a camera, got none")
     size = border.image_size("a glTF scene")
     entries = {number: Entries(lens, f"camera {number}") for number, lens in lenses.items()}
     used = [n for n, lens in entries.items() if lens.text("type", "perspective") == "perspective"]
@@ -75,7 +75,7 @@ def read(source: Source, border: Border) -> Views:
         border.note("orthographic cameras left out")
     found = [each for each in found if each[0]["camera"] in used]
     if not found:
-        raise CameraError("perspective cameras wanted, got orthographic ones only")
+        raise CameraError("expected perspective cameras, got orthographic ones only")
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
@@ -100,7 +100,7 @@ def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
     square = width / height / aspect
     if not 1 / MOST_ASPECT <= square <= MOST_ASPECT:
         raise CameraError(
-            f"{lens.where}: an image of aspectRatio {aspect:.6g} wanted, got --image-size "
+            f"{lens.where}: expected an image of aspectRatio {aspect:.6g}, got --image-size "
             f"{width}x{height}; give one that fits, such as {round(aspect * height)}x{height}"
         )
     fy = height / 2 / math.tan(yfov / 2)

@@ -56,13 +56,13 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     for name, value in content.items():
         if name not in found and isinstance(value, Mapping) and value.keys() & KNOWN:
             raise CameraError(
-                f"cameras {WANTED} wanted, got a table {shown(name)} beside them; rename it"
+                f"expected cameras {WANTED}, got a table {shown(name)} beside them; rename it"
             )
     border.unknown.look("the chain", [*content], frozenset(found))
     if not found or set(names) != set(found):
         raise CameraError(
-            f"cameras {WANTED} wanted, got {', '.join(found[:MOST_SHOWN]) or 'none'}; number them "
-            "from 0 without a gap"
+            f"expected cameras {WANTED}, got {', '.join(found[:MOST_SHOWN]) or 'none'}; "
+            "number them from 0 without a gap"
         )
     entries = [chain.table(name) for name in names]
     for each in entries:

@@ -57,7 +57,7 @@ def read(root: Element, border: Border) -> Views:
         return border.views([_camera(root, kind, "calibration")])
     chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
     if not chunks:
-        raise CameraError("a chunk wanted, got none; use File, Export, Export Cameras")
+        raise CameraError("expected a chunk, got none; use File, Export, Export Cameras")
     # A document whose chunks are all disabled is still read.
     enabled = [chunk for chunk in chunks if _is_enabled(chunk)] or chunks
     if len(chunks) > 1:
@@ -126,7 +126,7 @@ def _sensors(chunk: Element, border: Border) -> dict[str, tuple[str, Camera]]:
         more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
         border.note(f"sensor {shown(without[0])}{more} left out: it has no calibration")
     if not sensors:
-        raise CameraError("a sensor with a calibration wanted, got none; align the photos first")
+        raise CameraError("expected a sensor with a calibration, got none; align the photos first")
     return sensors
 
 
@@ -142,7 +142,7 @@ def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera
     if kind == "spherical":
         if width != 2 * height:
             raise CameraError(
-                f"{what}: a spherical image of 2:1 wanted, which is of all "
+                f"{what}: expected a spherical image of 2:1, which has all "
                 f"directions, got {width} x {height}; its scale is not in the file"
             )
         return panorama(width, height)

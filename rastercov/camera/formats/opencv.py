@@ -98,13 +98,13 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     matrices = {name: value for name, value in found.items() if _is_camera_matrix(value)}
     if not matrices:
         raise CameraError(
-            "a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] wanted, got none among "
+            "expected a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got none among "
             f"{', '.join(map(shown, found)) or 'no matrices'}"
         )
     labelled = {_label(name): name for name in matrices}
     if len(labelled) < len(matrices):
         raise CameraError(
-            f"one camera matrix a camera wanted, got {', '.join(matrices)}; rename those to use "
+            f"expected one camera matrix a camera, got {', '.join(matrices)}; rename those to use "
             "camera_matrix1, camera_matrix2"
         )
     known = {*matrices, *POSES, *OTHERS, *SIZES}
@@ -120,7 +120,7 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
         own = of_label.get(label) or (named if len(matrices) == 1 else [])
         if len(own) > 1 or (named and not own):
             raise CameraError(
-                f"one vector of distortion coefficients for {name} wanted, got "
+                f"expected one vector of distortion coefficients for {name}, got "
                 f"{', '.join(own or named)}; leave one, named distortion_coefficients{label}"
             )
         known.update(own)
@@ -149,7 +149,7 @@ def _key_of_coefficients(
         nameless = [name for name, value in found.items() if _is_vector(value, LENGTHS)]
         if nameless:
             raise CameraError(
-                f"distortion wanted by a name like D or dist, got {nameless[0]}; rename it "
+                f"expected distortion by a name like D or dist, got {nameless[0]}; rename it "
                 "distortion_coefficients if it is that, and leave it out if not"
             )
         return None
@@ -158,7 +158,7 @@ def _key_of_coefficients(
         return None  # empty, as OpenCV writes what is not there
     if key not in found or not _is_vector(found[key], LENGTHS):
         raise CameraError(
-            f"4, 5, 8, 12 or 14 distortion coefficients wanted, got {key}: "
+            f"expected 4, 5, 8, 12 or 14 distortion coefficients, got {key}: "
             f"{shown(content[key])}; correct it"
         )
     return key
@@ -212,8 +212,8 @@ def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
     count = channels * math.prod(map(finite_number, sides))  # NaN where one is no number
     if count != len(data) or not all(side == int(side) >= 0 for side in sides):
         raise CameraError(
-            f"{name}: {' x '.join(map(shown, sides))} numbers wanted, got {len(data)}; the file is "
-            "truncated or broken, export it again"
+            f"{name}: expected {' x '.join(map(shown, sides))} numbers, got {len(data)}; the file "
+            "is truncated or broken, export it again"
         )
     array = np.array([finite_number(each) for each in data])
     array = array.reshape(math.prod(map(int, sides[:-1])), int(sides[-1]) * channels)
@@ -279,7 +279,7 @@ def _omnidirectional(
     xi = finite_number(numbers[0] if isinstance(numbers, list) and len(numbers) == 1 else numbers)
     if math.isnan(xi) or len(coefficients) not in (0, 4):
         raise CameraError(
-            f"a number xi and 4 coefficients of cv2.omnidir wanted, got {shown(given)} and "
+            f"expected a number xi and 4 coefficients of cv2.omnidir, got {shown(given)} and "
             f"{len(coefficients)}; correct them, or leave xi out"
         )
     values = (xi, *(coefficients.tolist() or [0.0] * 4))
@@ -328,7 +328,9 @@ def _views(
     if len(cameras) == 2 and rotation is not None and translation is not None:
         if tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels)):
             if rotation.shape != (3, 3) or translation.size != 3:
-                raise CameraError("R of 3 x 3 and T of 3 numbers wanted, from camera 1 to camera 2")
+                raise CameraError(
+                    "expected R of 3 x 3 and T of 3 numbers, from camera 1 to camera 2"
+                )
             second = inverse_of(motions([rotation], [translation.ravel()]))
             places = np.concatenate([np.eye(4)[None], second])
             border.note("poses are in the frame of the first camera")
@@ -378,7 +380,7 @@ def _content(source: Source) -> Mapping[str, Any]:
         return of_xml(source.xml)
     content = source.json if source.text.lstrip().startswith("{") else source.yaml
     if not isinstance(content, Mapping):
-        raise CameraError(f"a table with a camera matrix wanted, got {shown(content)}")
+        raise CameraError(f"expected a table with a camera matrix, got {shown(content)}")
     return content
 
 

@@ -76,7 +76,7 @@ def read(content: object, border: Border) -> Views:
         border.unknown.look(each.where, names, KNOWN_OF_CAMERA)
         cameras.append(_camera(each))
     if not cameras:
-        raise CameraError("a reconstruction with cameras wanted, got none")
+        raise CameraError("expected a reconstruction with cameras, got none")
     shots = dict(entries.tables("shots"))
     index = [row_of[shot.choice("camera", row_of)] for shot in shots.values()]
     images = list(shots)

@@ -87,7 +87,7 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
         with errors_as(CameraError, f"camera {shown(names[-1])}"):
             cameras.append(Camera.from_dict({k: v for k, v in table.items() if k != "name"}))
     if not cameras:
-        raise CameraError("at least one camera wanted, got none")
+        raise CameraError("expected at least one camera, got none")
     [(name, count)] = Counter(names).most_common(1)
     if count > 1:
         raise CameraError(f"two cameras are named {shown(name)}; give each a name of its own")

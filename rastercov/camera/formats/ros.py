@@ -85,7 +85,9 @@ def _numbers(info: Entries, name: str, *counts: int) -> Any:
         n = len(value) if isinstance(value, list) else 1
         rows, cols = table.number("rows", 1.0), table.number("cols", float(n))
         if rows * cols != n:
-            raise CameraError(f"{info.where}: {name}: {rows:g} x {cols:g} numbers wanted, got {n}")
+            raise CameraError(
+                f"{info.where}: {name}: expected {rows:g} x {cols:g} numbers, got {n}"
+            )
     if isinstance(value, list) and not value and 0 in counts:
         return np.zeros(0)
     return checked(value, f"{info.where}: {name}", *((count,) for count in counts))

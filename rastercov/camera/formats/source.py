@@ -71,7 +71,7 @@ class Source:
         """Content of YAML."""
         if len(self.data) > LARGEST_YAML:
             raise CameraError(
-                f"at most {LARGEST_YAML} bytes of YAML wanted, got {len(self.data)}; leave out "
+                f"expected at most {LARGEST_YAML} bytes of YAML, got {len(self.data)}; leave out "
                 "what is no camera"
             )
         from rastercov.camera.formats.yaml_tree import parsed_yaml  # loads PyYAML
@@ -90,7 +90,7 @@ class Entries:
 
     def __init__(self, value: object, where: str) -> None:
         if not isinstance(value, Mapping):
-            raise CameraError(f"{where}: a table of names and values wanted, got {shown(value)}")
+            raise CameraError(f"{where}: expected a table of names and values, got {shown(value)}")
         self._table, self.where = value, where
 
     def __contains__(self, name: str) -> bool:

@@ -84,7 +84,7 @@ def read(source: Source, border: Border) -> Views:
         matrix = frame.array("transform_matrix", (4, 4), (3, 4))
         matrices.append(np.vstack([matrix, [0, 0, 0, 1]]) if len(matrix) == 3 else matrix)
     if not matrices:
-        raise CameraError("frames with a transform_matrix wanted, got none")
+        raise CameraError("expected frames with a transform_matrix, got none")
     poses = np.array(matrices) @ OPENGL_AXES
     if "applied_transform" in content:
         poses = _in_world(poses, content, border)

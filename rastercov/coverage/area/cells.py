@@ -203,7 +203,8 @@ def cells(mesh: Mesh, size: float) -> Cells:
         while counter.count(fits) > MOST_CELLS:
             fits *= 1.25
         raise ResourceError(
-            f"cells of {longest:.3g} m are more than {MOST_CELLS:,}; {rounded_up(fits):g} m fits"
+            f"expected at most {MOST_CELLS:,} patches, got more with sides of {longest:.3g} m; "
+            f"use {rounded_up(fits):g} m"
         )
     counts, corners = counter.counts, counter.corners
     n_cells = int(counts.sum())

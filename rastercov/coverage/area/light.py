@@ -335,7 +335,7 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
     if lamps is None:
         for name in OF_LIGHT:
             if getattr(task, name):
-                raise ConfigError(f"{name} is of light; give lamps, or leave it out")
+                raise ConfigError(f"{name} needs lamps; give lamps, or leave it out")
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)

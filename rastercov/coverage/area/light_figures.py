@@ -18,7 +18,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 UNITS_OF = ("percent", "m2")
-OF_LIGHT = {"unlit": "unlit", "out_of_limits": "too dark, too bright or in a highlight"}
+OF_LIGHT = {"unlit": "unlit", "out_of_limits": "badly lit"}
 """Words for what the cameras see and cannot use for its light."""
 
 
@@ -83,9 +83,10 @@ class LightFigures(Figures):
         for name, words in OF_LIGHT.items():
             if name in light:
                 lost = with_bound(light[name]["percent"], light[name]["bound_percent"])
-                by_lamp = f"; lit, seen or not: {', '.join(shares)}" if shares else ""
+                by_lamp = f"; lit (visible or not): {', '.join(shares)}" if shares else ""
                 lines.append(
-                    f"seen, and {words}: {lost} of the area" + (by_lamp if name == "unlit" else "")
+                    f"visible but {words}: {lost} of the area"
+                    + (by_lamp if name == "unlit" else "")
                 )
         return lines
 
@@ -93,7 +94,7 @@ class LightFigures(Figures):
     def doubts(summary: Mapping[str, Any]) -> list[str]:
         """See `Figures`: lamps that light nothing."""
         return [
-            f"lamp {lamp['lamp']} lights no part of the task; it may be inside a wall or look away"
+            f"lamp {lamp['lamp']} lights no part of the task; it may be inside a wall or face away"
             for lamp in summary.get("light", {}).get("lamps", ())
             if lamp["lit_percent"] == 0
         ]

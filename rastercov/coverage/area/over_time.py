@@ -355,7 +355,7 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
     """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
-    advice = f"{before} is between" if before else ""
+    advice = f"{before} blocks the view" if before else ""
     return {"reason": name, "advice": advice, "nearest": None, "hidden_by": hidden_by}
 
 

@@ -49,11 +49,11 @@ through it, relative to the same."""
 EQUAL_AREA = "metashape_equisolid"
 """Model of lenses of equal area, without distortion."""
 OF_A_FACE = {
-    "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
-    "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
-    "min_coverage": "min_coverage is of a face; by area a point is covered or not",
-    "focus_rule": "focus_rule is of a face; by area each point must be in focus",
-    "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
+    "min_pixels": "min_pixels applies to faces; by area, use min_pixels_per_m2",
+    "min_visibility": "min_visibility applies to faces; a point is visible or hidden",
+    "min_coverage": "min_coverage applies to faces; a point is covered or not",
+    "focus_rule": "focus_rule applies to faces; by area each point must be in focus",
+    "cap_resolution": "cap_resolution applies to faces; by area nothing is graded",
 }
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""
 

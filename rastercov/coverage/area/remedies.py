@@ -173,8 +173,6 @@ class Remedies:
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
             facts = ["no camera has a line of sight"]
         words, entries = self.tried(named, row, spot) if is_tried else ("", None)
-        if named is None and is_alone and entries:
-            words = words.replace("another at", "a place that has:", 1)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
         return {"nearest": said, "advice": text, "tried": entries or None}
@@ -193,17 +191,17 @@ class Remedies:
         distance = in_metres(named.figures["distance"])
         most = max(named.missed, key=lambda each: named.missed[each], default=Reason.OCCLUDED)
         if most == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
-            return f"best {short.found} at {distance}, {short.wanted} wanted"
+            return f"best {short.found} at {distance}, {short.wanted} required"
         if most == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
-            return f"it is {distance} away, and in focus is what is {in_metres(near)} {to} away"
+            return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
         if most == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
-            return f"seen at {angle:.3g}°, of {task.max_incidence_deg:g}° at most"
+            return f"incidence {angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
         if most == Reason.OUTSIDE:
-            return "it is outside the image"
-        return f"{hider} is between" if hider else ""
+            return "outside the image"
+        return f"{hider} blocks the view" if hider else ""
 
     def nearest(self, spot: Spot) -> Nearest | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
@@ -286,8 +284,8 @@ class Remedies:
                     "covers_percent": 100 * share,
                 }
                 words = change.words if is_moved else change.other
-                return f"{words}: {percent(share)} of it is covered", entries
-        return f"none of {count} places within {in_metres(reach)} lets it cover half", {}
+                return f"{words}: {percent(share)} of the zone is covered", entries
+        return f"none of {count} places within {in_metres(reach)} covers half of the zone", {}
 
     def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
@@ -302,22 +300,23 @@ class Remedies:
             away = float(np.linalg.norm(origin - spot.at))
         if name is not None:
             yield Change(
-                f"turn it towards {to}", f"another at its place towards {to}", origin, target
+                f"aim it at {to}", f"add a camera at the same place, aimed at {to}", origin, target
             )
             depth = float(f"{name.figures['distance']:.3g}")
             if is_one and Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None:
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
-                    f"focus it at {in_metres(depth)}, towards {to}",
-                    f"another at its place, focused at {in_metres(depth)}, towards {to}",
+                    f"focus it at {in_metres(depth)}, aimed at {to}",
+                    f"add a camera at the same place, focused at {in_metres(depth)}, aimed at {to}",
                     *(origin, target, focused, {"focus_distance_m": depth}),
                 )
             factor = name.missed.get(Reason.TOO_COARSE, 0.0)
             for times in (float(f"{factor * more:.3g}") for more in LONGER):
                 if is_one and camera.is_pinhole and 1 < times < 1e3:
                     yield Change(
-                        f"give it {times:g} times the focal length, towards {to}",
-                        f"another at its place with {times:g} times the focal length, towards {to}",
+                        f"use {times:g} times the focal length, aimed at {to}",
+                        f"add one at the same place, {times:g} times the focal length, "
+                        f"aimed at {to}",
                         *(origin, target, _longer(camera, times), {"focal_length_times": times}),
                     )
         short = 1.0 if name is None else name.missed.get(Reason.TOO_COARSE, 1.0)
@@ -335,8 +334,8 @@ class Remedies:
             eye, text = _rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             moved = in_metres(float(np.linalg.norm(eye - origin)))
             yield Change(
-                f"move it by {moved}, to {text}, towards {to}",
-                f"another at {text}, towards {to}",
+                f"move it {moved} to {text}, aimed at {to}",
+                f"add a camera at {text}, aimed at {to}",
                 *(eye, target),
             )
 

@@ -203,12 +203,12 @@ def _missed(gate: Gate, placed: FloatArray, points: FloatArray, why: int) -> tup
     if why == UNCERTAIN:
         best, limit = _metres(float(deviation.min())), _metres(gate.most_deviation)
         best = f"just above {best}" if best == limit else best
-        return float(lack.min()), f"uncertainty {best} at best, {limit} wanted"
+        return float(lack.min()), f"uncertainty {best} at best, {limit} required"
     is_less = angle.max() < gate.least_deg
     degrees = (
         f"{angle.max():.3g} degrees at most" if is_less else f"{angle.min():.3g} degrees or more"
     )
-    limit = f"{gate.least_deg:g} wanted" if is_less else f"{gate.most_deg:g} allowed"
+    limit = f"{gate.least_deg:g} required" if is_less else f"{gate.most_deg:g} allowed"
     return float(lack.min()), f"rays to its devices differ by {degrees}, {limit}"
 
 

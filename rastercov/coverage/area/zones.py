@@ -505,7 +505,8 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
     """Reason of a zone, what hides it, and of a rig with a rule the camera that fails."""
     text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
     if hider is not None:
-        text += f" by {'itself' if body_of(hider) == zone_parts(zone)[0] else body_of(hider)}"
+        own = body_of(hider) == zone_parts(zone)[0]
+        text = f"self-{text}" if own else f"{text} by {body_of(hider)}"
     return text + (f" ({zone['device']})" if zone.get("device") else "")
 
 

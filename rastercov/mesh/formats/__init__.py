@@ -68,7 +68,7 @@ def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:
     kinds = (str, os.PathLike)
     wanted = "a path or several, as strings or Paths"
     paths = [path] if isinstance(path, kinds) else members("path", path, kinds, wanted, MeshError)
-    check(paths, "at least one mesh file wanted, got none", "pass a path")
+    check(paths, "expected at least one mesh file, got none", "pass a path")
     return paths
 
 
@@ -177,7 +177,8 @@ def of_gltf(
             if reader is gltf.read_glb:
                 header, buffers, _ = gltf.content_of_glb(data)
             else:
-                check(reader is gltf.read_gltf, "a .glb or .gltf file wanted", "convert it")
+                wanted = "expected an animation of a .glb or .gltf file"
+                check(reader is gltf.read_gltf, wanted, "convert it")
                 beside = _Beside(path, LARGEST_FILE - len(data))
                 header, buffers, _ = gltf.content_of_gltf(data, beside.read)
             return read(header, buffers, MEMORY_BUDGET)
@@ -204,7 +205,7 @@ class _Beside:
         is_outside = name.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", name)
         check(
             not is_outside and not re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name),
-            f"a buffer in the folder of the file wanted, got {shown!r}, which is never opened",
+            f"expected a buffer in the folder of the file, got {shown!r}, which is never opened",
             "put it beside the file, or export a self-contained .glb",
         )
         name = posixpath.normpath(name)  # a file is read once, however its name is written
@@ -212,7 +213,7 @@ class _Beside:
             try:
                 content = file_bytes(self._folder / name, self._bytes_left, SMALLER)
             except UnreadableError as error:
-                got = f"its buffer {shown!r} wanted, got: {error.reason}"
+                got = f"expected its buffer {shown!r}, got: {error.reason}"
                 raise broken(got, "put it beside the file") from error
             self.contents[name] = content
             self._bytes_left -= len(content)
@@ -222,11 +223,11 @@ class _Beside:
 def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     """Reader of the file's format, and the bytes of the file, read once."""
     is_url = re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path))
-    check(not is_url, "a file on this machine wanted, got a URL", "download it first")
+    check(not is_url, "expected a file on this machine, got a URL", "download it first")
     extension = Path(path).suffix.lower()
     got = repr(extension or "no extension")
     formats = ", ".join(READERS)
-    project = f"a mesh wanted, got a project of {PROJECTS.get(extension)}"
+    project = f"expected a mesh, got a project of {PROJECTS.get(extension)}"
     check(extension not in PROJECTS, project, "export the mesh, as PLY or OBJ, and name that file")
     check(extension in READERS, f"supported formats are {formats}, got {got}", "convert the mesh")
     try:
@@ -234,7 +235,7 @@ def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     except UnreadableError as error:
         if error.is_of_system:
             raise broken(
-                f"a readable file wanted, got: {error.reason}", "check the path"
+                f"expected a readable file, got: {error.reason}", "check the path"
             ) from error
         raise MeshError(error.reason) from error
     return READERS[extension], data

@@ -66,7 +66,7 @@ def read(data: bytes, budget: int) -> Polygons:
     """Polygons of a COLLADA file in metres, one group a node, in the order of the scene's tree."""
     root = parsed(data, "the file", budget)
     name = local_name(root)
-    check(name == "COLLADA", f"an element COLLADA wanted, got {name[:40]!r}")
+    check(name == "COLLADA", f"expected an element COLLADA, got {name[:40]!r}")
     return _Scene(root, budget).polygons()
 
 
@@ -103,7 +103,7 @@ class _Scene:
             return None
         value = floats(text)
         is_length = value.shape == (1,) and 0 < value[0] < np.inf
-        check(is_length, f"a unit of a positive number of metres wanted, got {text[:40]!r}")
+        check(is_length, f"expected a unit of a positive number of metres, got {text[:40]!r}")
         return float(value[0])
 
     def _visual_scene(self) -> Element:
@@ -111,17 +111,17 @@ class _Scene:
         for instance in below(self._root, "scene", "instance_visual_scene"):
             return self._target(instance.attrib["url"], "visual_scene")
         scenes = below(self._root, "library_visual_scenes", "visual_scene")
-        check(len(scenes) == 1, f"one scene wanted, got {len(scenes)} and none named")
+        check(len(scenes) == 1, f"expected one scene, got {len(scenes)} and none named")
         return scenes[0]
 
     def _target(self, url: str, *kinds: str) -> Element:
         """Element that a URL names, of one of these kinds."""
         shown = repr(url[:80])
         is_here = url.startswith("#")
-        check(is_here, f"an element of this file wanted, got {shown}, which is never opened")
+        check(is_here, f"expected an element of this file, got {shown}, which is never opened")
         found = self._by_id.get(url[1:], [])
         got = f"an element {local_name(found[0])}" if found else "nothing of that id"
-        check(found and local_name(found[0]) in kinds, f"{shown}: {kinds[0]} wanted, got {got}")
+        check(found and local_name(found[0]) in kinds, f"{shown}: expected {kinds[0]}, got {got}")
         check(len(found) == 1, f"the id {shown} comes twice")
         return found[0]
 
@@ -214,7 +214,7 @@ class _Scene:
         rows = [integers(each.text) for each in children(primitive, "p")]
         check(
             min(offsets) >= 0 and not any(len(row) % stride for row in rows),
-            f"{where}: {kind} of {stride} indices a corner wanted, got {sum(map(len, rows))} "
+            f"{where}: expected {kind} of {stride} indices a corner, got {sum(map(len, rows))} "
             "indices; truncated",
         )
         rows = [row[at[0] :: stride] for row in rows]
@@ -232,7 +232,7 @@ class _Scene:
             f"{len(indices)} indices are there; truncated",
         )
         least = counts.min(initial=3)
-        check(least >= 3, f"{where}: {kind} of 3 corners or more wanted, got {least}")
+        check(least >= 3, f"{where}: expected {kind} of 3 corners or more, got {least}")
         if kind in STRIPS:
             is_fan = kind == "trifans"
             corners = [row[strip_triangles(len(row), is_fan=is_fan)].ravel() for row in rows]
@@ -267,7 +267,7 @@ class _Scene:
         check(n == promised, f"{where} promises {promised} numbers, {n} are there; truncated")
         names = [each.get("name") for each in children(accessor, "param")]
         columns = [column for column, name in enumerate(names) if name] or [0, 1, 2]
-        check(len(columns) == 3, f"{where}: 3 coordinates wanted, got {len(columns)}")
+        check(len(columns) == 3, f"{where}: expected 3 coordinates, got {len(columns)}")
         count, offset = int(accessor.attrib["count"]), int(accessor.get("offset", "0"))
         stride = int(accessor.get("stride", "1"))
         end = offset + count * stride

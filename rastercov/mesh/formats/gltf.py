@@ -207,7 +207,7 @@ def _content(
     """Bytes of a buffer, and the name of their place for errors."""
     uri = buffer.get("uri")
     if not isinstance(uri, str):
-        raise broken(f"buffer {index}: a file name or a data URI wanted, got {uri!r:.60}")
+        raise broken(f"buffer {index}: expected a file name or a data URI, got {uri!r:.60}")
     if not uri.startswith("data:"):
         return bytes_beside(unquote(uri)), unquote(uri)[:80]
     head = DATA_URI.match(uri)
@@ -217,7 +217,7 @@ def _content(
         text = uri[head.end() :]
         return base64.b64decode(unquote(text) if "%" in text else text, validate=True), "its URI"
     except (ValueError, binascii.Error) as error:
-        text = f"buffer {index}: a data URI in base64 wanted, got {uri[:40]!r} ({error})"
+        text = f"buffer {index}: expected a data URI in base64, got {uri[:40]!r} ({error})"
         raise broken(text) from None
 
 
@@ -439,8 +439,8 @@ class _Shapes:
         weights = weights if own is None else own
         check(
             not (weights and n_targets) or n_targets == {len(weights)},
-            f"mesh {index}: a weight for each of {max(n_targets, default=0)} morph targets wanted, "
-            f"got {len(weights)}",
+            f"mesh {index}: expected a weight for each of {max(n_targets, default=0)} morph "
+            f"targets, got {len(weights)}",
         )
         if (index, own) not in self._known:
             self._known[index, own] = self._read(index, surfaces, weights)
@@ -494,7 +494,7 @@ class _Shapes:
         for primitive in json_list(mesh, "primitives"):
             mode = primitive.get("mode", TRIANGLES)
             is_mode = type(mode) is int and 0 <= mode <= FAN
-            check(is_mode, f"mesh {index}: a mode from 0 to 6 wanted, got {shown(mode)}")
+            check(is_mode, f"mesh {index}: expected a mode from 0 to 6, got {shown(mode)}")
             if mode < TRIANGLES:
                 self._n_skipped += 1
                 continue
@@ -549,7 +549,7 @@ class _Shapes:
         # A number beyond the triangles would ask for as many names of groups.
         check(
             len(values) == n_triangles and values.max(initial=0) < MOST_CAD_FACES,
-            f"mesh {index}: CAD faces below {MOST_CAD_FACES} for {n_triangles} triangles wanted, "
+            f"mesh {index}: expected CAD faces below {MOST_CAD_FACES} for {n_triangles} triangles, "
             f"got {len(values)} up to {values.max(initial=0)}",
         )
         return values.astype(np.int64)

@@ -71,7 +71,7 @@ def read_animation(
     check(known, "the file has no animation", "give a table of poses")
     check(
         known.count(name) == 1 or (not name and len(known) == 1),
-        f"one animation of its name wanted, got {shown(name)}; there are "
+        f"expected one animation of its name, got {shown(name)}; there are "
         f"{', '.join(map(shown, known))}",
     )
     animation = json_object(header, "animations", known.index(name) if name in known else 0)
@@ -124,7 +124,7 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
         n = len(keys) * (3 if way == "CUBICSPLINE" else 1)
         check(
             len(values) == n and np.isfinite(values).all(),
-            f"{n} finite values for {len(keys)} times wanted, got {len(values)}",
+            f"expected {n} finite values for {len(keys)} times, got {len(values)}",
         )
         if path == "rotation":
             at = values[1::3] if way == "CUBICSPLINE" else values

@@ -40,7 +40,7 @@ def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
     is_glb = len(data) >= 20 and data[:4] == b"glTF"
     check(is_glb, "a GLB file begins with 'glTF', this one does not", "export a binary .glb")
     version, length = struct.unpack_from("<II", data, 4)
-    check(version == 2, f"glTF version 2 wanted, got {version}")
+    check(version == 2, f"expected glTF version 2, got {version}")
     _check_room("the header", length, 0, len(data))
     found: dict[int, memoryview] = {}
     at = 12
@@ -78,7 +78,7 @@ def json_header(text: bytes, what: str) -> dict[str, Any]:
     asset = header.get("asset", {})
     for key, known in (("version", "2."), ("minVersion", "2.0")):
         wanted = str(asset.get(key, "2.0"))
-        check(f"{wanted}.".startswith(known), f"glTF 2.0 wanted, got {key} {wanted[:20]!r}")
+        check(f"{wanted}.".startswith(known), f"expected glTF 2.0, got {key} {wanted[:20]!r}")
     return header
 
 
@@ -212,8 +212,8 @@ class Accessors:
         kind = COMPONENTS.get(sparse["indices"]["componentType"], "")
         check(
             0 < n <= n_values and kind[:1] == "u",
-            f"{where} is sparse: 1 to {n_values} replaced elements wanted, got {n} with indices of "
-            f"type {kind!r}",
+            f"{where} is sparse: expected 1 to {n_values} replaced elements, got {n} with indices "
+            f"of type {kind!r}",
         )
         rows = self._window(where, sparse["indices"], n, np.dtype(f"<{kind}"), 1)[:, 0]
         check(

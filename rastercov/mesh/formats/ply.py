@@ -75,7 +75,7 @@ class Element:
             if p.name in names and p.type[0] in kinds and bool(p.count_type) == is_list:
                 return i
         names_of = [p.name for p in self.properties]
-        raise broken(f"element {self.name!r} wants a property {names[0]!r}, has {names_of}")
+        raise broken(f"element {self.name!r}: expected a property {names[0]!r}, got {names_of}")
 
 
 class Column(NamedTuple):
@@ -94,7 +94,9 @@ def read(data: bytes, budget: int) -> Polygons:
     data = data.removeprefix(BYTE_ORDER_MARK)
     end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
     if not data.startswith(b"ply") or end is None:
-        raise MeshError("'ply' ... 'end_header' wanted at the start, not there; it is no PLY file")
+        raise MeshError(
+            "expected 'ply' ... 'end_header' at the start, got none; it is not a PLY file"
+        )
     lines = Lines(data[: end.end()], budget)
     order, elements = _header(lines)
     n_left = len(data) - end.end()
@@ -104,7 +106,7 @@ def read(data: bytes, budget: int) -> Polygons:
         check_count(element.count, f"elements {element.name!r}", least, n_left)
     surfaces = [name for name in elements if name in SURFACES]
     has_both = "vertex" in elements and surfaces
-    check(has_both, f"no triangles: elements vertex and face wanted, got {list(elements)}")
+    check(has_both, f"no triangles: expected elements vertex and face, got {list(elements)}")
     vertex = elements["vertex"]
     axes = [("vertex", vertex.index((axis,), "iuf", False)) for axis in "xyz"]
     others = [
@@ -140,7 +142,7 @@ def _faces(lists: Column, budget: int) -> Column:
     """Corners of polygons, one list each."""
     few = np.flatnonzero(lists.counts < 3)
     if len(few):
-        raise broken(f"face {few[0]}: 3 or more vertices wanted, got {lists.counts[few[0]]}")
+        raise broken(f"face {few[0]}: expected 3 or more vertices, got {lists.counts[few[0]]}")
     return lists
 
 
@@ -158,7 +160,7 @@ def _strips(lists: Column, budget: int) -> Column:
     length = (step + 1 - is_gap) * np.append(begins[1:], True)  # at the end of each strip
     short = np.flatnonzero((length > 0) & (length < 3))
     if len(short):
-        raise broken(f"a strip of 3 or more vertices wanted, one ends at value {short[0]}")
+        raise broken(f"expected a strip of 3 or more vertices, one ends at value {short[0]}")
     last = np.flatnonzero((step >= 2) & ~is_gap)
     odd = step[last] % 2
     triangles = np.stack([corners[last - 2], corners[last - 1 + odd], corners[last - odd]], axis=1)
@@ -191,7 +193,7 @@ def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
             case _:
                 raise lines.error("a format, element or property", words)
     if order is None:
-        raise broken(f"a line 'format' with one of {list(BYTE_ORDERS)} wanted, there is none")
+        raise broken(f"expected a line 'format' with one of {list(BYTE_ORDERS)}, there is none")
     return order, elements
 
 

@@ -162,7 +162,7 @@ def check_affine(matrix: FloatArray, where: str) -> None:
     """Raise MeshError unless the last row of a (4, 4) matrix is 0 0 0 1."""
     check(
         np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE_ROW_TOLERANCE),
-        f"{where}: a matrix whose last row is 0 0 0 1 wanted, got {matrix[3].tolist()}",
+        f"{where}: expected a matrix whose last row is 0 0 0 1, got {matrix[3].tolist()}",
     )
 
 

@@ -123,7 +123,9 @@ class Lines:
         """Words of the next line; MeshError if there is none."""
         for words in self._lines:
             return words
-        raise MeshError(f"{wanted} wanted after line {self.number}, the file ends; it is truncated")
+        raise MeshError(
+            f"expected {wanted} after line {self.number}, the file ends; it is truncated"
+        )
 
     def take(self, n: int, what: str) -> Iterator[list[bytes]]:
         """Words of the next n lines, one `what` a line; MeshError if there are fewer."""
@@ -136,7 +138,7 @@ class Lines:
     def error(self, wanted: str, words: Sequence[bytes]) -> MeshError:
         """Error that names the expected and the actual content of the latest line."""
         text = b" ".join(words[:60])[:60].decode("ascii", "replace")
-        return MeshError(f"line {self.number}: {wanted} wanted, got {text!r}; correct the line")
+        return MeshError(f"line {self.number}: expected {wanted}, got {text!r}; correct the line")
 
     def floats(self, words: Sequence[bytes], wanted: str) -> list[float]:
         """Numbers, including nan and inf."""
@@ -250,7 +252,7 @@ def _corners(lines: Lines, words: list[bytes], n_vertices: int) -> list[int]:
     text = b" " + b" ".join(indices)
     if b"/" in text:
         if not CORNERS.fullmatch(text):
-            raise lines.error("corners of whole numbers, as 1, 1/2, 1//3 or 1/2/3,", words)
+            raise lines.error("corners of whole numbers, as 1, 1/2, 1//3 or 1/2/3", words)
         indices = [word.partition(b"/")[0] for word in indices]
     corners = lines.integers(indices, "whole numbers as vertex indices")
     if len(corners) < 3:
@@ -258,7 +260,7 @@ def _corners(lines: Lines, words: list[bytes], n_vertices: int) -> list[int]:
     if min(corners) > 0:
         return [corner - 1 for corner in corners]
     if 0 in corners or min(corners) < -n_vertices:
-        raise lines.error(f"vertex indices from 1, or from -1 to -{n_vertices},", words)
+        raise lines.error(f"vertex indices from 1, or from -1 to -{n_vertices}", words)
     return [corner - 1 if corner > 0 else corner + n_vertices for corner in corners]
 
 
@@ -307,7 +309,7 @@ def _polygon(lines: Lines, words: list[bytes]) -> list[int]:
     (n,) = lines.integers(words[:1], "a corner count and vertex indices")
     if n < 3 or len(words) <= n or len(words) - 1 - n not in EXTRA_OF_FACE:
         raise lines.error(
-            "a corner count of 3 or more and as many vertex indices, with or without a colour,",
+            "a corner count of 3 or more and as many vertex indices, with or without a colour",
             words,
         )
     lines.floats(words[1 + n :], "a colour after the vertex indices")

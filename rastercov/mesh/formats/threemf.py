@@ -117,7 +117,7 @@ class _Model:
         path = self._model_path()
         root = self._part(path)
         unit = root.get("unit", "millimeter")
-        check(unit in METRES, f"a unit of {', '.join(METRES)} wanted, got {unit[:40]!r}")
+        check(unit in METRES, f"expected a unit of {', '.join(METRES)}, got {unit[:40]!r}")
         items = below(root, "build", "item")
         check(items, "nothing is in the build", "put an object on the plate, and export again")
         roots = [(_transform(item), self._key(item, path)) for item in items]
@@ -177,7 +177,7 @@ class _Model:
         owner = self._objects[key]
         self._read.add(key)
         meshes = children(owner, "mesh")
-        check(len(meshes) < 2, f"{title} has {len(meshes)} meshes, one wanted")
+        check(len(meshes) < 2, f"{title}: expected one mesh, got {len(meshes)}")
         foreign = [each for holder in (owner, *meshes) for each in children(holder, *SHAPES)]
         if foreign:
             name = local_name(foreign[0])

@@ -142,7 +142,7 @@ def read(path: StrPath, geometry: str) -> Description:
             root = Element("robot") if is_xacro else parsed(data, "the file", MEMORY)
             is_xacro |= any("xacro}" in each.tag for each in root)
             out = f"{printable(own.name.split('.')[0])}{'.whole' * (own.suffix == '.urdf')}.urdf"
-            fault = "a URDF file wanted, got a xacro file, which is a program that writes one"
+            fault = "expected a URDF file, got a xacro file, which is a program that writes one"
             check(not is_xacro, fault, f"run xacrodoc {printable(own.name)} -o {out}")
             return _described(root, geometry, own.stem)
     except UnreadableError as error:
@@ -161,18 +161,18 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
         advice = f'pass packages={{"{printable(package)}": "its folder"}}'
         check(package in packages, f"the folder of a package wanted for {name}, got none", advice)
         is_inside = rest and ".." not in re.split(r"[/\\]", rest) and not Path(rest).is_absolute()
-        check(is_inside, f"a file in a package wanted, got {name}", "correct it")
+        check(is_inside, f"expected a file in a package, got {name}", "correct it")
         found = Path(packages[package]) / rest
     elif scheme == "file":
         found = Path(rest)
     check(
         scheme in ("", "file", "package"),
-        f"a file or package:// wanted, got {name}",
+        f"expected a file or package://, got {name}",
         "download it first",
     )
     check(
         is_file(found),
-        f"its mesh {name} wanted, and there is no {printable(str(found))}",
+        f"expected its mesh {name}, and there is no {printable(str(found))}",
         "correct the name, or the folders of packages",
     )
     return found
@@ -180,15 +180,15 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
 
 def _described(root: Element, geometry: str, stem: str) -> Description:
     tag = local_name(root)
-    check(tag == "robot", f"an element robot wanted, got {shown(tag)}", "is this the right file?")
+    check(tag == "robot", f"expected an element robot, got {shown(tag)}", "is this the right file?")
     unknown = UnknownNames(MeshError)
     look_at_names(root, NAMES, unknown)
     links = _by_name(children(root, "link"), "link")
     elements = _by_name(children(root, "joint"), "joint")
-    check(links, "links wanted, got none", "is this the right file?")
+    check(links, "expected links, got none", "is this the right file?")
     check(
         len(links) <= MOST_LINKS,
-        f"at most {MOST_LINKS} links wanted, got {len(links)}",
+        f"expected at most {MOST_LINKS} links, got {len(links)}",
         "leave some out",
     )
     ordered = _from_root(list(links), [_joint(name, each) for name, each in elements.items()])
@@ -219,15 +219,15 @@ def _shapes(link: Element, geometry: str) -> list[Shape]:
                 sizes = tuple(_numbers(each, name, count, where))
                 sizes += tuple(_numbers(each, "length", 1, where)) if kind == "cylinder" else ()
                 is_right = min(sizes) > 0
-                check(is_right, f"{where}: a {kind} of sizes above 0 wanted, got {list(sizes)}")
+                check(is_right, f"{where}: expected a {kind} of sizes above 0, got {list(sizes)}")
             else:
                 check(
                     kind == "mesh",
-                    f"{where}: a mesh, box, cylinder or sphere wanted, got {shown(kind)}",
+                    f"{where}: expected a mesh, box, cylinder or sphere, got {shown(kind)}",
                     "replace it by a mesh",
                 )
                 sizes = tuple(_numbers(each, "scale", 3, where, "1 1 1"))
-                check(all(sizes), f"{where}: a scale other than 0 wanted, got {list(sizes)}")
+                check(all(sizes), f"{where}: expected a scale other than 0, got {list(sizes)}")
                 check(each.get("filename"), f"{where}: a mesh must have a filename, got none")
             found.append(Shape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
     return found
@@ -236,19 +236,19 @@ def _shapes(link: Element, geometry: str) -> list[Shape]:
 def _joint(name: str, element: Element) -> Joint:
     where, kind = f"joint {shown(name)}", element.get("type") or ""
     if kind in MOVING:
-        fault = f"{where}: a joint of one axis wanted, got {kind}"
+        fault = f"{where}: expected a joint of one axis, got {kind}"
         check(False, fault, "make it fixed, and move the robot by a table of poses")
     wanted = ("fixed", *TURNING)
     check(kind in wanted, f"{where}: type must be one of {', '.join(wanted)}, got {shown(kind)}")
     ends = [
         each.get("link") or "" for tag in ("parent", "child") for each in children(element, tag)
     ]
-    check(len(ends) == 2 and all(ends), f"{where}: one parent and one child wanted, got {ends}")
+    check(len(ends) == 2 and all(ends), f"{where}: expected one parent and one child, got {ends}")
     axis = np.array([1.0, 0.0, 0.0])
     for each in children(element, "axis")[:1]:
         axis = _numbers(each, "xyz", 3, where, "1 0 0")
     length = np.linalg.norm(axis)
-    check(kind == "fixed" or length > 0, f"{where}: an axis other than 0 0 0 wanted")
+    check(kind == "fixed" or length > 0, f"{where}: expected an axis other than 0 0 0")
     axis = axis / length if length > 0 else np.array([1.0, 0.0, 0.0])
     return Joint(name, kind, ends[0], ends[1], _origin(element, where), axis)
 
@@ -269,7 +269,7 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
     check(roots, "a cycle of joints: every link is a child of another", "leave one link free")
     check(
         len(roots) == 1,
-        f"one link without a parent wanted, got {shown(roots)}",
+        f"expected one link without a parent, got {shown(roots)}",
         "join them by fixed joints",
     )
     of_parent: dict[str, list[Joint]] = {}

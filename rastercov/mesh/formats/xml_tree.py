@@ -175,7 +175,7 @@ def transform_numbers(text: str | None, count: int) -> FloatArray:
     values = floats(text)
     if values.shape != (count,) or not np.isfinite(values).all():
         shown = repr((text or "").strip()[:60])
-        raise broken(f"a transform of {count} finite numbers wanted, got {shown}")
+        raise broken(f"expected a transform of {count} finite numbers, got {shown}")
     return values
 
 
@@ -188,5 +188,5 @@ def _plain(words: list[str]) -> list[str]:
     """The words; an error for 1_0, which Python reads as ten."""
     for word in words:
         if "_" in word:
-            raise broken(f"a number wanted, got {word[:40]!r}")
+            raise broken(f"expected a number, got {word[:40]!r}")
     return words

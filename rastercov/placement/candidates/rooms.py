@@ -145,7 +145,7 @@ class Room:
 
         if not solid.is_closed_outward:
             raise ConfigError(
-                f"a closed solid, wound outward, wanted, got {plural(solid.n_faces, 'face')} that "
+                f"expected a closed solid, wound outward, got {plural(solid.n_faces, 'face')} that "
                 "are none; give inside, or a polygon and z"
             )
         low, high = bounds = solid.bounds
@@ -177,7 +177,7 @@ def space_named(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:
         words = [own.label + f" ({own.global_id})" * len(called[:1]) for own, _ in called or spaces]
         words[MOST_SPACES:] = ["..."] if len(words) > MOST_SPACES else []
         raise ConfigError(
-            f"one space called {quoted(name)} wanted, got {len(called) or 'none'}; spaces are "
+            f"expected one space called {quoted(name)}, got {len(called) or 'none'}; spaces are "
             f"{', '.join(words) or 'in IFC files, and none is in the meshes'}"
         )
     return called[0][1]

@@ -79,14 +79,14 @@ class CarriedPoses:
     def line(self) -> str:
         """Joint angles for people."""
         if not len(self.clearance):
-            return "no pose was chosen, so joints.csv has none"
+            return "no pose was chosen, so joints.csv is empty"
         least = distance(float(self.clearance.min()))
         most = float(self.lost.max(initial=0.0))
         flips = plural(self.flips, "wrist flip")
-        text = f"joint angles in the order of a tour with {flips}: joints.csv"
-        text += f"; links keep clear by {least} or more"
-        text += f"; the arm hides {most:.2f} points of the area at most of one picture"
-        better = ", and no other solution or candidate is better"
+        text = f"joint angles along a tour with {flips}: joints.csv"
+        text += f"; minimum link clearance {least}"
+        text += f"; the arm hides up to {most:.2f} percentage points of an image"
+        better = ", and no alternative is better"
         return text + (better if most > MOST_LOST else "")
 
 

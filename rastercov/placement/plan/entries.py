@@ -142,7 +142,7 @@ def _read(hint: Any, reader: Reads) -> WrapValidator:
         try:
             given = reader.read(value) if isinstance(value, str) else value
         except ValueError as error:
-            raise ValueError(f"wanted {error}") from None
+            raise ValueError(f"expected {error}") from None
         found = check(float(given) if isinstance(given, Quantity) else given)
         return given if isinstance(given, Quantity) else found
 
@@ -161,14 +161,14 @@ def _file(name: str, info: ValidationInfo) -> str:
     except (OSError, ValueError):  # too long, or with a zero byte
         found = False
     if not found:
-        raise ValueError(f"wanted a file, got {name!r}, and there is no {path}; correct the name")
+        raise ValueError(f"expected a file, got {name!r}, and there is no {path}; correct the name")
     return name
 
 
 def ascending(pair: list[float]) -> list[float]:
     """`pair`; ValueError where its first number is above its second."""
     if not pair[0] <= pair[1]:
-        raise ValueError(f"wanted [least, greatest] with least <= greatest, got {pair}")
+        raise ValueError(f"expected [least, greatest] with least <= greatest, got {pair}")
     return pair
 
 
@@ -181,7 +181,7 @@ def one_or_two(value: Any) -> Any:
 def a_direction(triple: list[float]) -> list[float]:
     """`triple`; ValueError where it is zero."""
     if not any(triple):
-        raise ValueError("wanted a direction, got [0, 0, 0]")
+        raise ValueError("expected a direction, got [0, 0, 0]")
     return triple
 
 
@@ -190,7 +190,7 @@ def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
     given = [name for name in names if getattr(entry, name) is not None]
     if len(given) != 1:
         got = " and ".join(given) or "none"
-        raise ValueError(f"wanted one of {', '.join(names)}, got {got}; give exactly one")
+        raise ValueError(f"expected one of {', '.join(names)}, got {got}; give exactly one")
 
 
 def together(entry: BaseModel, one: str, other: str) -> None:
@@ -205,7 +205,7 @@ def both_or_none(entry: Boxed) -> Boxed:
     if entry.low is not None and not all(
         a <= b for a, b in zip(entry.low, entry.high, strict=True)
     ):
-        raise ValueError(f"wanted low <= high on every axis, got {entry.low} and {entry.high}")
+        raise ValueError(f"expected low <= high on every axis, got {entry.low} and {entry.high}")
     return entry
 
 
@@ -214,7 +214,7 @@ def among(names: Collection[str]) -> tuple[AfterValidator, FieldInfo]:
 
     def check(name: str) -> str:
         if name not in names:
-            raise ValueError(f"wanted one of {', '.join(names)}, got {name!r}")
+            raise ValueError(f"expected one of {', '.join(names)}, got {name!r}")
         return name
 
     return AfterValidator(check), Field(json_schema_extra={"enum": list(names)})

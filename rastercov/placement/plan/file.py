@@ -93,7 +93,7 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
             words = wanted.setdefault(path, [])
             text = WORDS[kind].format(**each.get("ctx", {}))
             words += [text] if text not in words else []
-            lines[path] = f"{path}: wanted {' or '.join(words)}, got {shown(each['input'])}"
+            lines[path] = f"{path}: expected {' or '.join(words)}, got {shown(each['input'])}"
             if each.get("ctx", {}).get("le") == 1:
                 lines[path] += share_meant(each["input"])
         elif kind == "missing":
@@ -108,7 +108,7 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
             tag, known = context["discriminator"].strip("'"), context["expected_tags"]
             near = _near(context["tag"], known.replace("'", "").split(", "))
             path = _joined(path, tag)
-            lines[path] = f"{path}: wanted one of {known}, got {context['tag']!r}{near}"
+            lines[path] = f"{path}: expected one of {known}, got {context['tag']!r}{near}"
         else:
             text = " ".join(each["msg"].removeprefix("Value error, ").split())
             lines[path] = f"{path}: {text}" if path else text

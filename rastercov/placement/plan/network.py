@@ -139,7 +139,7 @@ class Requirement:
             end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
             return f"{text}: {points} percentage points {end}"
         if self.status == UNDECIDED:
-            return f"{text}: not decided, {ends}"
+            return f"{text}: undecided, {ends}"
         return f"{text}: proved" if self.is_most else text
 
     @property
@@ -149,8 +149,8 @@ class Requirement:
 
     def _parts(self) -> tuple[str, str, str]:
         """Words on what is covered, on what is not, and on the bounds of both."""
-        of = " of what can be covered" if self.of_reachable else ""
-        ends = f"the bound of visibility allows {percent(self.low)} to {percent(self.high)}"
+        of = " of what the candidates can cover" if self.of_reachable else ""
+        ends = f"the error bound allows {percent(self.low)} to {percent(self.high)}"
         return f"covered{of}", plural(self.uncovered, "face"), ends
 
 
@@ -178,9 +178,9 @@ class AreaRequirement(Requirement):
         return self.group is None and not (self.goal or self.of_seeable or self.of_reachable)
 
     def _parts(self) -> tuple[str, str, str]:
-        of = "of what can be seen covered" if self.of_seeable else "of the area covered"
-        of = "of the area that can be covered" if self.of_reachable else of
-        ends = f"the bound of the area allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
+        of = "of the coverable area covered" if self.of_seeable else "of the area covered"
+        of = "of the area that candidates can cover" if self.of_reachable else of
+        ends = f"the error bound allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
         return of, in_square_metres(self.of_m2 - self.m2), ends
 
 
@@ -190,7 +190,7 @@ class CellRequirement(Requirement):
 
     def words(self, *, has_share: bool = True) -> str:
         """The requirement and its outcome in one line."""
-        return f"{super().words(has_share=has_share).replace('faces', 'cells')} (on cells)"
+        return f"{super().words(has_share=has_share).replace('faces', 'patches')} (on patches)"
 
 
 def status_of(low: float, high: float, limit: float) -> str:

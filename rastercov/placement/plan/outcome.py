@@ -146,8 +146,8 @@ def refuse_other(junit: Path | None, summary: Path | None) -> None:
                 start = file.read(200)
         if start and not re.match(OURS, start):
             raise ConfigError(
-                f"{path}: not of an earlier check, and {option} would replace it; name another "
-                "file, or move it away or delete it"
+                f"{path}: refusing to overwrite a file not written by `rastercov check`; name "
+                f"another file for {option}"
             )
 
 

@@ -413,10 +413,10 @@ def _with_cavities(
     now = missed & problem.reachable
     n_now = int((unseen & ~_faces_with(missed & ~now, job.cells)).sum())
     line = (
-        f"candidates of the other entries leave {'' if job.cells is None else 'parts of '}"
+        f"the other candidates leave {'' if job.cells is None else 'parts of '}"
         f"{int(unseen.sum())} faces "
         f"({percent(problem.share(missed))} of {OF[plan.task.weight_by]}) uncovered; "
-        f"{len(further)} into cavities cover {n_now} of these "
+        f"{len(further)} candidates in cavities cover {n_now} of these "
         f"({percent(problem.share(now))})"
     )
     return found, opened, (matrix, problem), line
@@ -428,11 +428,11 @@ def _notes_on(plan: Plan, matrix: VisibilityMatrix) -> list[str]:
     if is_large(plan, matrix):
         size = matrix.n_poses * n_words(matrix.n_faces) * 8
         notes.append(
-            f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits "
-            "on the disk: exchanges of cameras are tried among the best candidates only"
+            f"the matrix has {matrix.n_pairs:,} pairs, stored as {size / 1e6:,.0f} MB of bits "
+            "on disk; the exchange step considers only the best candidates"
         )
     return notes + [
-        f"candidate {pose} is left out: the process that measured it {end}"
+        f"candidate {pose} was skipped: its process {end}"
         for pose, end in matrix.quarantined.items()
     ]
 
@@ -454,17 +454,18 @@ def _for_goal(
     try:
         problem = grouped(all_of.problem, all_of.wanted)
     except ConfigError as error:
-        on = "" if cells is None else f"on cells of {cells.size:g} m: "
+        on = "" if cells is None else f"on patches of {cells.size:g} m: "
         said = str(error).replace(f"group '{OF_GOALS}/", "goal '")
         notes.append(
-            f"{on}{said}; these cover {percent(FALLBACK_SHARE)} of what can be covered, or more"
+            f"{on}{said}; this selection covers {percent(FALLBACK_SHARE)} of what "
+            "the candidates can cover, or more"
         )
         nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
         problem = replace(all_of.problem, goal=nearest)
     if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:
         notes.append(
-            f"cells of {cells.size:g} m are whole faces; a smaller resolution_of_result makes the "
-            "choice more accurate"
+            f"patches of {cells.size:g} m are whole faces; a smaller resolution_of_result "
+            "makes the choice more accurate"
         )
     return replace(all_of, problem=problem, notes=tuple(notes))
 
@@ -532,7 +533,7 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
 def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     some = job.plan.mounts.cameras(_sample(left))[0]
-    what = "no face" if job.cells is None else "no cell"
+    what = "no face" if job.cells is None else "no patch"
     see = ", see meshes.unit" if _has_open_unit(job.plan) else ""
     counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
@@ -546,7 +547,7 @@ def _why_nothing(job: Job, observer: Observer, left: Poses, task: Task) -> str:
         if counts[row]
     )
     return (
-        f"{what} is covered, whichever candidates are chosen; of the faces before a camera: "
+        f"{what} can be covered by any candidate; reasons of faces in front of a camera: "
         f"{why or 'none'}; the scene measures {observer.mesh.size_in_words}{see}"
     )
 

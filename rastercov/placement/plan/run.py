@@ -586,13 +586,13 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
             for name, share in zones.by_reason(members).items()
         ]
         lines.append(
-            f"out of reach: {each.name}, of which all candidates together cover "
-            f"{percent(each.high)} at most, {percent(each.limit)} wanted; missing: "
+            f"out of reach: {each.name}: all candidates together cover at most "
+            f"{percent(each.high)}, {percent(each.limit)} required; missing: "
             f"{', '.join(missing)}"
         )
     tried = [zone for zone in listed_zones if zone["tried"]]
     lines += [
-        f"what would help most: {zone_line(zone)}; {advice_line(zone, 'candidate')}"
+        f"most useful change: {zone_line(zone)}; {advice_line(zone, 'candidate')}"
         for zone in tried[:1]
     ]
     return replace(prepared, notes=(*prepared.notes, *lines), is_beyond=True)

@@ -498,7 +498,7 @@ class TargetEntry(Entry):
             raise ValueError("count and spacing exclude each other; give one of them")
         if self.box and not all(a < b for a, b in zip(*self.box, strict=True)):
             raise ValueError(
-                f"wanted low < high on every axis, got {self.box[0]} and {self.box[1]}"
+                f"expected low < high on every axis, got {self.box[0]} and {self.box[1]}"
             )
         if self.file is None and self.unit != "m":
             raise ValueError(f"unit is of a file; leave it out, got {self.unit!r}")
@@ -714,7 +714,7 @@ class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # ty
         both_or_none(self)
         together(self, "centre", "radius")
         if (self.low is None) == (self.centre is None):
-            raise ValueError("wanted low and high, or centre and radius; give one of the two")
+            raise ValueError("expected low and high, or centre and radius; give one of the two")
         return self
 
     def volume(self) -> KeepOutBox | KeepOutSphere:
@@ -812,7 +812,7 @@ class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignor
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.cameras is None and self.budget is None and self.lamps is None:
-            raise ValueError("wanted cameras, budget or both, got neither; give one")
+            raise ValueError("expected cameras, budget or both, got neither; give one")
         return self
 
 
@@ -903,10 +903,10 @@ class PlanModel(Entry):
         lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
         for name in OF_LIGHT if lamps is None else ():
             if getattr(self.task, name):
-                raise ValueError(f"task.{name} is of light; add lamps as [lamps.NAME]")
+                raise ValueError(f"task.{name} needs lamps; add them as [lamps.NAME]")
         for name in ("ambient", "exposure") if lamps is None else ():
             if getattr(self, name):
-                raise ValueError(f"{name} is of light; add lamps as [lamps.NAME]")
+                raise ValueError(f"{name} needs lamps; add them as [lamps.NAME]")
         self._check_motion()
         self._check_existing()
         types = self.cameras.items()
@@ -940,7 +940,7 @@ class PlanModel(Entry):
             return
         if not self.chooses_cameras:
             if self.existing.move:
-                raise ValueError("existing.move: lamps alone are chosen, for cameras that stay")
+                raise ValueError("existing.move: only lamps are chosen, for cameras that stay")
             return
         if self.motion is not None or any(isinstance(each, OnArm) for each in self.candidates):
             raise ValueError("existing: cameras beside these are chosen in a still scene")
@@ -970,7 +970,9 @@ class PlanModel(Entry):
         n_lamps = getattr(asked, "lamps", None)
         if not own:
             if n_lamps is not None:
-                raise ValueError("selection.lamps is of lamps; give candidates with a lamp")
+                raise ValueError(
+                    "selection.lamps applies only when lamps are chosen; give them candidates"
+                )
             return
         for entry in own:
             if entry.lamp not in self.lamps:
@@ -1028,7 +1030,7 @@ class PlanModel(Entry):
     def _check_motion(self) -> None:
         if self._check_arm():
             if self.task.over is not None:
-                raise ValueError("task.over is of a motion; leave it out")
+                raise ValueError("task.over applies only with a motion; leave it out")
             return
         if self.motion is None:
             if self.task.over is not None or self.bodies:

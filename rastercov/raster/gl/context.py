@@ -209,7 +209,7 @@ class HeadlessContext(Unique):
         try:
             self.make_current()
             if not self._door.address("glGetString"):
-                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {INSTALL_EGL}")
+                raise DeviceError(f"no OpenGL library: expected libGL.so.1; {INSTALL_EGL}")
             # `standalone`: there is no default framebuffer to inspect.
             loader = cast("Any", _Loader(self._door.address))
             self._gl = moderngl.create_context(context=loader, standalone=True)

@@ -240,7 +240,7 @@ function typeSection(session) {
       show();
     }
   };
-  const sold = finder("Find a camera that is sold", session.scene.catalogue, use);
+  const sold = finder("Search the camera catalogue", session.scene.catalogue, use);
   const root = section("Camera type", [body]);
   const build = (station, type) => {
     const camera = session.state.cameras[type];
