@@ -339,22 +339,18 @@ def _unseen_because(found: Audit, mask: BoolArray) -> str | None:
     return NAMES[int(areas.argmax())] if areas.any() else None
 
 
-def _views(mean: float, least: int) -> str:
-    """Views of a weak zone and those that it needs."""
-    seen = f"seen by {mean:.1f} images on average" if mean >= 0.05 else "seen by no image"
-    return f"{seen}; {least} required"
-
-
 def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
     """Advice for a weak zone, in numbers."""
     away, gsd, why = zone["distance"], zone["gsd_per_px"] or 0.0, zone["unseen_because"]
     apart = 2 * away * math.tan(math.radians(least["angle_deg"]) / 2)
     times = gsd / (least["coarse_gsd_per_px"] or math.inf) or 1.0
     size = zone["separate_percent"]
+    views = zone["mean_views"]
+    seen = f"{views:.1f} images on average" if views >= 0.05 else "no image"
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + ADVICE[zone["kind"]].format(
-        views=_views(zone["mean_views"], least["views"]),
+        views=f"seen by {seen}; {least['views']} required",
         why=f"; mostly {REASONS[why].label}" if why else "",
         missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
         place=f", from {distance(away, unit)} or nearer" if away else "",

@@ -505,8 +505,8 @@ def zone_reason(zone: Mapping[str, Any]) -> str:
     """Reason of a zone, what hides it, and of a rig with a rule the camera that fails."""
     text, hider = REASONS[zone["reason"]].label, zone["hidden_by"]
     if hider is not None:
-        own = body_of(hider) == zone_parts(zone)[0]
-        text = f"self-{text}" if own else f"{text} by {body_of(hider)}"
+        by = body_of(hider)
+        text = f"self-{text}" if by == zone_parts(zone)[0] else f"{text} by {by}"
     return text + (f" ({zone['device']})" if zone.get("device") else "")
 
 
