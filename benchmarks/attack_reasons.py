@@ -15,7 +15,7 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.zones import DeadZones, dead_zones
+from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones
 from rastercov.coverage.reasons import NAMES, UNSEEABLE
 from rastercov.reference.regions import points_on, reasons_of_points
 
@@ -87,7 +87,7 @@ def compare(seed: int, score: Score) -> None:
         score.kinds[name] = score.kinds.get(name, 0) + 1
     missing = mesh.areas[mesh.task_mask].sum() - covered.area[0][mesh.task_mask].sum()
     bound = covered.bound.sum() + 1e-9 * mesh.areas.sum()
-    total = sum(each["m2"] for each in zones.by_reason(mesh.task_mask).values())
+    total = sum(each["m2"] for each in areas_by_reason(zones, mesh.task_mask).values())
     score.sums = max(score.sums, abs(total - missing) / bound)
     order = rng.permutation(len(poses))
     other, _ = zones_of(mesh, camera, poses[order], task)

@@ -75,7 +75,7 @@ def parts_of(judge, measured, poses):
         part = slice(first, first + FEW)
         of_faces = {
             name: read_only(getattr(scene, name)[part].copy())
-            for name in ("faces", "normals", "degenerate", "two_sided", "offsets")
+            for name in ("faces", "normals", "own", "two_sided", "offsets")
         }
         of_pairs = {
             name: read_only(getattr(seen, name)[:, part].copy())

@@ -264,7 +264,7 @@ class Network(InNotebook):
         Occluder-only groups are left out of all totals.
         """
         mesh, task_faces, covered = self.mesh, self.mesh.task_mask, self.covered
-        why = self.reasons_of(covered)
+        why = reasons_of(self, covered)
         hidden, is_zero = self.unseeable_areas, self.best == 0
         is_left = ~covered & (hidden == 0)
 
@@ -318,18 +318,19 @@ class Network(InNotebook):
             ],
         }
 
-    def reasons_of(self, covered: BoolArray) -> NDArray[np.uint8]:
-        """(F,) row of `REASONS` of each face, of which some are covered."""
-        rows = reason_rows(self.reason, covered, len(self.pose_ids))
-        rows[(self.unseeable_areas > 0) & ~covered] = UNSEEABLE
-        return rows
-
     @property
     def unseeable_areas(self) -> FloatArray:
         """(F,) area that no camera can ever see: proved, m^2; see `rastercov.mesh.unseeable`."""
         from rastercov.mesh.unseeable import unseeable_where_seen
 
         return unseeable_where_seen(self.mesh, self.best)
+
+
+def reasons_of(network: Network, covered: BoolArray) -> NDArray[np.uint8]:
+    """(F,) row of `REASONS` of each face, of which some are covered."""
+    rows = reason_rows(network.reason, covered, len(network.pose_ids))
+    rows[(network.unseeable_areas > 0) & ~covered] = UNSEEABLE
+    return rows
 
 
 def percent_of_seeable(covered_m2: float, entry: Mapping[str, float]) -> float | None:

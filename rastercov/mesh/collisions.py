@@ -228,9 +228,12 @@ class Collisions(InOneLine):
     def contacts(self, joints: ArrayLike) -> list[Contact]:
         """The bodies that are most in each other's way in each of (N, J) configurations.
 
-        Those of the greatest depth; without a depth, those that are nearest to each other.
+        Those of the greatest depth; without a depth, those that are nearest to each other; none at
+        all of a robot of which no two bodies are compared.
         """
         frames, n = self._frames(joints)
+        if not self.pairs:
+            return []
         apart, depth = np.full((2, len(self.pairs), n), np.inf)
         group = np.full((len(self.pairs), n), -1)
         for row, (one, other) in enumerate(self.pairs):

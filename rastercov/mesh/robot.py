@@ -209,10 +209,11 @@ class Robot(InOneLine):
         to_centre[:3, 3] = finite_points("centre", centre, (3,), "three coordinates")
         back[:3, 3] = -to_centre[:3, 3]
         along = -finite_points("axis", axis, (3,), "a direction")
-        if not along.any() or not np.isfinite(finite_number(degrees)):
+        turn = finite_number(degrees)
+        if not along.any() or not np.isfinite(turn):
             raise ConfigError(f"axis must be a direction and degrees finite, got {shown(degrees)}")
-        n, ends = len(self.joint_names), sorted((0.0, np.radians(degrees)))
-        is_free = abs(degrees) >= 360
+        n, ends = len(self.joint_names), sorted((0.0, float(np.radians(turn))))
+        is_free = abs(turn) >= 360
         limits = np.concatenate([self.limits, [(-np.inf, np.inf) if is_free else ends]])
         kind = "continuous" if is_free else "revolute"
         fixed = "turntable/platter", "turntable/floor"

@@ -34,7 +34,7 @@ from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.area.zones import DeadZones, face_zones, zone_parts, zone_reason
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
@@ -228,7 +228,7 @@ class NetworkPage:
         """
         if self.zones is not None:
             return self.zones, self.figures
-        left, why = self.mesh.task_mask & ~self.covered, self.network.reasons_of(self.covered)
+        left, why = self.mesh.task_mask & ~self.covered, reasons_of(self.network, self.covered)
         zones = face_zones(self.mesh, np.where(left, why.astype(np.int64), -1), self.network.views)
         entries = zones.places(zones.listed())
         for row, entry in enumerate(entries):

@@ -25,7 +25,7 @@ from rastercov.base.output import write_text
 from rastercov.camera.rig import names_of
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.parts import MOST_ROWS, PartRow, part_rows
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
@@ -280,7 +280,7 @@ def _faces(page: NetworkPage) -> dict[str, Any]:
     from rastercov.report.parquet import group_names
 
     mesh, network, faces = page.mesh, page.network, np.flatnonzero(page.mesh.task_mask)
-    why = network.reasons_of(page.covered)[faces].astype(np.int32)
+    why = reasons_of(network, page.covered)[faces].astype(np.int32)
     columns = {"area_m2": mesh.areas, "covered": page.covered, "views": network.views}
     columns |= {"best_coverage": network.best, "best_pose": network.best_pose}
     if page.areas is not None:

@@ -36,7 +36,7 @@ from rastercov.camera.viewpoints import upwards
 from rastercov.coverage.advice import task_in_words
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.area.zones import DeadZones, zone_line
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.parts import part_rows
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
@@ -290,7 +290,7 @@ def values_of(
     """
     mesh, count = network.mesh, len(network.pose_ids)
     values = {
-        "reason": network.reasons_of(covered),
+        "reason": reasons_of(network, covered),
         "coverage": network.best,
         "camera": OfCameras(best_covering(network), names, theme.camera_colours(max(1, count))),
         "views": network.views,

@@ -10,7 +10,7 @@ import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.overlay import Overlay
 from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.zones import dead_zones
+from rastercov.coverage.area.zones import areas_by_reason, dead_zones
 from rastercov.coverage.reasons import NAMES, ORDER, RANK, Reason
 from rastercov.reference.regions import points_on, reasons_of_points
 
@@ -90,6 +90,6 @@ def test_points_find_the_reason_of_their_zone():
     rows = rows_at(zones, zones.reason.astype(np.int32), len(NAMES), face, points)
     found = np.where(rows.any(axis=1), rows.argmax(axis=1), Reason.COVERED)
     assert (found == truth).mean() > 0.99
-    assert sum(each["m2"] for each in zones.by_reason(mesh.task_mask).values()) == pytest.approx(
-        float(zones.area.sum())
-    )
+    assert sum(
+        each["m2"] for each in areas_by_reason(zones, mesh.task_mask).values()
+    ) == pytest.approx(float(zones.area.sum()))

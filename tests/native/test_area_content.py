@@ -10,14 +10,14 @@ from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.coverage.area import cells, failures, frames, regions
+from rastercov.coverage.area import cells, failures, frames, point_pass, regions
 from rastercov.native import area_cell, area_point
 
 pytestmark = pytest.mark.native
 
 CALLS = {
     area_cell: (cells, ("fill_cells", "find_shares")),
-    area_point: (failures, ("judge_points",)),
+    area_point: (point_pass, ("judge_points",)),
 }
 NAMES = "find_covering", *(name for _, names in CALLS.values() for name in names)
 VALUES = {

@@ -174,6 +174,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
     "DeadZones.places": {"n": 2},
+    "DeadZones.reasons": {"n": 2},
     "by_name": {"name": "box"},
     "sheet_above": {"group": "mesh", "height": 1.6},
     "box_grid": {"count": (1, 2, 1), "size": 0.1},

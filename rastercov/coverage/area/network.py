@@ -17,7 +17,7 @@ from rastercov.coverage.area.remedies import Places
 from rastercov.coverage.area.spread import SpreadUnion, check_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
-from rastercov.coverage.area.zones import DeadZones, dead_zones, summary_of
+from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.judging import OF_PARTS
 from rastercov.coverage.network import percent_of_seeable
@@ -197,7 +197,7 @@ class AreaNetwork:
             if "covered_area" in entry:
                 m2 = entry["covered_area"]["m2"]
                 entry["covered_of_seeable_percent"] = percent_of_seeable(m2, entry)
-                why = zones.by_reason(members[id(entry)], reasons)
+                why = areas_by_reason(zones, members[id(entry)], reasons)
                 if entry is summary:
                     entry["not_covered_because"] = why
                 entry["seeable_not_covered_because"] = {

@@ -332,6 +332,8 @@ class Remedies:
             places = self.places(spot.at, places)
         for place in places[np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")]:
             eye, text = _rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
+            if np.array_equal(eye, target):
+                continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
             yield Change(
                 f"move it {moved} to {text}, aimed at {to}",

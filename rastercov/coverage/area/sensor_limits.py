@@ -115,7 +115,7 @@ def limit_advice(
     for first, last in pairwise([*leads, len(poses)]):
         own = poses[first:last]
         gate = gates_of(camera).get(int(own.camera[0]))
-        if gate is None:
+        if gate is None or not (gate.has_baseline or gate.has_deviation):
             continue
         head = _Head(judge, mesh, camera, task, gate, own, points, face)
         reason = head.reason(own.world_from_camera)
@@ -178,7 +178,7 @@ class _Head:
             yield from islice(kind, 1)
         is_sharp = self.reason(placed) == UNCERTAIN
         found = np.sort(_lacks(self.gate, placed, self.points[is_sharp])[2])
-        if len(found) >= least and np.isfinite(found[least - 1]):
+        if len(found) >= least and 0 < found[least - 1] < np.inf:
             yield f"noise {_below(1 / found[least - 1])} times as large"
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import checked_array
+from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
@@ -24,7 +24,8 @@ from rastercov.base.format import signed
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, gates_of, names_of, rows_of_result
+from rastercov.camera.rig import Cameras, cameras_of, gates_of, names_of, rows_of_result
+from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
@@ -43,6 +44,7 @@ from rastercov.coverage.reasons import (
     UNSEEABLE,
     Reason,
 )
+from rastercov.coverage.surface import CRITERIA
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
@@ -155,31 +157,11 @@ class DeadZones(FacePolygons):
 
     def reasons(self, n: int) -> NDArray[np.uint8]:
         """(n,) row of `REASONS` of the first zones."""
-        found = np.full(max(n, 0), NO_CAMERAS, np.uint8)
+        n = min(max(int(n), 0), len(self.area))
+        found = np.full(n, NO_CAMERAS, np.uint8)
         own = self.zone < n
         found[self.zone[own]] = self.reason[own]
         return found
-
-    def by_reason(
-        self, members: BoolArray, reason: NDArray[np.uint8] | None = None
-    ) -> dict[str, dict[str, float]]:
-        """Area of some faces, (F,), by the name of the reason, and percentage of their area.
-
-        `reason` is that of pieces unless given. The area of each is certain to `bound_m2`.
-        """
-        own = self.piece_area * members[self.face]
-        m2 = np.bincount(self.reason if reason is None else reason, own, len(NAMES))
-        doubt, total = float(self.doubt[members].sum()), frames_of(self.mesh).areas[members].sum()
-        factor = 100 / max(float(total), np.finfo(float).tiny)
-        return {
-            NAMES[row]: {
-                "m2": float(m2[row]),
-                "bound_m2": min(doubt, float(total)),
-                "area_percent": factor * float(m2[row]),
-            }
-            for row in np.argsort(-m2, kind="stable").tolist()
-            if m2[row] > SLIVER_REL * total
-        }
 
     def count(self) -> int:
         """Number of zones without those that are rounding."""
@@ -236,6 +218,12 @@ def dead_zones(
     from rastercov.mesh.unseeable import unseeable_where_seen
     from rastercov.native import area_zone as kernels
 
+    if network is not None:
+        if not isinstance(network, tuple) or len(network) != 3:
+            raise ConfigError(f"network must be (camera, task, poses), got {shown(network)}")
+        cameras_of(network[0])
+        check_kind("task", network[1], Task, "a Task", ConfigError)
+        network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
     words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
@@ -306,6 +294,28 @@ def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatAr
     order = np.argsort(-sums, kind="stable")
     rank: IntArray = np.argsort(order)
     return rank[zone], sums[order]
+
+
+def areas_by_reason(
+    zones: DeadZones, members: BoolArray, reason: NDArray[np.uint8] | None = None
+) -> dict[str, dict[str, float]]:
+    """Area of some faces, (F,), by the name of the reason, and percentage of their area.
+
+    `reason` is that of pieces unless given. The area of each is certain to `bound_m2`.
+    """
+    own = zones.piece_area * members[zones.face]
+    m2 = np.bincount(zones.reason if reason is None else reason, own, len(NAMES))
+    doubt, total = float(zones.doubt[members].sum()), frames_of(zones.mesh).areas[members].sum()
+    factor = 100 / max(float(total), np.finfo(float).tiny)
+    return {
+        NAMES[row]: {
+            "m2": float(m2[row]),
+            "bound_m2": min(doubt, float(total)),
+            "area_percent": factor * float(m2[row]),
+        }
+        for row in np.argsort(-m2, kind="stable").tolist()
+        if m2[row] > SLIVER_REL * total
+    }
 
 
 def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> NDArray[np.int64]:
@@ -541,7 +551,9 @@ def _reasons(zones: DeadZones, remedies: Remedies, n: int) -> list[dict[str, Any
         before = "" if hider is None else body_of(hider)
         before = "another part of it" if before == body_of(own) else before
         entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
-        if winner in (BASELINE, UNCERTAIN) and row < MOST_LINES:
+        if name in CRITERIA:
+            entry |= {"advice": general_advice(name), "tried": None}
+        elif winner in (BASELINE, UNCERTAIN) and row < MOST_LINES:
             rows = rows_of_result(camera, poses)
             on = poses[np.isin(rows, rows[failing])], spot.points, spot.face
             if said := limit_advice(failures_of_rows, mesh, camera, task, *on):

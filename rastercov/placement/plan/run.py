@@ -26,7 +26,7 @@ from rastercov.camera.rig import is_joint, led_by, names_of_poses, rows_of_resul
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.zones import DeadZones, zone_line
+from rastercov.coverage.area.zones import DeadZones, areas_by_reason, zone_line
 from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.headline import advice_line
 from rastercov.coverage.reasons import NAMES, REASONS
@@ -583,7 +583,7 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Pre
         missing = [
             f"{percent(share['area_percent'] / 100)} {REASONS[name].label}"
             + _by_group(zones, own, NAMES.index(name))
-            for name, share in zones.by_reason(members).items()
+            for name, share in areas_by_reason(zones, members).items()
         ]
         lines.append(
             f"out of reach: {each.name}: all candidates together cover at most "
