@@ -103,7 +103,7 @@ def sheet(
 
 
 def _measured(start: "RigState", mesh: Mesh) -> "Evaluation":
-    """What the cameras of a scene cover, as `evaluate` measures it."""
+    """Coverage by the cameras of a scene, as `evaluate` measures it."""
     from rastercov.coverage.evaluation import Query
     from rastercov.coverage.job import answer
     from rastercov.shards import Staff

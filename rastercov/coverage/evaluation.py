@@ -50,7 +50,7 @@ from rastercov.mesh.motion import Motion
 from rastercov.shards import Staff
 
 Moving = Motion | MotionQuery
-"""What moves, and perhaps for how long of it a point must be covered."""
+"""Bodies that move, and perhaps for how long of it a point must be covered."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,7 +194,7 @@ class Robot(InOneLine):
     def on_turntable(
         self, axis: ArrayLike, centre: ArrayLike = (0, 0, 0), degrees: float = 360.0
     ) -> "Robot":
-        """The robot beside a turntable, seen from the table: it goes round what stands on it.
+        """The robot beside a turntable, seen from the table: it goes round what is on it.
 
         `turntable` is its last joint: the angle by which the table is turned.
 

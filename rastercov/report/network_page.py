@@ -82,7 +82,7 @@ LEAST_LOST_REL = 1e-9
 
 
 def additions_of(areas: AreaNetwork) -> list[Addition]:
-    """What its features add to the glTF file of a network: the animation of bodies."""
+    """Additions of its features to the glTF file of a network: the animation of bodies."""
     return [animated(areas.over_time.motion)] if isinstance(areas, TimeAreas) else []
 
 

@@ -143,7 +143,7 @@ def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
 
 
 def _buildings(walls: FloatArray) -> FloatArray:
-    """Walls (N, 2, 2) without those that stand apart and go around little, such as trunks."""
+    """Walls (N, 2, 2) without those that are apart and go around little, such as trunks."""
     if not len(walls):
         return walls
     lines = shapely.linestrings(walls)

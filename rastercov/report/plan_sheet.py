@@ -89,7 +89,7 @@ SYMBOL = ((-4, 1.3), (-4, -1.3), (-1.2, -1.3), (-1.2, -0.4), (0.6, -1.3), (0.6, 
 
 @dataclass(frozen=True)
 class Site:
-    """What a plan sheet shows besides meshes and cameras, in metres.
+    """Things that a plan sheet shows besides meshes and cameras, in metres.
 
     Attributes
     ----------

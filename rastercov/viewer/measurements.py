@@ -69,7 +69,7 @@ MOST_PAIRS = 4_000_000
 LIVE_PAIRS = 1_000_000
 """Pairs up to which the exact area follows a drag: half a second."""
 MOVING = "exact at rest"
-"""Why figures are of whole faces during a drag."""
+"""Reason for which figures are of whole faces during a drag."""
 NOTHING_FAILS = np.uint8(255)
 """In place of `Reason.COVERED` where reasons of light, which are greater, are compared with it."""
 FIELDS = ("coverage", "reason", "pixel_density", "facing_density")
@@ -137,7 +137,7 @@ class Areas:
 
     @property
     def zones(self) -> DeadZones:
-        """What too few cameras cover."""
+        """Zones that too few cameras cover."""
         return self.network.zones(self.state.whole, self.poses, self.state.needed)
 
     def dead_zones(self) -> dict[str, Any]:

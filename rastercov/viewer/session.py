@@ -129,7 +129,7 @@ class Moment:
         return kept
 
     def required(self, state: RigState, *, is_drag: bool) -> list[dict[str, Any]]:
-        """What the plan asks of the task, or the goal, and its state, ready for JSON."""
+        """Requirements of the plan for the task, or the goal, and its state, ready for JSON."""
         goal, plan = self.goal, self.scene.plan
         if plan is None or self.scene.moving is not None:
             return []

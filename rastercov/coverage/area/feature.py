@@ -1,4 +1,4 @@
-"""What a feature that can be deleted adds to what cameras see; `features` has all of them.
+"""Conditions on what cameras see, of a feature that can be deleted; `features` has all of them.
 
 A rig says which take part. What a feature lacks is as here, where it adds nothing.
 """

@@ -1,4 +1,4 @@
-"""Features that add to what cameras see: a line each, and what is asked of all of them."""
+"""Features that add to what cameras see: a line each, and calls to all of them."""
 
 from typing import Any
 

@@ -185,7 +185,7 @@ class Remedies:
         return {"pose": int(self.poses.ids[named.row]), **own, **more}
 
     def _fact(self, named: Nearest, hider: str) -> str:
-        """What a camera misses most of a zone."""
+        """Criterion that a camera misses most of a zone."""
         index = int(self.poses.camera[named.row])
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         distance = in_metres(named.figures["distance"])
@@ -221,7 +221,7 @@ class Remedies:
         return {}
 
     def _missed(self, row: int, spot: Spot) -> Nearest:
-        """What a camera misses at the middle of a zone but for what hides it."""
+        """Criteria that a camera misses at the middle of a zone, occlusion left out."""
         index, pose = int(self.poses.camera[row]), self.poses.world_from_camera[row]
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         normal = frames_of(self.mesh).normal[spot.face[spot.middle]]

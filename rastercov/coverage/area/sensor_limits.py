@@ -1,4 +1,4 @@
-"""What helps where the devices of a rig see a point, and a limit of its rule is missed there.
+"""Remedies where the devices of a rig see a point, and a limit of its rule is missed there.
 
 Each remedy is carried out before it is named: the devices are moved, and the points are judged
 again by all criteria.
@@ -92,7 +92,7 @@ def limit_advice(
     face: IntArray,
     enough: float = ENOUGH,
 ) -> str:
-    """How much a limit is missed at points, and what makes a rig cover some share of them.
+    """Factors by which limits are missed at points, and what makes a rig cover some share of them.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ INCIDENCE = {"max_incidence": np.pi / 2, "cos_incidence": 0.0, "tan_incidence": 
 DENSITIES = dict.fromkeys(("min_pixel_density", "min_facing_density", "min_pixels_per_m2"), 0.0)
 FOCUS = {"z_n": 0.0, "z_f": np.inf}
 OF_SURFACE = 255
-"""Stands for the criteria of the surface itself, see `rastercov.coverage.surface`."""
+"""In place of the criteria of the surface itself, see `rastercov.coverage.surface`."""
 SLIVER_REL = 1e-9
 """Part of a face below which a reason is rounding, and takes that of most of the face."""
 

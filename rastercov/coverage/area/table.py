@@ -28,7 +28,7 @@ Cut = Callable[["Regions", bool], "Regions"]
 
 
 class Finder(Protocol):
-    """What finds regions of poses of a condition, such as a `RegionPass`."""
+    """Finder of the regions of poses of a condition, such as a `RegionPass`."""
 
     @property
     def cameras(self) -> Sequence[Camera]:
@@ -36,7 +36,7 @@ class Finder(Protocol):
 
     @property
     def mesh(self) -> Mesh:
-        """What they look at."""
+        """Mesh that they look at."""
 
     def find(self, poses: Poses, /) -> "Regions":
         """Regions of some poses, each by itself."""
@@ -60,10 +60,10 @@ class Condition(Protocol):
     reason: int
 
     def of_cameras(self, regions: "Regions", camera: Cameras, poses: Poses) -> "Regions":
-        """What it leaves to each of P poses, before a rule counts them."""
+        """Part that it leaves to each of P poses, before a rule counts them."""
 
     def of_rows(self, regions: "Regions", camera: Cameras, poses: Poses, leads: Poses) -> "Regions":
-        """What it leaves of rows of single cameras, by the first pose of each."""
+        """Part that it leaves of rows of single cameras, by the first pose of each."""
 
     def cut_of(self, leads: Poses) -> Cut:
         """Function that cuts rows that a rule has counted, by the first pose of each."""
@@ -398,7 +398,7 @@ def joined(parts: Sequence[Regions]) -> Regions:
 
 
 def any_of(parts: Sequence[Regions], *, one_side: bool = True) -> Regions:
-    """What is in any of several parts of the same rows; see `Regions.at_least`."""
+    """Union of several parts of the same rows; see `Regions.at_least`."""
     rows = np.tile(np.arange(len(parts[0].pose_ids)), len(parts))
     return joined(parts).at_least(1, rows, one_side=one_side)
 

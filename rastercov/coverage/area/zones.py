@@ -60,7 +60,7 @@ OPEN_TOLERANCE_REL = 1e-6
 """Distance of open edges that are one: files in float32 have vertices that far from the edge on
 which they lie."""
 CREASE_DEG = 30.0
-"""Angle between the normals of faces at an edge up to which a zone goes on across it."""
+"""Angle between the normals of faces at an edge up to which a zone crosses it."""
 MOST_AT_A_LINE = 16
 """Faces that meet at a line up to which each is compared with all others; more are apart."""
 SWEEP = np.array([0.4794, 0.6367, 0.6040])
@@ -399,7 +399,7 @@ def _classes(*keys: NDArray[np.integer[Any]]) -> IntArray:
 
 
 def _smooth(line: IntArray, face: NDArray[np.integer[Any]], inward: FloatArray) -> IntArray:
-    """(N,) class of sides on a line: those of faces that go on smoothly across it.
+    """(N,) class of sides on a line: those of faces that join smoothly there.
 
     Parameters
     ----------

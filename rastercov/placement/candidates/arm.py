@@ -41,7 +41,7 @@ EXAMINED = 3
 
 
 class Missed(NamedTuple):
-    """Why an arm does not take a pose; as of `Refusal`."""
+    """Reason for which an arm does not take a pose; as of `Refusal`."""
 
     reason: str
     words: str

@@ -1,4 +1,4 @@
-"""What moves in a plan: the cameras, by joints such as those of an arm, or the scene over time.
+"""Motion in a plan: of the cameras, by joints such as those of an arm, or the scene over time.
 
 `scene.carrier_of` and `scene.timed_of` have that of a plan.
 """

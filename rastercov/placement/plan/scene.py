@@ -484,13 +484,13 @@ def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
 
 
 def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
-    """What carries the cameras of a plan; None where they are placed one by one."""
+    """Carrier of the cameras of a plan; None where they are placed one by one."""
     arms = arms_of(plan, mesh)
     return PlanArm(plan, arms[0]) if arms else None
 
 
 def timed_of(plan: Plan, mesh: Mesh) -> Timed | None:
-    """What changes the scene of a plan over time; None where nothing does."""
+    """Change of the scene of a plan over time; None where nothing does."""
     return PlanMotion.of(plan, mesh)
 
 
