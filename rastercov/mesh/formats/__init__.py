@@ -167,7 +167,7 @@ def _read_file(
 def of_gltf(
     path: StrPath, read: Callable[[dict[str, Any], Sequence[memoryview], int], Value]
 ) -> Value:
-    """Value that a function reads from the header and the buffers of a .glb or .gltf file, by a budget.
+    """Value that a function reads from header and buffers of a .glb or .gltf file, by a budget.
 
     MeshError has the name of the file.
     """
