@@ -115,7 +115,7 @@ def read(zone, camera: rc.Camera, poses):
         if match is None:
             continue
         named = zone["nearest"] and zone["nearest"]["pose"]
-        is_moved = not words.startswith(("another", "a place"))
+        is_moved = not words.startswith("add ")
         values = [float(each) for each in match.groups() if each not in ("m", "mm")]
         if what == "focus":
             camera = replace(camera, focus_distance=values[0] * (1e-3 if "mm" in match[0] else 1))
