@@ -205,7 +205,7 @@ def test_audit_is_the_command(capsys):
     assert command == function
     assert as_stored(found.summary())["covered_percent"] == function["covered_percent"]
     assert [entry["frame"] for entry in function["frames"]["per_frame"]] == list("abc")
-    assert "the 3 frames is needed" in Path("function", "audit.html").read_text()
+    assert "All 3 frames are needed." in Path("function", "audit.html").read_text()
     assert pq.read_table("function/cameras.parquet")["frame"].to_pylist() == frames
 
 

@@ -371,7 +371,7 @@ COMMANDS = {
     "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
     "suffices.",
     "cameras": "Search the catalogue of cameras, lenses and heads by text, pixels, mount, price or "
-    "field of view.",
+    "view.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",

@@ -212,7 +212,7 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
     monkeypatch.setattr("rastercov.coverage.job.open_for", lambda *_: pytest.fail("opened"))
     for mesh_of, asked, task, by, words in (
         (ico(), motion, TASK, None, "mesh must be that of the motion, at rest; give motion.mesh"),
-        (mesh, motion, rc.Task(min_pixels=3), None, "over time are by area; min_pixels is of a"),
+        (mesh, motion, rc.Task(min_pixels=3), None, "over time are by area; min_pixels applies"),
         (mesh, motion, rc.Task(min_angle_deg=5), None, "min_angle_deg is of cameras at one time"),
         (mesh, motion, TASK, "face", "figures over time are by area; leave out by face"),
         (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "there is no body 'plat'"),

@@ -68,7 +68,7 @@ def test_pinholes_are_audited_by_area(here, capsys):
     summary, left_out = json.loads((here / "out/audit.json").read_text()), "pose 3 left out"
     assert summary["covered_area"]["m2"] > 0
     assert [entry["name"] for entry in summary["per_camera"]] == [*IMAGES[:3], *IMAGES[4:]]
-    for text, words in ((printed, "7 images cover"), (printed, "cells"), (error, left_out),
+    for text, words in ((printed, "7 images cover"), (printed, "patches"), (error, left_out),
                         ("".join(summary["notes"]), left_out)):  # fmt: skip
         assert words in text
 

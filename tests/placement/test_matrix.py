@@ -378,7 +378,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
     (tmp_path / "mine" / "pairs").mkdir(parents=True)
     (tmp_path / "mine" / "pairs" / "pairs-00000.npz").write_bytes(b"")
     for call, words in (
-        (lambda: build(tmp_path / "file"), "a file is in the way"),
+        (lambda: build(tmp_path / "file"), "expected a folder, got a file"),
         (lambda: build(tmp_path / "mine"), "no matrix"),
         (lambda: VisibilityMatrix.load(tmp_path), "there is no matrix"),
         (lambda: VisibilityMatrix.load(tmp_path / "nowhere"), "there is no matrix"),

@@ -1,4 +1,4 @@
-"""Plans whose matrix is bits on the disk: the cameras of lists, by face and on cells."""
+"""Plans whose matrix is of bits on disk: the cameras of lists, by face and on cells."""
 
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def test_bits_choose_the_cameras_of_lists(listed, kind):
     assert bits.cameras.share == lists.cameras.share
     assert bits.prepared.pairs == lists.prepared.pairs
     assert len(bits.selection.chosen) > 1
-    (said,) = [note for note in bits.prepared.notes if "bits on the disk" in note]
+    (said,) = [note for note in bits.prepared.notes if "of bits on disk" in note]
     assert [note for note in bits.prepared.notes if note != said] == [*lists.prepared.notes]
     if kind == "cavities":
         assert "visibility matrix of cavities" in bits.steps

@@ -203,7 +203,7 @@ def test_two_rigs_are_four_cameras(task):
         assert cameras.share == pytest.approx(exact_share(found), abs=1e-9)
         text = Path("out/page.html").read_text()
         assert all(name in text for name in sides)
-        assert "without camera 1, 2" in text or "without camera 3, 4" in text
+        assert "Removing camera 1, 2 " in text or "Removing camera 3, 4 " in text
 
 
 def test_a_rig_may_be_a_file():

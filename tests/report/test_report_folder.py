@@ -348,7 +348,7 @@ def test_the_next_command_of_any_kind_ends_a_swap(half_swapped, kind):
 @pytest.mark.parametrize("name", ["last.txt", "c.txt"])
 def test_a_swap_does_not_end_over_a_file_of_somebody_else(half_swapped, name):
     (half_swapped / name).write_bytes(b"mine")
-    refused(half_swapped, r"in the way.*; move it away", OLD)
+    refused(half_swapped, r"expected a file of an earlier report.*; move it away", OLD)
     (half_swapped / name).unlink()
     with ReportFolder(half_swapped, KIND):
         assert reports(half_swapped) == NEW
