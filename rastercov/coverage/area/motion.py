@@ -400,7 +400,11 @@ def _are_separate(one: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
 
 
 def by_time(regions: Regions, motion: Motion, views: int = 1) -> Regions:
-    """Parts that at least `views` rows of a frame cover, (T,) rows."""
+    """Parts that at least `views` rows of a frame cover, (T,) rows; none of no cameras."""
+    if not len(regions.pose_ids):
+        nowhere = np.full((len(motion), 3), np.nan)
+        frames = np.arange(len(motion))
+        return replace(regions, pose_ids=frames, eyes=nowhere, columns=None, conditions=())
     frame = np.arange(len(regions.pose_ids)) // _rows_a_frame(regions, motion)
     if views == 1 and len(frame) == len(motion):
         return regions
