@@ -231,7 +231,7 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
     return box_grid(low, high, count, entry.size)
 
 
-ANYWHERE = np.array([[-1e100] * 3, [1e100] * 3])
+ANYWHERE = [([-1e100] * 3, [1e100] * 3)]
 """Box of all places."""
 OF_GROUPS = ("groups", "two_sided", "nearest", "views")
 """Entries with names of groups: lists of them, or values by them."""
@@ -427,10 +427,9 @@ def _misplaced(
 def places_of(plan: Plan, mesh: Mesh) -> Places:
     """Of places for a camera that advice would name, those that satisfy the constraints."""
     limits = plan.constraints
-    boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     space = PoseSpace(
         mesh=mesh,
-        boxes=np.array(boxes) if boxes else ANYWHERE,
+        boxes=np.array([(each.low, each.high) for each in limits.spaces] or ANYWHERE),
         stand_off=no_limit(limits.stand_off),
         clearance=limits.clearance,
         keep_out=keep_outs(plan),
