@@ -27,8 +27,8 @@ def answer(summary: Summary) -> str:
         return text + (
             f", each by {views} cameras" if (views := summary["required_views"]) > 1 else ""
         )
-    over_time = (line.partition(" of the area")[2] for line in _time_lines(summary)[:1])
-    text = f"covered: {in_words(summary['covered_area'])}{''.join(over_time)}"
+    *_, over_time = "".join(_time_lines(summary)[:1]).partition(" of the area")
+    text = f"covered: {in_words(summary['covered_area'])}{over_time}"
     of_seeable = summary["covered_of_seeable_percent"]
     if summary["unseeable_m2"] and of_seeable is not None:
         text += f"; {percent(of_seeable / 100)} of what is coverable"
@@ -119,7 +119,9 @@ def _zones(summary: Summary) -> list[Summary]:
 def by_reason(m2: Mapping[str, float]) -> str:
     """Areas by reason, the largest first, in words."""
     whole = sum(m2.values())
-    ranked = sorted(
-        (name for name in m2 if m2[name] > SLIVER_REL * whole), key=lambda name: -m2[name]
+    ranked = sorted(m2, key=m2.__getitem__, reverse=True)
+    return ", ".join(
+        f"{area(m2[name], whole=whole)} {REASONS[name].label}"
+        for name in ranked
+        if m2[name] > SLIVER_REL * whole
     )
-    return ", ".join(f"{area(m2[name], whole=whole)} {REASONS[name].label}" for name in ranked)

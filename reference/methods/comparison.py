@@ -116,7 +116,10 @@ def compare(
     total = len(matrices) + len(chosen) * sum(len(levels(sweep, camera)) for _, sweep in sweeps)
     progress(0, total)
     counter = count(1)
-    step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
+
+    def step() -> None:
+        progress(next(counter), total)
+
     with ExitStack() as stack:
         reference = stack.enter_context(open_reference(against, mesh, camera))
         contenders = [

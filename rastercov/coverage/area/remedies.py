@@ -101,7 +101,7 @@ class Change(NamedTuple):
     eye, target : (3,) float64
     camera : Camera or None
         In place of the camera.
-    more : dict
+    more : dict or None
         Entries on the camera.
     """
 
@@ -110,7 +110,7 @@ class Change(NamedTuple):
     eye: FloatArray
     target: FloatArray
     camera: Camera | None = None
-    more: dict[str, float] = {}  # noqa: RUF012 # never changed
+    more: dict[str, float] | None = None
 
 
 @dataclass
@@ -280,7 +280,7 @@ class Remedies:
                     "pose": int(self.poses.ids[row]) if is_moved else None,
                     "position": change.eye.tolist(),
                     "looking_at": change.target.tolist(),
-                    **change.more,
+                    **(change.more or {}),
                     "covers_percent": 100 * share,
                 }
                 words = change.words if is_moved else change.other

@@ -148,27 +148,29 @@ class PlanMotion(MotionQuery):
         return dict(zip(self.cameras, self.body, strict=True)).get(camera, "world")
 
     def moments(self, camera: Cameras, placed: Poses) -> Iterator[Moment]:
-        """As of `Timed`, as are the methods below."""
+        """Scene and cameras of each frame."""
         carried = carriers(self, camera, placed)
         for row in range(len(self.motion)):
             mesh, kept = self.motion._at(row, of_occluders=False)
             back = partial(at_rest, motion=self.motion, kept=kept)
             yield Moment(mesh, carried_by(carried[:, row], placed), back)
 
-    def areas(  # noqa: D102
+    def areas(
         self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
     ) -> TimeAreas:
+        """Area of placed cameras over time, of the regions of frames where they are known."""
         if found is None:
             found = regions_of_frames(self, camera, placed, task, Engine.of(self.method))
         return OverTime(self, camera, placed, task, found).areas
 
-    def first(self, areas: AreaNetwork, count: int) -> TimeAreas:  # noqa: D102
+    def first(self, areas: AreaNetwork, count: int) -> TimeAreas:
+        """The same of the first cameras."""
         assert isinstance(areas, TimeAreas)
         whole = areas.over_time
         rows = np.arange(len(whole.regions.pose_ids)).reshape(len(self.motion), -1)
         return replace(whole, regions=taken(whole.regions, rows[:, :count].ravel())).areas
 
-    def matrix(  # noqa: D102
+    def matrix(
         self,
         plan: Plan,
         observer: Observer,
@@ -177,6 +179,7 @@ class PlanMotion(MotionQuery):
         task: Task,
         progress: Progress,
     ) -> TimeMatrix:
+        """Cells that candidates cover over time."""
         motion, mounts = self.motion, plan.mounts
         is_of_cells = self.over == "some" and task.views == 1
         n_frames, n_cells = (1 if is_of_cells else len(motion)), len(cells)
