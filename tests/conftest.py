@@ -24,6 +24,8 @@ settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
+DEVICE = os.environ.get("RASTERCOV_TEST_DEVICE", "surfaceless")
+"""The device of the rasteriser tests; "egl:0" tests a GPU."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
 
@@ -67,9 +69,9 @@ def load(tmp_path):
 def gl_context():
     """Mesa in software; it must be there, because a skipped rasteriser test proves nothing."""
     try:
-        context = open_context("surfaceless")
+        context = open_context(DEVICE)
     except DeviceError as error:
-        pytest.fail(f"the rasteriser tests need Mesa's software OpenGL: {error}", pytrace=False)
+        pytest.fail(f"the rasteriser tests need OpenGL on {DEVICE}: {error}", pytrace=False)
     with context:
         yield context
 
