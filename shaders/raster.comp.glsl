@@ -196,28 +196,42 @@ dvec3 in_image(Pose pose, dvec3 p) {
     return dvec3(u, v, w);
 }
 
-bool is_near_image(dvec3 at) {
+bool is_whole(Pose pose, dvec3 in_space, dvec3 at) {
     dvec2 from = abs(at.xy - STEPS * dvec2(corner));
-    return max(from.x, from.y) <= double(FAR_OUT);
+    return in_space.z >= pose.near && max(from.x, from.y) <= double(FAR_OUT);
+}
+
+// Corner of a polygon, as bits: NVIDIA's compiler (driver 580) keeps an array of doubles that a loop
+// indexes in the precision of floats.
+struct Corner {
+    uvec2 x, y, z;
+};
+
+Corner bits_of(dvec3 p) {
+    return Corner(unpackDouble2x32(p.x), unpackDouble2x32(p.y), unpackDouble2x32(p.z));
+}
+
+dvec3 numbers_of(Corner p) {
+    return dvec3(packDouble2x32(p.x), packDouble2x32(p.y), packDouble2x32(p.z));
 }
 
 // Clips a convex polygon to plane . p >= offset; returns its corner count. A cut is computed from
 // the corner inside towards the one outside, so two faces cut their common edge at the same point.
-int clip(inout dvec3 polygon[8], int n, dvec3 plane, double offset) {
-    dvec3 kept[8];
+int clip(inout Corner polygon[8], int n, dvec3 plane, double offset) {
+    Corner kept[8];
     int n_kept = 0;
     for (int i = 0; i < n && n_kept < 8; ++i) {
-        dvec3 p = polygon[i], q = polygon[i + 1 < n ? i + 1 : 0];
+        dvec3 p = numbers_of(polygon[i]), q = numbers_of(polygon[i + 1 < n ? i + 1 : 0]);
         precise double here = plane.x * p.x + plane.y * p.y + plane.z * p.z - offset;
         precise double there = plane.x * q.x + plane.y * q.y + plane.z * q.z - offset;
-        if (here >= 0.0lf) kept[n_kept++] = p;
+        if (here >= 0.0lf) kept[n_kept++] = polygon[i];
         if ((here >= 0.0lf) != (there >= 0.0lf) && n_kept < 8) {
             bool is_leaving = here >= 0.0lf;
             dvec3 from = is_leaving ? p : q, to = is_leaving ? q : p;
             double inside = is_leaving ? here : there, beyond = is_leaving ? there : here;
             precise double t = inside / (inside - beyond);
             precise dvec3 cut = from + t * (to - from);
-            kept[n_kept++] = cut;
+            kept[n_kept++] = bits_of(cut);
         }
     }
     polygon = kept;
@@ -325,38 +339,36 @@ void main() {
     if (face >= faces_to_draw.y) return;
     uint view = first_view + gl_GlobalInvocationID.z;
     Pose pose = poses[view];
-    dvec3 in_space[3], at[3];
-    bool is_whole = true;
-    for (int i = 0; i < 3; ++i) {
-        in_space[i] = in_axes(
-            3u * face + uint(i), pose.right.xyz, pose.down.xyz, pose.forward.xyz, pose.eye.xyz);
-        at[i] = in_image(pose, in_space[i]);
-        is_whole = is_whole && in_space[i].z >= pose.near && is_near_image(at[i]);
+    dvec3 right = pose.right.xyz, down = pose.down.xyz, forward = pose.forward.xyz;
+    dvec3 a = in_axes(3u * face, right, down, forward, pose.eye.xyz);
+    dvec3 b = in_axes(3u * face + 1u, right, down, forward, pose.eye.xyz);
+    dvec3 c = in_axes(3u * face + 2u, right, down, forward, pose.eye.xyz);
+    dvec3 at_a = in_image(pose, a), at_b = in_image(pose, b), at_c = in_image(pose, c);
+    bool can_cull = pose.cull != 0.0lf;
+    if (is_whole(pose, a, at_a) && is_whole(pose, b, at_b) && is_whole(pose, c, at_c)) {
+        draw(at_a, at_b, at_c, face + 1u, view, can_cull, dvec3(NO_PLANE));
+        return;
     }
-    dvec3 polygon[8];
-    dvec3 plane = dvec3(NO_PLANE);
-    int n = 3;
-    if (!is_whole) {
-        plane = plane_in_image(pose, in_space[0], in_space[1], in_space[2]);
-        for (int i = 0; i < 3; ++i) polygon[i] = in_space[i];
-        n = clip(polygon, n, dvec3(0.0lf, 0.0lf, 1.0lf), pose.near);
-        // |u|, |v| <= reach from the corner of the tile, as +-(f x + c z) <= reach z.
-        double reach = 0.99lf * double(FAR_OUT) / STEPS;
-        dvec2 middle = pose.lens.zw - dvec2(corner);
-        for (int border = 0; border < 4; ++border) {
-            double side = (border & 1) == 0 ? 1.0lf : -1.0lf;
-            dvec3 plane = border < 2 ? dvec3(side * pose.lens.x, 0.0lf, side * middle.x + reach)
-                                     : dvec3(0.0lf, side * pose.lens.y, side * middle.y + reach);
-            n = clip(polygon, n, plane, 0.0lf);
-        }
+    dvec3 plane = plane_in_image(pose, a, b, c);
+    Corner polygon[8];
+    polygon[0] = bits_of(a);
+    polygon[1] = bits_of(b);
+    polygon[2] = bits_of(c);
+    int n = clip(polygon, 3, dvec3(0.0lf, 0.0lf, 1.0lf), pose.near);
+    // |u|, |v| <= reach from the corner of the tile, as +-(f x + c z) <= reach z.
+    double reach = 0.99lf * double(FAR_OUT) / STEPS;
+    dvec2 middle = pose.lens.zw - dvec2(corner);
+    for (int border = 0; border < 4; ++border) {
+        double side = (border & 1) == 0 ? 1.0lf : -1.0lf;
+        dvec3 limit = border < 2 ? dvec3(side * pose.lens.x, 0.0lf, side * middle.x + reach)
+                                 : dvec3(0.0lf, side * pose.lens.y, side * middle.y + reach);
+        n = clip(polygon, n, limit, 0.0lf);
     }
+    at_a = in_image(pose, numbers_of(polygon[0]));
     for (int i = 1; i + 1 < n; ++i) {
-        if (!is_whole) {
-            at[0] = in_image(pose, polygon[0]);
-            at[1] = in_image(pose, polygon[i]);
-            at[2] = in_image(pose, polygon[i + 1]);
-        }
-        draw(at[0], at[1], at[2], face + 1u, view, pose.cull != 0.0lf, plane);
+        at_b = in_image(pose, numbers_of(polygon[i]));
+        at_c = in_image(pose, numbers_of(polygon[i + 1]));
+        draw(at_a, at_b, at_c, face + 1u, view, can_cull, plane);
     }
 }
 

@@ -14,6 +14,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.base.format import shortened
 from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 
@@ -39,7 +40,8 @@ def print_report(report: Report, console: Console) -> None:
     listed = {row["device"]["kind"] for row in report["reports"]}
     absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in listed]
     _section(console, "Missing devices, needed only for OpenGL", absent)
-    _section(console, "Environment", [(f"{k}={v}",) for k, v in report["environment"].items()])
+    settings = [(f"{k}={shortened(v, 80)}",) for k, v in report["environment"].items()]
+    _section(console, "Environment", settings)
     _section(console, "Versions that were not tested", [(line,) for line in report["untested"]])
     _section(console, "Why no hardware", [("-", hint) for hint in report["hardware_hints"]])
     console.print(Text(_verdict(report), "bold" if exit_code(report) == 0 else "bold red"))
@@ -47,17 +49,16 @@ def print_report(report: Report, console: Console) -> None:
 
 def _verdict(report: Report) -> str:
     """Sentence that names the default device and the reason."""
-    rows, label = _rows(report), report["default"]["device"]
-    row, why = rows[label], report["default"]["why"].partition(";")[0]
-    if not _passes(row):
+    rows, default = _rows(report), report["default"]
+    if not _passes(rows[default["device"]]):
         passing = [f"pass `--device {other}`" for other in rows if _passes(rows[other])]
         use = (passing or ["nothing else passes"])[0]
-        return f"By default rastercov tries {label}, which fails its self-test; {use}"
-    how = f"draws on {label}, {row['context']['renderer']}"
-    if label == "cpu":
-        renderer, threads = (report["cpu"][key] for key in ("renderer", "threads"))
-        how = f"counts on the CPU, {renderer}, {threads} thread{'s' * (threads > 1)}"
-    return f"By default rastercov {how}, because {why}."
+        return f"By default rastercov tries the CPU, which fails its self-test; {use}"
+    renderer, threads = (report["cpu"][key] for key in ("renderer", "threads"))
+    how = f"the CPU, {renderer}, {threads} thread{'s' * (threads > 1)}"
+    cards = [row for row in report["reports"] if _passes(row) and not row["device"]["is_software"]]
+    card = "".join(f"; `--device hardware` is {each['context']['renderer']}" for each in cards[:1])
+    return f"By default rastercov counts on {how}, because {default['why']}{card}."
 
 
 def _rows(report: Report) -> dict[str, Report]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError, ConfigError, DeviceError, MeshError
+from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
@@ -46,9 +46,9 @@ def open_rasterizer(
     camera : Camera
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
-        "cpu" needs no graphics library. "auto" takes a hardware OpenGL device when one opens, and
-        the CPU otherwise: it is several times as fast as OpenGL in software. A lens is drawn on the
-        CPU in any case, and the result says so; the device must be there all the same.
+        "cpu", which "auto" takes, needs no graphics library, and was the faster also beside a GPU
+        (docs/performance.md). A lens is drawn on the CPU in any case, and the result says so; the
+        device must be there all the same.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float
@@ -58,8 +58,9 @@ def open_rasterizer(
         rows and columns of pixels, as those of manufactured parts do.
     **options
         Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
-        `rastercov.raster.gl.GLRasterizer`, which "auto" then means. A device "auto", "cpu" or "gl"
-        is the backend of this name, as `--device` is on the command line.
+        `rastercov.raster.gl.GLRasterizer`, which "auto" then means; `device="hardware"` takes a
+        GPU. A device "auto", "cpu" or "gl" is the backend of this name, as `--device` is on the
+        command line.
 
     Raises
     ------
@@ -97,11 +98,7 @@ def open_rasterizer(
 
             GLRasterizer(self_test.MESH, self_test.CAMERA, **options).close()
         return LensRasterizer(mesh, camera, **common, threads=options.get("threads"))
-    if backend == "auto":
-        if hardware := _open_hardware(mesh, camera, common):
-            return hardware
-        backend = "cpu"
-    if backend == "cpu":
+    if backend in ("auto", "cpu"):
         # It compiles, or loads what was compiled.
         from rastercov.raster.cpu import CPURasterizer
 
@@ -141,16 +138,3 @@ def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str,
             f"backend {backend} takes no option {', '.join(sorted(unknown))}; {takes}"
         )
     return backend, left
-
-
-def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:
-    """Rasteriser on a hardware device, None when none is announced or none works."""
-    from rastercov.raster.gl.devices import candidates
-
-    try:
-        candidates("hardware")  # OpenGL is imported where there are some
-        from rastercov.raster.gl import GLRasterizer
-
-        return GLRasterizer(mesh, camera, **common, device="hardware")
-    except DeviceError:
-        return None

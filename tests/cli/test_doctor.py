@@ -92,8 +92,7 @@ def gpu_report(report):
         "renderer": "NVIDIA H200/PCIe/SSE2 [x]", "version": "4.6.0 NVIDIA 580.105.08",
         "gl_version": 460, "is_software": False,
     }  # fmt: skip
-    default = {"device": "egl:0", "why": "it is the first that draws in hardware"}
-    return report | {"reports": [card, row], "default": default, "hardware_hints": []}
+    return report | {"reports": [card, row], "hardware_hints": []}
 
 
 # --- this machine ---------------------------------------------------------------------------------
@@ -120,10 +119,8 @@ def test_every_device_passes_its_self_test_and_its_row_tells_what_it_runs(report
 
 def test_the_default_is_what_auto_opens(report):
     with open_rasterizer(self_test.MESH, self_test.CAMERA) as rasterizer:
-        assert rasterizer.info.device.split(" ")[0] == report["default"]["device"]
-        rows = {row["device"]["label"]: row["context"] for row in report["reports"]}
-        row = {"cpu": report["cpu"], **rows}[report["default"]["device"]]
-        assert rasterizer.info.renderer == row["renderer"]
+        assert rasterizer.info.device.split(" ")[0] == report["default"]["device"] == "cpu"
+        assert rasterizer.info.renderer == report["cpu"]["renderer"]
 
 
 def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_context):
@@ -151,9 +148,7 @@ def test_printed_report_has_every_device_and_ends_with_the_default(report, width
     assert places[0] == min(places)
     for words in (report["versions"]["moderngl"], "CUDA_VISIBLE_DEVICES=[2]"):
         assert words in flat(text)
-    assert flat(text).endswith(f", because {report['default']['why'].split(';')[0]}.")
-    if report["default"]["device"] == "cpu":
-        assert ON_CPU.search(flat(text))
+    assert ON_CPU.search(flat(text))
 
 
 # --- the self-test --------------------------------------------------------------------------------
@@ -236,7 +231,7 @@ def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error
     assert doctor.exit_code(report) == 1
     text = flat(printed(report))
     assert f"Problems cpu: {line}" in text
-    assert text.endswith("tries cpu, which fails its self-test; nothing else passes")
+    assert text.endswith("tries the CPU, which fails its self-test; nothing else passes")
 
 
 # --- other machines -------------------------------------------------------------------------------
@@ -283,38 +278,27 @@ def test_a_graphics_card_is_shown_with_its_driver_and_named_at_the_end(gpu_repor
     assert width < 120 or re.search(cells, text)
     assert re.search("^ ?CUDA 3 ", text, re.MULTILINE)
     assert "Why no hardware" not in text
-    why = "because it is the first that draws in hardware."
-    end = f"By default rastercov draws on egl:0, {card}, {why}"
-    assert flat(text).endswith(end)
+    assert ON_CPU.search(flat(text))
+    assert flat(text).endswith(f"; `--device hardware` is {card}.")
 
 
 @pytest.mark.parametrize(
-    ("cpu", "surfaceless", "advice"),
-    [("passed", "passed", "pass `--device cpu`"), ("bad", "passed", "pass `--device surfaceless`"),
-     ("bad", "bad", "nothing else passes")],
-)  # fmt: skip
-def test_a_default_that_fails_is_answered_with_what_passes(gpu_report, cpu, surfaceless, advice):
-    card, other = gpu_report["reports"]
-    card["self_test"] = problem = "plan layers: box: 1 of 4 poses are counted wrongly"
-    other["self_test"], gpu_report["cpu"]["self_test"] = surfaceless, cpu
+    ("results", "advice"),
+    [
+        (("passed", "bad"), "pass `--device egl:0`"),
+        (("bad", "passed"), "pass `--device surfaceless`"),
+        (("bad", "bad"), "nothing else passes"),
+    ],
+)
+def test_a_cpu_that_fails_is_answered_with_what_passes(gpu_report, results, advice):
+    problem = "box: 1 of 4 poses are counted wrongly"
+    gpu_report["cpu"]["self_test"] = problem
+    for row, result in zip(gpu_report["reports"], results, strict=True):
+        row["self_test"] = result
     assert doctor.exit_code(gpu_report) == 1
     text = flat(printed(gpu_report))
-    assert f"egl:0: {problem}" in text
-    assert text.endswith(f"tries egl:0, which fails its self-test; {advice}")
-
-
-@pytest.mark.parametrize(
-    ("setting", "problem", "default", "why"),
-    [("", "", "egl:0", "first that draws in hardware"),
-     ("", "no", "cpu", "no hardware device opens; it is"), ("1", "", "cpu", "forbids hardware")],
-)  # fmt: skip
-def test_default_follows_the_order_of_auto(monkeypatch, setting, problem, default, why):
-    monkeypatch.setattr(devices, "egl_devices", lambda: [GPU, SURFACELESS])
-    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", setting)
-    labels = {"egl:0": problem, "surfaceless": ""}.items()
-    found = diagnose._default([{"device": {"label": n}, "problem": p} for n, p in labels])
-    assert found["device"] == default
-    assert why in found["why"]
+    assert f"cpu: {problem}" in text
+    assert text.endswith(f"tries the CPU, which fails its self-test; {advice}")
 
 
 def test_a_missing_package_is_named(monkeypatch, no_library):

@@ -27,8 +27,6 @@ from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl.devices import (
     DeviceInfo,
     DeviceKind,
-    candidates,
-    is_software_wanted,
     list_devices,
     why_no_hardware,
 )
@@ -42,6 +40,8 @@ ENVIRONMENT = (
     "CUDA_VISIBLE_DEVICES",
 )
 """Beginnings of the names of variables that graphics drivers read."""
+FASTER = "it counts faster than OpenGL"
+"""Reason for the default of `open_rasterizer`; docs/performance.md has the figures."""
 # Convex meshes under this camera: no face is so edge-on, below 0.007, that rounding its corners
 # could turn it.
 CAMERA = Camera(width=61, height=48, fx=60, fy=60)
@@ -82,7 +82,7 @@ def examine(timeout_s: float = 30.0) -> Report:
         "reports": reports,
         "environment": {k: v for k, v in sorted(os.environ.items()) if k.startswith(ENVIRONMENT)},
         "hardware_hints": [] if has_hardware else why_no_hardware(devices),
-        "default": _default(reports),
+        "default": {"device": "cpu", "why": FASTER},
         "shaders": shaders.digest(),
         "versions": versions | {"OS": platform.platform()},
         "untested": untested_versions(),
@@ -122,17 +122,6 @@ def _availability(kind: DeviceKind, reports: list[Report]) -> str:
     except DeviceError as error:
         return str(error)
     return f"EGL announces none; install the device's driver, or {INSTALL_EGL}"
-
-
-def _default(reports: list[Report]) -> dict[str, str]:
-    """Label of the device that backend "auto" opens, or "cpu", and the reason."""
-    opens = {row["device"]["label"] for row in reports if not row["problem"]}
-    for device in candidates("auto")[0]:
-        if device.label in opens and not device.is_software:
-            return {"device": device.label, "why": "it is the first that draws in hardware"}
-    forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
-    why = forbidden if is_software_wanted() else "no hardware device opens"
-    return {"device": "cpu", "why": f"{why}; it is several times as fast as OpenGL in software"}
 
 
 # --- self-tests -----------------------------------------------------------------------------------

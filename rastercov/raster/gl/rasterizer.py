@@ -3,8 +3,8 @@
 - *pipeline*: graphics pipeline of any driver, many poses a draw where a GPU can; see `pipeline`.
 - *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
 
-"auto" is "pipeline", and "compute" for a focal length so long that the graphics pipeline would
-misplace edges.
+"auto" is "compute" on a GPU with atomics of 64 bits, and for a focal length so long that the
+graphics pipeline would misplace edges, else "pipeline".
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -98,17 +98,19 @@ class GLRasterizer(Rasterizer):
             known = self._context.info
             by_default = 1 if known.is_software else MAX_POSES
             layers = by_default if max_layers is None else int(max_layers)
-            self._prepare(self._chosen(plan), layers if known.has_batches else 1)
+            self._prepare(self._chosen(plan, max_layers), layers if known.has_batches else 1)
             self._run_self_test()
         except BaseException:
             self.close()
             raise
 
-    def _chosen(self, plan: str) -> str:
+    def _chosen(self, plan: str, max_layers: int | None) -> str:
         """Plan to run; ConfigError when it cannot run."""
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        info = self._context.info
         if plan == "auto":
-            plan = "compute" if reach > MAX_FOCAL_LENGTH else "pipeline"
+            has_compute = info.has_int64_atomics and not info.is_software and max_layers is None
+            plan = "compute" if has_compute or reach > MAX_FOCAL_LENGTH else "pipeline"
         if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
             raise ConfigError(
                 f"OpenGL's pipeline takes fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px, "

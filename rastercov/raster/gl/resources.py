@@ -21,17 +21,13 @@ _COLOR, _DEPTH = 0x1800, 0x1801
 _DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CAC
 _FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D_ARRAY = 0x8D40, 0x8CD5, 0x8C1A
 _LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
-_STORAGE_BUFFER, _R32UI, _RED_INTEGER, _UNSIGNED_INT = 0x90D2, 0x8236, 0x8D94, 0x1405
 _UINT, _INT, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
-_SIZE = ctypes.c_ssize_t
 FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
-    "glBindBuffer": (None, _UINT, _UINT),
     "glBindFramebuffer": (None, _UINT, _UINT),
     "glBindTexture": (None, _UINT, _UINT),
     "glCheckFramebufferStatus": (_UINT, _UINT),
     "glClearBufferfv": (None, _UINT, _INT, _POINTER),
     "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
-    "glClearBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _UINT, _UINT, _POINTER),
     "glClipControl": (None, _UINT, _UINT),
     "glDeleteTextures": (None, _INT, _POINTER),
     "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
@@ -42,6 +38,8 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of thos
 FACE_BYTES, DEPTH_BYTES = 4, 4
 SAMPLE_BYTES = FACE_BYTES + DEPTH_BYTES
 """Bytes of a sample of a `Target`: face index and depth."""
+WORDS, MAX_ZERO_GROUPS = 7, 4096
+"""Binding and most workgroups of zero.comp."""
 
 
 class Target:
@@ -68,6 +66,7 @@ class Resources:
         self.context = context
         self.gl = context.gl
         self._stack = ExitStack()
+        self._zeroing: Any = None
         # moderngl lists objects that Python has dropped, to release them later. Objects that were
         # released explicitly stay in that list, so they are removed from it.
         left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
@@ -186,9 +185,12 @@ class Resources:
 
     def zero(self, buffer: Any, size: int) -> None:
         """Set the first `size` bytes of a buffer, a multiple of 4, to 0 on the device."""
-        self._call("glBindBuffer", _STORAGE_BUFFER, buffer.glo)
-        what = _STORAGE_BUFFER, _R32UI, 0, size, _RED_INTEGER, _UNSIGNED_INT, None
-        self._call("glClearBufferSubData", *what)
+        if self._zeroing is None:
+            self._zeroing = self.compute("zero")
+        buffer.bind_to_storage_buffer(WORDS)
+        set_uniforms(self._zeroing, n=size // 4)
+        self._zeroing.run(min(MAX_ZERO_GROUPS, -(-size // 1024)))
+        self.gl.memory_barrier()
 
     def read_words(self, buffer: Any, *shape: int) -> NDArray[np.uint32]:
         """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
