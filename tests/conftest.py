@@ -10,6 +10,7 @@ from pathlib import Path
 
 import moderngl
 import pytest
+from gl_device import DEVICE
 from hypothesis import settings
 
 from rastercov.base.errors import DeviceError
@@ -24,8 +25,6 @@ settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
-DEVICE = os.environ.get("RASTERCOV_TEST_DEVICE", "surfaceless")
-"""The device of the rasteriser tests; "egl:0" tests a GPU."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
 

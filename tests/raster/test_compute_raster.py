@@ -5,6 +5,7 @@ import dataclasses
 import hostile_scenes
 import numpy as np
 import pytest
+from gl_device import IN_SOFTWARE
 from image_laws import assert_same, assert_same_counts, everything
 from processes import TESTS, run_python
 from scenes import large_and_small
@@ -166,6 +167,7 @@ def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not IN_SOFTWARE, reason="Mesa is told what to offer")
 def test_atomics_of_32_and_of_64_bits_find_the_same():
     # Mesa can do the latter and only says so when told to, once a process.
     code = """

@@ -12,6 +12,7 @@ from functools import partial
 import moderngl
 import numpy as np
 import pytest
+from gl_device import DEVICE, IN_SOFTWARE
 from image_laws import assert_same_counts
 
 from rastercov import shaders
@@ -69,8 +70,7 @@ def test_layers_are_used_on_a_gpu_unless_told(device, monkeypatch, is_software, 
     info = dataclasses.replace(device.info, is_software=is_software)
     monkeypatch.setattr(device, "info", info)
     for options, expected in (({}, most), ({"max_layers": 3}, 3)):
-        with GLRasterizer(MESH, CAMERA, device=device, **options) as rasterizer:
-            assert rasterizer.info.plan == "pipeline"
+        with GLRasterizer(MESH, CAMERA, device=device, plan="pipeline", **options) as rasterizer:
             assert rasterizer._strategy._layers == expected
     assert counted(device, "compute")[1].plan == "compute"
 
@@ -110,12 +110,12 @@ def test_an_option_that_a_backend_does_not_know_is_refused(backend, options, wor
 def test_device_or_backend_is_what_counts_and_threads_judge(lens):
     camera = dataclasses.replace(CAMERA, **lens)
     by_cpu = {"device": "cpu"}, {"backend": "cpu", "device": "auto"}
-    by_gl = {"backend": "gl"}, {"device": "gl"}, {"device": "surfaceless"}
+    by_gl = {"backend": "gl"}, {"device": "gl"}, {"device": DEVICE}
     for options in (*by_cpu, *by_gl):
         backend = "cpu" if options in by_cpu or lens else "gl"
         with open_rasterizer(MESH, camera, **options) as rasterizer:
             assert rasterizer.info.backend == backend
-    for device, backend in (("cpu", "cpu"), ("gl", "gl"), ("surfaceless", "gl")):
+    for device, backend in (("cpu", "cpu"), ("gl", "gl"), (DEVICE, "gl")):
         with open_observer(MESH, camera, f"sampled:{device}", threads=2) as observer:
             assert (observer.info.backend, observer.threads) == ("cpu" if lens else backend, 2)
 
@@ -188,7 +188,7 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(devic
 def test_rasterisers_take_turns_on_one_and_on_two_contexts(open_gl):
     first, second = open_gl(MESH, CAMERA), open_gl(shapes.box(), CAMERA, supersample=2)
     plan = first.info.plan
-    with open_rasterizer(MESH, CAMERA, "gl", device="surfaceless", plan=plan) as third:
+    with open_rasterizer(MESH, CAMERA, "gl", device=DEVICE, plan=plan) as third:
         turns = [first, second, third, first, third, second]
         counts = {rasterizer: rasterizer.count(POSES) for rasterizer in turns[:3]}
         for rasterizer in turns:
@@ -229,8 +229,8 @@ def one_pixel_off(ids):
 def test_wrong_image_is_caught_at_opening(device, monkeypatch, wrong):
     read = Resources.read_faces
     monkeypatch.setattr(Resources, "read_faces", lambda *arguments: wrong(read(*arguments)))
-    with pytest.raises(DeviceError, match=r"llvmpipe .* cannot be trusted, see `rastercov doctor`"):
-        GLRasterizer(MESH, CAMERA, device=device)
+    with pytest.raises(DeviceError, match="cannot be trusted, see `rastercov doctor`"):
+        GLRasterizer(MESH, CAMERA, device=device, **WAYS["pipeline"])
 
 
 def one_count_moved(counters):
@@ -283,6 +283,8 @@ def no_depth_test(monkeypatch):
 def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, monkeypatch, fail):
     monkeypatch.setattr(rasterizer_module, "SELF_TEST_INTERVAL", 8)
     rasterizer = open_gl(MESH, CAMERA)
+    if fail is no_depth_test and getattr(rasterizer._strategy, "_n_passes", 2) == 1:
+        pytest.skip("one pass fills all, so none can be lost between two")
     rasterizer.count(POSES)
     fail(monkeypatch)
     with pytest.raises(DeviceError, match="cannot be trusted"):
@@ -305,7 +307,7 @@ def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):
 
 def test_face_that_does_not_exist_is_refused(device, monkeypatch):
     read = Resources.read_faces
-    with GLRasterizer(MESH, CAMERA, device=device) as rasterizer:
+    with GLRasterizer(MESH, CAMERA, device=device, **WAYS["pipeline"]) as rasterizer:
         monkeypatch.setattr(Resources, "read_faces", lambda *arguments: read(*arguments) * 1000)
         with pytest.raises(DeviceError, match=r"drew face \d+ of 192"):
             rasterizer.count(POSES)
@@ -387,7 +389,7 @@ def test_missing_shader_file_is_named(device, monkeypatch, tmp_path):
     shaders.source.cache_clear()
     try:
         with pytest.raises(DeviceError, match=r"face.vert.glsl is missing .* reinstall rastercov"):
-            GLRasterizer(MESH, CAMERA, device=device)
+            GLRasterizer(MESH, CAMERA, device=device, plan="pipeline")
     finally:
         shaders.source.cache_clear()
 
@@ -421,6 +423,7 @@ def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, plan, make
     monkeypatch.undo()
 
 
+@pytest.mark.skipif(not IN_SOFTWARE, reason="a GPU may have it")
 def test_batch_that_the_device_has_no_memory_for_is_refused(device, monkeypatch):
     large = Camera(width=4096, height=4096, fx=4096, fy=4096)
     monkeypatch.setattr(Strategy, "image_budget", 1 << 50)
