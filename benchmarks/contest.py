@@ -19,6 +19,7 @@ from embree_packets import EmbreePackets
 from peers import VTK, Embreex, Open3D, Ours, Runner
 
 import rastercov as rc
+from rastercov.base.threads import thread_count
 from rastercov.mesh import shapes
 from rastercov.raster.gl import WAYS
 
@@ -64,8 +65,11 @@ def contestants(device: str) -> dict[str, Contestant]:
         )
     }
     cpu = partial(Ours, backend="cpu", threads=WORKERS)
+    cores = thread_count(None)
+    all_cores = Contestant(f"CPU, {cores} threads", partial(Ours, backend="cpu"), 1)
     return {
         "cpu": Contestant(f"CPU, {WORKERS} threads", cpu, 1),
+        **({"cpu-all": all_cores} if cores > WORKERS else {}),
         **draw,
         "open3d": Contestant(
             f"Open3D, {WORKERS} threads", partial(Open3D, threads=WORKERS), 1, ("open3d",)
