@@ -36,7 +36,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(?!rastercov).*"),  # types of other packages, and words in single backquotes
 ]
 myst_heading_anchors = 4
-suppress_warnings = ["myst.header"]  # a history has the same headings below each version
+suppress_warnings = ["myst.header"]  # a changelog has the same headings below each version
 
 ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
 NDARRAY = re.compile(
