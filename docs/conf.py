@@ -57,7 +57,7 @@ smartquotes = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rastercov"
-html_sidebars = {page: [] for page in ("index", "start", "concepts", "faq")}
+html_sidebars = {page: [] for page in ("index", "install", "start", "concepts", "faq")}
 html_static_path = ["_static"]
 html_extra_path = ["llms.txt", "answers.schema.json"]
 html_css_files = ["site.css"]

@@ -148,10 +148,8 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
         raise CameraError("a lamp of kind spot needs half_angle_deg")
     if kind in KINDS[:2]:
         return Lamp(kind=kind, **own)
-    if "size" not in entries:
-        raise CameraError(f"expected size of a lamp of kind {kind}, {SIZES[kind]}, got none")
-    size = entries["size"]
-    if kind != "area" and isinstance(size, list):
+    size = entries.get("size")
+    if size is None or (kind != "area" and isinstance(size, list)):
         raise CameraError(
             f"expected size of a lamp of kind {kind}, {SIZES[kind]}, got {shown(size)}"
         )
