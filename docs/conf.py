@@ -36,7 +36,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(?!rastercov).*"),  # types of other packages, and words in single backquotes
 ]
 myst_heading_anchors = 4
-suppress_warnings = ["myst.header"]  # a history has the same headings below each version
+suppress_warnings = ["myst.header"]  # a changelog has the same headings below each version
 
 ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
 NDARRAY = re.compile(
@@ -57,7 +57,7 @@ smartquotes = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "rastercov"
-html_sidebars = {page: [] for page in ("index", "start", "concepts", "faq")}
+html_sidebars = {page: [] for page in ("index", "install", "start", "concepts", "faq")}
 html_static_path = ["_static"]
 html_extra_path = ["llms.txt", "answers.schema.json"]
 html_css_files = ["site.css"]

@@ -348,6 +348,12 @@ def test_json_and_toml_say_the_same_camera(tmp_path):
     assert Camera.load(str(tmp_path / "c.TOML")) == expected
 
 
+@pytest.mark.parametrize("name", ["fx", "fy"])
+def test_one_focal_length_means_square_pixels(name):
+    camera = Camera.from_dict({"width": 640, "height": 480, name: 900})
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (900, 900, 320, 240)
+
+
 def test_a_camera_is_saved_only_where_it_can_be_loaded(tmp_path):
     with pytest.raises(CameraError, match=r"camera\.toml: a camera is saved as \.json"):
         Camera(**INTRINSICS).save(tmp_path / "camera.toml")
@@ -374,7 +380,7 @@ FILES = {
     "folder.json": (None, "cannot be read"),
     "cut.toml": ("width = ", "not valid TOML"),
     "empty.toml": ("", "missing width, height, focal_length, pixel_size"),
-    "half.toml": ("width = 1\nheight = 1\nfy = 1", "missing fx"),
+    "half.toml": ("height = 1\nfy = 1", "missing width; give fx, fy or"),
     "lens.toml": ("width = 1\nheight = 1\nfocal_length = 1", "missing pixel_size; give fx, fy or"),
     "typo.toml": ("widht = 1", "unknown entry 'widht'; a camera has aperture"),
     "date.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 2020-01-01", "fy must be a number, got"),

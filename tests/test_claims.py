@@ -12,8 +12,8 @@ END = re.compile(r"(?:(?<=[a-z0-9)`*]\.)|(?<=\?\*\*)) (?=[A-Z`\[])(?!S\. |Eissa)
 """Between two sentences: initials of a name end none."""
 CLAIMS = {
     "README.md": {
-        "**Which part of a": NOTHING,
-        "For inspection cells": "area/test_recut another_cut_of_the_same_surface_has_the_same_cov",
+        "**Which part of a": "area/test_recut another_cut_of_the_same_surface_has_the_same_cov",
+        "It is for inspection": NOTHING,
         "Replace `part.stl`": "test_shapes every_name_gives_the_same_sound_mesh_twice",
         "The second command": "report/test_pages by_area_dead_zones_are_listed_and_drawn",
         "The third opens": "viewer/test_browser a_slider_changes_the_summary_to_what",
@@ -23,7 +23,7 @@ CLAIMS = {
         "Every other figure": "test_observer the_bound_holds_for_nearly_all_partly_hidden_faces",
         "- Checked against": "attack exact",
         "- Results are": "test_threads six_threads_get_the_answers_of_one_bit_for_bit",
-        "[Start in five": NOTHING,
+        "[Install](docs": NOTHING,
         "- **Cameras** come": "camera_formats/test_scenes what_is_written_shows_the_same_points",
         "`--poses sphere:40`": "test_through_lenses a_sphere_of_poses_sees_all_of_the_mesh",
         "- **Parts** are STL": "mesh/test_mesh_file every_format_keeps_faces_corners_and_order",

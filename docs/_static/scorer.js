@@ -1,7 +1,7 @@
 // Order of the results of a search: guides before the appendix, its logs last.
 var Scorer = {
   score: ([page, , , , score]) => {
-    if (page.startsWith("appendix/measurements") || page === "appendix/history") return score - 40;
+    if (page === "appendix/measurements") return score - 40;
     if (page.startsWith("appendix/")) return score - 20;
     return page === "faq" ? score + 5 : score;
   },

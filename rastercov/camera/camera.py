@@ -64,7 +64,8 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     """Arguments of `Camera` from the entries of a file.
 
     "preset" adds the entries of a camera of the catalogue; "hfov_deg" and "vfov_deg" give fx and
-    fy; "f_number" is of the focal length, which fx and "pixel_size" give where it is not there.
+    fy, and one of these alone means square pixels; "f_number" is of the focal length, which fx and
+    "pixel_size" give where it is not there.
     CameraError for an entry that does not exist, is missing, or contradicts another one.
     """
     if not isinstance(entries, Mapping):
@@ -83,6 +84,9 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     }
     if not given.keys().isdisjoint(ANGLES):
         given = _with_focal_lengths(given)
+    for one, other in (("fx", "fy"), ("fy", "fx")):
+        if one in given:
+            given.setdefault(other, given[one])  # square pixels
     by_lens = given.keys().isdisjoint({"fx", "fy"})
     wanted = ["width", "height"]
     wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]

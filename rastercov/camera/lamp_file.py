@@ -22,7 +22,7 @@ from rastercov.base.files import (
 from rastercov.base.memory import FloatArray
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
-from rastercov.camera.lamps import KINDS, UNITS, Lamp, Lamps, lamps_of_json
+from rastercov.camera.lamps import KINDS, SIZES, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.viewpoints import look_at
 
@@ -148,9 +148,12 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
         raise CameraError("a lamp of kind spot needs half_angle_deg")
     if kind in KINDS[:2]:
         return Lamp(kind=kind, **own)
-    if "size" not in entries:
-        raise CameraError(f"a lamp of kind {kind} needs size, metres")
-    sides = pair("size", entries["size"])
+    size = entries.get("size")
+    if size is None or (kind != "area" and isinstance(size, list)):
+        raise CameraError(
+            f"expected size of a lamp of kind {kind}, {SIZES[kind]}, got {shown(size)}"
+        )
+    sides = pair("size", size)
     return getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
 
 

@@ -40,6 +40,13 @@ from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 
 KINDS = ("point", "spot", "bar", "ring", "dome", "area")
 """Kinds of lamps. All but the first two are of several points."""
+SIZES = {
+    "bar": "its length in metres",
+    "ring": "its diameter in metres",
+    "dome": "its diameter in metres",
+    "area": "its side or [width, height] in metres",
+}
+"""Meaning of `size` by kind of lamp; the other kinds have none."""
 MOST_POINTS = 36
 """Points of a lamp: shares of it that are seen change by less than 0.2 points beyond 16."""
 MOST_LAMPS = 64
@@ -153,7 +160,7 @@ class Lamp:
         n_sides = {"area": 2, "bar": 1, "ring": 1, "dome": 1}.get(self.kind, 0)
         if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
             raise CameraError(
-                f"size of a lamp of kind {self.kind} must be {n_sides} positive lengths, "
+                f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "
                 f"got {shown(self.size)}"
             )
         object.__setattr__(self, "size", (width, height))

@@ -56,12 +56,20 @@ def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short |
     missed = [
         Short(
             (least / figures[name]) ** power,
-            *(density_text(each, per.replace("m", unit)) for each in (figures[name], least)),
+            _found(figures, name, per.replace("m", unit)),
+            density_text(least, per.replace("m", unit)),
         )
         for name, of_task, power, per in LIMITS
         if 0 < figures.get(name, 0.0) < (least := float(getattr(task, of_task)))
     ]
     return max(missed, default=None)
+
+
+def _found(figures: Mapping[str, Any], name: str, unit: str) -> str:
+    """Figure with its unit; a density on the surface also as a camera that faces it would have."""
+    said = density_text(figures[name], unit)
+    head_on = density_text(figures.get("facing_density", figures[name]), unit)
+    return said if name != "pixel_density" or head_on == said else f"{said} ({head_on} head-on)"
 
 
 def advice(

@@ -78,7 +78,7 @@ class Painted:
         keys = []
         if self.scale is not None:
             ends = (f"{rounded(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
-            how = ", by factors" if self.scale["is_log"] else ""
+            how = ", log scale" if self.scale["is_log"] else ""
             keys.append(Key.scale(name + how, self.palette[FIRST:], *map(str.strip, ends)))
         for entry in sorted(self.legend, key=lambda entry: int(entry["level"])):
             if entry["label"] != OCCLUDER_LABEL:

@@ -12,7 +12,7 @@ from surface_cases import cut_at_random, in_regions, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.camera.lamp_file import lamps_of
+from rastercov.camera.lamp_file import lamp_of, lamps_of
 from rastercov.camera.lamps import illuminances, intensities_of, lamps_of_json, points_of
 from rastercov.camera.rig import with_lamps
 from rastercov.coverage.area.cells import cells
@@ -664,7 +664,7 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
         (lambda: rc.Lamp.point(intensity=1, power_w_sr=1), "one of them"),
         (lambda: rc.Lamp.spot(0, intensity=1), "expected half_angle_deg of a lamp above 0"),
         (lambda: rc.Lamp.area(1, points=49, intensity=1), "1 to 36, got 49; shares change by"),
-        (lambda: rc.Lamp.bar(0, intensity=1), "size of a lamp of kind bar must be 1 positive"),
+        (lambda: rc.Lamp.bar(0, intensity=1), "expected size of a lamp of kind bar, its length in"),
         (lambda: rc.Lamp(kind="sun", intensity=1), "kind of a lamp must be point, spot"),
         (lambda: rc.Lamp(intensity=1, exponent=2), "up to 90"),
         (lambda: rc.Lamps([]), "1 to 64 points"),
@@ -674,6 +674,11 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
         ),
         (lambda: rc.Lamps([rc.Lamp.point(intensity=1)], names=["a", "b"]), "1 different texts"),
         (lambda: lamps_of({"lamps": {"a": {"kind": "spot"}}}), "lamp 'a': a lamp n"),
+        (lambda: lamp_of({"kind": "ring", "intensity_cd": 1}), "ring, its diameter in metres, got"),
+        (
+            lambda: lamp_of({"kind": "bar", "size": [0.3, 0.1], "intensity_cd": 1}),
+            r"bar, its length in metres, got \[0.3, 0.1\]",
+        ),
     ],
 )
 def test_wrong_lamps_are_refused_in_one_line(make, words):

@@ -218,3 +218,11 @@ def test_calibrations_of_omnidir_have_their_own_model(tmp_path, suffix, xi):
     xy = (sphere[:, :2] / (sphere[:, 2:] + np.asarray(xi).ravel())).T
     wanted = pixels(bent(xy, d[:2], d[2:]), 700, 710, 318.25, 241.5) + 0.5
     projects(read_views(path).camera(), wanted)
+
+
+@FORMS
+def test_matrices_of_the_rectified_image_are_not_needed(tmp_path, suffix):
+    more = {"D": BROWN[:5], "rectification_matrix": np.eye(3), "projection_matrix": np.eye(3, 4)}
+    views = read_views(storage(tmp_path / f"c{suffix}", **SIZED, **more))
+    assert has_note(views, "rectification_matrix, projection_matrix not needed: the camera is")
+    assert not has_note(views, "content may be missing")

@@ -153,7 +153,7 @@ def test_camera_info_projects_as_cv2_does_and_is_written_as_it_was(tmp_path, mod
     views = read_views(path)
     k = np.array([[616.77, 0, 322.28], [0, 617.28, 241.43], [0, 0, 1]])
     projects(views.camera(), cv_pixels(RAYS, k, values, fisheye=model == "equidistant"))
-    assert has_note(views, "raw images")
+    assert has_note(views, "raw image")
     for name in ("binning_x", "roi"):
         assert has_note(views, f"{name} is not applied") == (form is MESSAGE)
     write_views(out, views, format="ros")

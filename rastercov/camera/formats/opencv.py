@@ -55,6 +55,8 @@ OTHERS = (
     *("Image_points", "Grid_points", "Per_View_Reprojection_Errors"),
 )
 """Matrices that often come beside those of cameras."""
+RECTIFIED = ("rectification_matrix", "projection_matrix")
+"""Matrices of the rectified image."""
 
 
 def is_mine(content: object) -> bool:
@@ -107,7 +109,7 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
             f"expected one camera matrix a camera, got {', '.join(matrices)}; rename those to use "
             "camera_matrix1, camera_matrix2"
         )
-    known = {*matrices, *POSES, *OTHERS, *SIZES}
+    known = {*matrices, *POSES, *OTHERS, *SIZES, *RECTIFIED}
     cameras, labels = [], sorted(labelled, key=_order)
     named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
     # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
@@ -128,6 +130,8 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
         coefficients = np.zeros(0) if key is None else found[key].ravel()
         cameras.append(_camera(content, label, matrices[name], coefficients, key or name, border))
     border.unknown.look("the file", [*found], frozenset(known), frozenset(known.difference(POSES)))
+    if unneeded := [name for name in RECTIFIED if name in found]:
+        border.note(f"{', '.join(unneeded)} not needed: the camera is that of the raw image")
     return _views(found, cameras, labels, border)
 
 

@@ -72,7 +72,10 @@ def read(content: object, border: Border) -> Views:
     for name in applied:
         border.note(f"{name} is not applied: the camera is that of the full image")
     if "projection_matrix" in info or info.any_of("P", "p"):
-        border.note("the camera is that of raw images; rectified ones have projection_matrix")
+        border.note(
+            "rectification_matrix and projection_matrix are not needed: the camera is that of the "
+            "raw image"
+        )
     return border.views([camera], [info.text("camera_name", "camera") or "camera"])
 
 

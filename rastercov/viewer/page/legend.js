@@ -77,7 +77,11 @@ function showScale(session, scale, ramp, ends) {
   const middle = scale.is_log ? Math.sqrt(scale.low * scale.high) : (scale.low + scale.high) / 2;
   fill(
     ends,
-    [figure(scale.low), figure(middle), `${figure(scale.high)} ${scale.unit ?? ""}`].map((text) =>
+    [
+      figure(scale.low),
+      figure(middle) + (scale.is_log ? " (log scale)" : ""),
+      `${figure(scale.high)} ${scale.unit ?? ""}`,
+    ].map((text) =>
       element("span", {}, text),
     ),
   );
