@@ -18,7 +18,7 @@ from rastercov.coverage.task import Task
 from rastercov.shards import Tally
 
 NO_SCALE = (
-    "the reconstruction has no scale, so lengths are in its units; set --pose-unit and --unit"
+    "the reconstruction has no scale, so lengths are in its units; for metres give --pose-unit"
 )
 
 
@@ -75,7 +75,9 @@ def audit(
     border = Border(conventions)
     views = read_through(source, border)
     if views.rig is None:
-        raise CameraError(f"{source}: there are poses and no cameras; convert it with its cameras")
+        raise CameraError(
+            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
+        )
     if not views.has_unit and (conventions.pose_unit is not None or scene.unit != options.UNIT):
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]

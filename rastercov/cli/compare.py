@@ -77,7 +77,7 @@ def compare(
     warn([*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2]))])
     if models:
         if method != COMPARED or against != "exact":
-            raise ConfigError("--models takes neither --method nor --against; leave them out")
+            raise ConfigError("expected --models alone, got --method or --against; leave them out")
         _compare_models(*viewed, out, as_json)
         return
     from rastercov.base.output import json_text
@@ -100,7 +100,7 @@ def compare(
         print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
-        warn([f"interrupted: the result covers {found.poses_done} of {found.poses} poses"])
+        warn([f"interrupted: compared {found.poses_done} of {found.poses} poses"])
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)
@@ -117,7 +117,7 @@ def _compare_models(
 
     warn(mesh.warnings)
     warn(
-        f"{name} is skipped: it needs a pinhole camera, because {reason}"
+        f"{name} skipped: it needs a pinhole camera, because {reason}"
         for name, reason in left_out(camera).items()
     )
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:

@@ -88,7 +88,9 @@ def broken_pipes_told_apart() -> Iterator[None]:
     except BrokenPipeError as error:
         if _is_unread():
             raise NoReaderError from None
-        raise OSError(f"a process or a connection has ended ({error.strerror})") from error
+        raise OSError(
+            f"expected a reader, got a process or stream that ended ({error.strerror})"
+        ) from error
 
 
 def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
@@ -132,25 +134,28 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
         return say(f"error: {where}{(where and error.strerror) or error}")
     except MemoryError as error:
-        return say(f"error: not enough memory: {error}".rstrip(": "))
+        return say(
+            f"error: expected enough memory, got {str(error) or 'too little'}; close other programs"
+        )
     except Exception as error:
         if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
             # An option without its value is noticed before there is a context.
             is_known = bool(arguments) and arguments[0] in getattr(app, "commands", ())
             own = f"rastercov {arguments[0]}" if is_known else "rastercov"
             path = getattr(getattr(error, "ctx", None), "command_path", own)
-            return say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
+            text = error.format_message().rstrip(".")
+            return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
         if is_out_of_memory(error):
             return say(
-                "error: not enough memory; close other programs, or raise the limit: ulimit -v"
+                "error: expected enough memory, got too little; close programs or raise ulimit -v"
             )
         if was_interrupted():  # a compiler, for one, makes another error of it
             return _interrupted()
         return say(
-            f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
-            "with what RASTERCOV_TRACEBACK=1 shows)"
+            f"error: {type(error).__name__}: {error} (a defect of rastercov; report it with the "
+            "output of RASTERCOV_TRACEBACK=1)"
         )
 
 
@@ -243,7 +248,9 @@ def out_option(words: str) -> Any:
 def _folder(text: str | Path) -> Path:
     """Folder by its name; an unset variable of a shell is not the current one."""
     if not str(text).strip():
-        raise typer.BadParameter("expected a folder, got an empty name; '.' is the current one")
+        raise typer.BadParameter(
+            "expected a folder, got an empty name; use '.' for the current one"
+        )
     return Path(text)
 
 

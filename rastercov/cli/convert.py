@@ -63,7 +63,7 @@ def convert(
     if camera_name is not None:
         views = views.of_camera(camera_name)
     if source.resolve() == target.resolve():
-        raise ConfigError(f"{target}: it is what is read; give another name")
+        raise ConfigError(f"{target}: expected another file than IN, got the same; change its name")
     notes = [*views.notes, *left_out(views.poses)]
     warn(f"{source}: {note}" for note in notes)
     lost = write_views(target, views, format=write_as, overwrite=overwrite)

@@ -165,7 +165,7 @@ def run_and_print(
     accepted, tally = Poses.of(poses), Tally()
     warn(mesh.warnings)
     if not len(accepted):
-        warn(["there are no poses, so nothing is covered"])
+        warn(["no poses, so nothing is covered"])
     with progress_bar() as progress:
         staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
         summary = run(
@@ -191,9 +191,11 @@ def run_and_print(
     if summary["interrupted"]:
         done, total = summary["poses"], len(accepted)
         if done < total:
-            warn([f"interrupted: the report holds {done} of {plural(total, 'pose')}"])
+            warn([f"interrupted: the report has {done} of {plural(total, 'pose')}"])
         else:
-            warn([f"the report holds all {plural(total, 'pose')}; pictures may be missing"])
+            warn(
+                [f"interrupted: the report has all {plural(total, 'pose')}, but may lack pictures"]
+            )
         raise KeyboardInterrupt
     if summary["quarantined"]:
         warn(
@@ -288,7 +290,9 @@ def render(
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
-        raise PoseError(f"--pose {pose} is out of range: {poses} has {len(matrices)} poses, from 0")
+        raise PoseError(
+            f"--pose: expected a row of 0 to {len(matrices) - 1} of {poses}, got {pose}; correct it"
+        )
     files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
         warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])

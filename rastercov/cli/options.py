@@ -234,7 +234,7 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     if (match := re.fullmatch(r"(\d{1,9})[xX×](\d{1,9})", text.strip())) is None:
-        raise ConfigError(f"--image-size: expected WIDTHxHEIGHT such as 1280x1024, got {text!r}")
+        raise ConfigError(f"--image-size: expected WIDTHxHEIGHT, got {text!r}; write 1280x1024")
     return int(match[1]), int(match[2])
 
 

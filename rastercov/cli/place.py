@@ -106,8 +106,8 @@ def place(
         raise KeyboardInterrupt
     left_out = {} if skip_bad_poses else prepared.quarantined
     if left_out:
-        words = f"{plural(len(left_out), 'candidate', 'are')} left out"
-        warn([f"{words}; pass --skip-bad-poses to accept this"])
+        words = f"{plural(len(left_out), 'candidate')} skipped"
+        warn([f"{words}: each crashed its worker; pass --skip-bad-poses to accept this"])
     if left_out or not placed.is_met:
         raise typer.Exit(1)
 

@@ -80,7 +80,7 @@ def sheet(
         scene = scene.lit_by(lamps)
     start, mesh = scene.start, scene.mesh
     if not start.on:
-        raise ConfigError("there is no camera to draw; give --poses")
+        raise ConfigError("expected a camera to draw, got none; give --poses")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn([*mesh.warnings, *scene.notes])
     found = _measured(start, mesh)

@@ -126,7 +126,7 @@ def view(
                 return
             # Those of other systems have no name.
             if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
-                say("no display found: forward the port by ssh and open the address elsewhere")
+                say("no display found: forward the port with ssh -L and open the address elsewhere")
                 return
             try:
                 page = redirecting.enter_context(redirect(url)).as_uri()
@@ -155,17 +155,19 @@ def open_scene(
     is_plan = first.suffix.lower() == ".toml"
     if is_plan or first.is_dir():
         if poses is not None and poses.startswith(AROUND):
-            raise ConfigError(f"{poses} goes with mesh files; give a pose file")
+            raise ConfigError(
+                f"expected a pose file with {first}, got {poses}; use {poses} with mesh files"
+            )
         if task != Task():
             raise ConfigError(
-                f"{first} has its own thresholds; leave out those options, or use the page"
+                f"expected the thresholds of {first}, got options; leave them out, or edit the page"
             )
         rig = read_cameras(camera, Border(conventions))
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions, camera_name)
     if is_plan:
         if len(sources) > 1:
-            raise ConfigError("a plan names its meshes; give the plan alone")
+            raise ConfigError("expected a plan alone, got mesh files, too; name them in the plan")
         return open_plan(first, rig)
     if first.is_dir():
         return _of_result(first, sources[1:], files, rig)
@@ -194,7 +196,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
     if rig is None:
         return scene
     if rig.rig is None:
-        raise CameraError("the rig has no camera; give --camera")
+        raise CameraError("expected a camera with the rig, got none; give --camera")
     return replace(scene, start=replace(state_of(rig, scene.start.task), unit=scene.start.unit))
 
 
@@ -215,7 +217,7 @@ def _of_meshes(
     else:
         cameras = read_cameras(camera, Border(conventions))
         if cameras is None:
-            raise CameraError("there is no camera; give --camera, a file or a preset")
+            raise CameraError("expected a camera, got none; give --camera, a file or a preset")
         views = replace(cameras, poses=Poses.of(np.zeros((0, 4, 4))), images=())
     names = ", ".join(path.name for path in sources[:3])
     more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
