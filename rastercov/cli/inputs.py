@@ -10,9 +10,10 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
+import typer
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.checks import shown
@@ -47,15 +48,45 @@ MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
 
+UNIT = ["m"]
+"""Default of the unit of meshes; typer copies it."""
+
+
 class SceneOptions(NamedTuple):
     """Options of the mesh files of a command."""
 
-    unit: options.Unit = options.UNIT
-    transform: options.Transform = []  # noqa: RUF012 - typer copies it
-    occluders: options.Occluders = []  # noqa: RUF012 - the same
-    two_sided: options.TwoSided = []  # noqa: RUF012 - the same
-    drop_invalid: options.DropInvalid = False
-    targets: options.Targets = []  # noqa: RUF012 - the same
+    unit: Annotated[
+        list[str],
+        typer.Option(
+            help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; NAME:UNIT for "
+            "one file. Ignored for files that state their unit."
+        ),
+    ] = UNIT
+    transform: Annotated[
+        list[str],
+        typer.Option(
+            help="Transform of the mesh, as in plan files: any of 'scale = 1, axis = [0, 0, 1], "
+            "angle_deg = 90, translation = [0, 0, 1.5]', in metres, after --unit; NAME:... for one "
+            "file."
+        ),
+    ] = []  # noqa: RUF012 - typer copies it
+    occluders: Annotated[
+        list[str],
+        typer.Option(
+            "--occluder",
+            help="Mesh file or group (wildcards allowed) that occludes but is not evaluated.",
+        ),
+    ] = []  # noqa: RUF012 - the same
+    two_sided: Annotated[
+        list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
+    ] = []  # noqa: RUF012 - the same
+    drop_invalid: Annotated[bool, typer.Option(help="Drop non-finite faces with a warning.")] = (
+        False
+    )
+    targets: Annotated[
+        list[str],
+        typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
+    ] = []  # noqa: RUF012 - the same
 
     def read(self, meshes: list[Path]) -> Mesh:
         """Scene of these files; an occluder or target may be a further file or a group of these.
@@ -411,4 +442,4 @@ def _of_entries(text: str, border: Border) -> Views:
 
 
 def _without_poses(rig: Rig) -> Views:
-    return Views(rig=rig, poses=Poses.of(np.zeros((0, 4, 4))))
+    return Views(rig=rig, poses=Poses.of(()))

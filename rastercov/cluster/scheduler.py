@@ -84,8 +84,7 @@ def check_address(address: str) -> None:
         host = port = None
     if not host or port is None or parts.path or parts.scheme not in ("tcp", "tls"):
         raise ConfigError(
-            f"expected a scheduler such as tcp://127.0.0.1:8786 or tls://host:8786, got "
-            f"{shown(address)}; correct it"
+            f"expected a scheduler such as tcp://127.0.0.1:8786, got {shown(address)}; correct it"
         )
     if parts.scheme == "tcp" and not _is_loopback(host):
         raise ConfigError(
@@ -122,8 +121,9 @@ def _distributed() -> Any:
     try:
         return import_module("distributed")
     except ModuleNotFoundError:
-        advice = "pip install 'rastercov[cluster]'"
-        raise ConfigError(f"expected Dask for --scheduler, got no package; run: {advice}") from None
+        raise ConfigError(
+            "expected Dask for --scheduler, got no package; run: pip install 'rastercov[cluster]'"
+        ) from None
 
 
 @contextmanager

@@ -247,8 +247,7 @@ class _Run:
                 f"{where}: expected free disk space, got a full disk; free some and {STAY}"
             )
         if time.monotonic() - self.last_made > FOLDER_PATIENCE:
-            wanted = "mount the folder under the same path on every worker"
-            raise ConfigError(f"{error}; {wanted}")
+            raise ConfigError(f"{error}; mount the folder under the same path on every worker")
         self.note(f"{error}; retrying")
         time.sleep(1)
 
@@ -257,5 +256,4 @@ class _Run:
         if threads := self.pool.n_threads():
             self.room, self.last_worker = IN_FLIGHT * threads, time.monotonic()
         elif time.monotonic() - self.last_worker > SCHEDULER_PATIENCE:
-            advice = "start some with `dask worker`"
-            raise ConfigError(f"{self.address}: expected workers, got none; {advice}")
+            raise ConfigError(f"{self.address}: expected workers, got none; run `dask worker`")

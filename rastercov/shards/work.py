@@ -65,8 +65,9 @@ def work(
     """
     worker, own = f"{platform.node()}:{os.getpid()}", version_of("rastercov")
     if store.version != own:
-        both = f"expected rastercov {store.version} of this run, got {own}"
-        raise ConfigError(f"worker {worker}: {both}; install the same version on both")
+        raise ConfigError(
+            f"worker {worker}: expected rastercov {store.version} of this run, got {own}; update it"
+        )
     if not store.folder.is_dir():
         raise FolderLostError(f"{store.folder}: expected the folder on worker {worker}, got none")
     every = np.arange(store.rows(number).start, store.rows(number).stop)

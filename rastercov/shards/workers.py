@@ -63,8 +63,9 @@ class Workers:
             )
         number = 1 if self.number is None else self.number
         if type(number) is not int or not 1 <= number <= MOST_WORKERS:
-            wanted = f"expected workers of 1 to {MOST_WORKERS}"
-            raise ConfigError(f"{wanted}, got {shown(number)}; correct it")
+            raise ConfigError(
+                f"expected 1 to {MOST_WORKERS} workers, got {shown(number)}; correct the number"
+            )
         if self.scheduler is not None:
             check_scheduler(self.scheduler)
 

@@ -411,7 +411,6 @@ _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
     ),
 )
 CAMERA_FIELDS = [
-    {"name": name, "low": low, "high": high, "unit": unit, "words": words}
-    for name, low, high, unit, words, _ in _FIELDS
+    dict(zip(("name", "low", "high", "unit", "words"), row, strict=False)) for row in _FIELDS
 ]
 """Values that can be changed, with the ends of their sliders."""

@@ -513,7 +513,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
             )
         start = state_of(rig, plan.build_task(), cameras)
         if cameras is not None:  # those that the rig does not use may be added
-            own = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4)))).whole
+            own = RigState.of(cameras, Poses.of(())).whole
             own = own._with(tasks={**own.tasks, **start.whole.tasks})
             for name, camera in start.cameras.items():
                 own = own._with_camera(name, camera)
@@ -523,7 +523,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
             f"{plan.name}: expected a camera, got none; add one, or give --poses with cameras"
         )
     else:
-        start = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4))), task=plan.build_task())
+        start = RigState.of(cameras, Poses.of(()), task=plan.build_task())
     start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))

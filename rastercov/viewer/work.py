@@ -125,8 +125,7 @@ def refined(
     start = moving.pose.copy()
     eyes, is_allowed = space.project_to_allowed(start[None, :3, 3])
     if not is_allowed[0]:
-        where = f"got {moving.name} far from any"
-        raise ConfigError(f"expected a camera near an allowed place, {where}; move it")
+        raise ConfigError(f"expected {moving.name} near an allowed place, got it far off; move it")
     start[:3, 3] = eyes[0]
     rest = state.with_station(replace(moving, is_on=False))
     progress(0, budget)
