@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import rastercov
-from rastercov.cli.console import COMMANDS, LazyCommand, _names
+from rastercov.cli.console import COMMANDS, LazyCommand, _names, exit_codes
 from rastercov.placement.plan.file import schema
 
 FOLDER = Path(__file__).parent / "reference"
@@ -119,7 +119,7 @@ def _commands() -> Iterator[tuple[str, str]]:
         yield f"commands/{name}.md", "\n".join(_command(command, ["rastercov", name], 1))
     table = ["| command | |", "|---|---|", *rows]
     tree = ["```{toctree}", ":hidden:", "", *pages, "```", ""]
-    codes = "Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted."
+    codes = exit_codes("rastercov")
     yield "commands.md", "\n".join(["# Commands", "", *table, "", codes, "", *tree])
 
 
@@ -146,6 +146,7 @@ def _command(command: Any, words: list[str], depth: int) -> list[str]:
         tables.setdefault(panel, []).append(_row(*record))
     for panel, rows in tables.items():
         lines += [f"{'#' * (depth + 1)} {panel}", "", "| | | default |", "|---|---|---|", *rows, ""]
+    lines += [] if inner else [exit_codes(command.name), ""]
     for name, each in inner.items():
         lines += _command(each, [*words, name], depth + 1)
     return lines

@@ -240,8 +240,8 @@ WITHOUT_UNIT = rc.Views(
         (lambda: rc.check(PLAN, POSES, baseline="part.obj"), "part.obj: "),
         (lambda: rc.check(PLAN, [[1, 2]]), "poses must"),
         (lambda: rc.check(PLAN, POSES, groups={"door": 0.5}), "no group 'door'"),
-        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid must be a share of 0 to 1, got 2"),
-        (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "poses are missing"),
+        (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid to be a share of 0 to 1, got 2"),
+        (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "expected poses, got"),
         (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh must be a Mesh"),
     ],
 )

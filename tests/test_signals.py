@@ -298,7 +298,7 @@ def test_a_lost_connection_is_an_error_in_one_line(tmp_path):
     with started(LOST, DEMO, cwd=tmp_path) as child:
         _, said = child.communicate(timeout=60)
     assert child.returncode == 2
-    assert said == "error: a process or a connection has ended (Broken pipe)\n"
+    assert said == "error: expected a reader, got a process or stream that ended (Broken pipe)\n"
 
 
 @pytest.mark.slow

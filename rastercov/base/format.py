@@ -133,6 +133,11 @@ def _decimals(value: float, digits: int) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def decimals_of(largest: float) -> int:
+    """Decimals that give three digits of the largest of some numbers, 0 to 9."""
+    return min(9, max(0, 2 - math.floor(math.log10(max(largest, 1e-9)))))
+
+
 def signed(value: float, digits: int = 2) -> str:
     """A number with a fixed count of decimals, without the sign of -0.00."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"

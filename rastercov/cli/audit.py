@@ -12,13 +12,13 @@ from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
-from rastercov.cli.console import print_network, progress_bar, say, warn
-from rastercov.cli.inputs import SceneOptions, in_metres, left_out
+from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
+from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out
 from rastercov.coverage.task import Task
 from rastercov.shards import Tally
 
 NO_SCALE = (
-    "the reconstruction has no scale, so lengths are in its units; set --pose-unit and --unit"
+    "the reconstruction has no scale, so lengths are in its units; for metres give --pose-unit"
 )
 
 
@@ -37,7 +37,7 @@ class ResultOptions(NamedTuple):
     )
     suggest: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of further images to suggest.", show_default="none"),
+        typer.Option(min=1, help="Number of further images to suggest."),
     ] = None
 
 
@@ -48,7 +48,6 @@ def audit(
         typer.Argument(
             metavar="CAMERAS",
             help="Cameras and poses: COLMAP folder, transforms.json, Metashape XML or others.",
-            show_default=False,
         ),
     ],
     meshes: options.Meshes,
@@ -75,11 +74,13 @@ def audit(
     border = Border(conventions)
     views = read_through(source, border)
     if views.rig is None:
-        raise CameraError(f"{source}: there are poses and no cameras; convert it with its cameras")
-    if not views.has_unit and (conventions.pose_unit is not None or scene.unit != options.UNIT):
+        raise CameraError(
+            f"{source}: expected cameras with the poses, got none; convert it with its cameras"
+        )
+    if not views.has_unit and (conventions.pose_unit is not None or scene.unit != UNIT):
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
-    warn([*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses)])
+    warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
     with progress_bar() as progress:
         asked: dict[str, Any] = result._asdict()
         suggested = asked.pop("suggest")
@@ -91,7 +92,7 @@ def audit(
             progress=progress,
             workers=staff,
             watch=tally.add,
-            note=lambda line: warn([line]),
+            note=warn,
             unit="m" if views.has_unit else "unit",
             suggested=suggested,
             **asked,
@@ -103,10 +104,7 @@ def audit(
         print(json_text(summary))
     else:
         _print(summary, out, level, "m" if views.has_unit else "unit", tally)
-    left = summary["quarantined"].items()
-    warn(f"pose {pose} skipped: its process {end}" for pose, end in left)
-    if left and not conventions.skip_bad_poses:
-        raise typer.Exit(1)
+    report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
 
 
 def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tally: Tally) -> None:

@@ -40,11 +40,11 @@ def cameras(
         ),
     ] = None,
     min_pixels: Annotated[
-        float, typer.Option(min=0, help="Minimum number of pixels, such as 5e6.")
+        float, typer.Option(min=0, help="Minimum number of pixels per image, such as 5e6.")
     ] = 0.0,
     mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S or E.")] = None,
     max_price: Annotated[
-        float, typer.Option(min=0, help="Maximum price; entries without a price stay.")
+        float, typer.Option(min=0, help="Maximum price, USD; entries without a price stay.")
     ] = math.inf,
     own: Annotated[
         Path | None, typer.Option("--catalogue", help="Your own catalogue file.")

@@ -49,7 +49,9 @@ def compare(
     ] = COMPARED,
     against: Annotated[
         str,
-        typer.Option(help="Reference: exact, or polygons or rational (seconds per pose)."),
+        typer.Option(
+            help="Reference: exact, polygons or rational; the last two take seconds per pose."
+        ),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
     faces: Annotated[
@@ -63,7 +65,7 @@ def compare(
     ] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compare visibility methods with a reference. Exits with 1 if a bound is exceeded.
+    """Compare visibility methods with a reference.
 
     Writes a page (compare.html) and all figures (compare.json).
 
@@ -74,10 +76,10 @@ def compare(
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
-    warn([*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2]))])
+    if models and (method != COMPARED or against != "exact"):
+        raise ConfigError("expected --models alone, got --method or --against; leave them out")
+    warn(*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2])), *mesh.warnings)
     if models:
-        if method != COMPARED or against != "exact":
-            raise ConfigError("--models takes neither --method nor --against; leave them out")
         _compare_models(*viewed, out, as_json)
         return
     from rastercov.base.output import json_text
@@ -85,7 +87,6 @@ def compare(
     from rastercov.reference.methods import report
     from rastercov.report.folder import ReportFolder
 
-    warn(mesh.warnings)
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
@@ -100,7 +101,7 @@ def compare(
         print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
-        warn([f"interrupted: the result covers {found.poses_done} of {found.poses} poses"])
+        warn(f"interrupted: compared {found.poses_done} of {found.poses} poses")
         raise KeyboardInterrupt
     if not found.passed:
         raise typer.Exit(1)
@@ -115,11 +116,8 @@ def _compare_models(
     from rastercov.reference.models.comparison import compare_models, left_out
     from rastercov.report.folder import ReportFolder
 
-    warn(mesh.warnings)
-    warn(
-        f"{name} is skipped: it needs a pinhole camera, because {reason}"
-        for name, reason in left_out(camera).items()
-    )
+    for name, reason in left_out(camera).items():
+        warn(f"{name} skipped: it needs a pinhole camera, because {reason}")
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:
         with progress_bar() as progress:
             found = compare_models(mesh, camera, poses, progress=progress)
@@ -151,9 +149,9 @@ def markers(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 2020,
     as_json: AsJson = False,
 ) -> None:
-    """Predict which ArUco markers OpenCV detects. Exits with 1 if fewer than 98 % are right.
+    """Predict which ArUco markers OpenCV detects.
 
-    Runs the four experiments of the thesis. Writes a page (markers.html) and all figures
+    Runs the four experiments of the thesis, and writes a page (markers.html) and all figures
     (markers.json). Needs the extra `markers`.
 
     Example: rastercov validate markers --out markers/

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from importlib import import_module
@@ -88,7 +88,9 @@ def broken_pipes_told_apart() -> Iterator[None]:
     except BrokenPipeError as error:
         if _is_unread():
             raise NoReaderError from None
-        raise OSError(f"a process or a connection has ended ({error.strerror})") from error
+        raise OSError(
+            f"expected a reader, got a process or stream that ended ({error.strerror})"
+        ) from error
 
 
 def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
@@ -132,25 +134,28 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
         return say(f"error: {where}{(where and error.strerror) or error}")
     except MemoryError as error:
-        return say(f"error: not enough memory: {error}".rstrip(": "))
+        return say(
+            f"error: expected enough memory, got {str(error) or 'too little'}; close other programs"
+        )
     except Exception as error:
         if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
             # An option without its value is noticed before there is a context.
             is_known = bool(arguments) and arguments[0] in getattr(app, "commands", ())
             own = f"rastercov {arguments[0]}" if is_known else "rastercov"
             path = getattr(getattr(error, "ctx", None), "command_path", own)
-            return say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
+            text = error.format_message().rstrip(".")
+            return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
         if is_out_of_memory(error):
             return say(
-                "error: not enough memory; close other programs, or raise the limit: ulimit -v"
+                "error: expected enough memory, got too little; close programs or raise ulimit -v"
             )
         if was_interrupted():  # a compiler, for one, makes another error of it
             return _interrupted()
         return say(
-            f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
-            "with what RASTERCOV_TRACEBACK=1 shows)"
+            f"error: {type(error).__name__}: {error} (a defect of rastercov; report it with the "
+            "output of RASTERCOV_TRACEBACK=1)"
         )
 
 
@@ -210,10 +215,17 @@ def leave(code: int) -> NoReturn:
     sys.exit(code)
 
 
-def warn(lines: Iterable[str]) -> None:
+def warn(*lines: str) -> None:
     """Print warnings, a line each."""
     for line in lines:
         say(f"warning: {line}")
+
+
+def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
+    """Warn of each pose that crashed its worker; without `is_accepted`, end with 1 for any."""
+    warn(*(f"pose {pose} skipped: its process {end}" for pose, end in skipped.items()))
+    if skipped and not is_accepted:
+        raise typer.Exit(1)
 
 
 def print_network(
@@ -235,15 +247,19 @@ def size_line(mesh: "Mesh") -> str:
     return f"{plural(mesh.n_faces, 'face')}, {mesh.size_in_words}"
 
 
-def out_option(words: str) -> Any:
+def out_option(words: str, default: str | bool = True) -> Any:
     """Option `--out` of a command that leaves files in a folder."""
-    return typer.Option("--out", "-o", help=words, parser=_folder, metavar="PATH")
+    return typer.Option(
+        "--out", "-o", help=words, parser=_folder, metavar="<path>", show_default=default
+    )
 
 
 def _folder(text: str | Path) -> Path:
     """Folder by its name; an unset variable of a shell is not the current one."""
     if not str(text).strip():
-        raise typer.BadParameter("expected a folder, got an empty name; '.' is the current one")
+        raise typer.BadParameter(
+            "expected a folder, got an empty name; use '.' for the current one"
+        )
     return Path(text)
 
 
@@ -304,8 +320,19 @@ def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
         yield update
 
 
+def exit_codes(command: str) -> str:
+    """Exit codes of a command by its name, as one sentence."""
+    failed = f"1 {FAILED[command]}, " if command in FAILED else ""
+    return f"Exit codes: 0 done, {failed}2 wrong usage or input, 130 interrupted, 143 terminated."
+
+
 class _Help:
     """Command whose help has a panel for each group of options; the terminal may be narrow."""
+
+    def format_epilog(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:
+        """Write the exit codes."""
+        formatter.write_paragraph()
+        formatter.write_text(exit_codes(self.name))
 
     def format_help_text(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:
         """Write the description; the line of an example stays whole, so that it can be copied."""
@@ -353,7 +380,7 @@ class Group(_Help, TyperGroup):
 def _names(text: str) -> str:
     """Names and metavar of an option; one that may be repeated ends in dots, an argument, too."""
     text = re.sub(r"<list\[(.*)\]>", r"<\1>...", text.replace(" range>", ">"))
-    return re.sub(r"\.\.\. <.*>\.\.\.", "...", text)
+    return re.sub(r"^([\w|]+)(\.\.\.)? <.*>\.\.\.", r"\1...", text)
 
 
 SETTINGS: dict[str, Any] = {
@@ -365,9 +392,9 @@ COMMANDS = {
     "evaluate": "Evaluate every pose and write a report: table, figures, pictures, coloured mesh.",
     "demo": "Run `evaluate` on a built-in mesh.",
     "render": "Render one pose: a picture, and the face index and depth of every pixel (PNG, NPZ).",
-    "compare": "Compare visibility methods with a reference. Exits with 1 if a bound is exceeded.",
-    "place": "Place cameras from a plan file. Exits with 1 if its goal is not reached.",
-    "check": "Check a rig against a plan. Exits with 1 if it fails.",
+    "compare": "Compare visibility methods with a reference.",
+    "place": "Place cameras from a plan file.",
+    "check": "Check a rig against a plan.",
     "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
     "suffices.",
     "cameras": "Search the catalogue of cameras, lenses and heads by text, pixels, mount, price or "
@@ -379,6 +406,18 @@ COMMANDS = {
     "validate": "Validate the model against marker detection in rendered images.",
 }
 """Commands and the first line of their help, which the list shows before any is loaded."""
+FAILED = {
+    "rastercov": "a check or goal failed",
+    "evaluate": "a pose crashed its worker",
+    "demo": "a pose crashed its worker",
+    "compare": "an error bound was exceeded",
+    "place": "the goal was not reached, or a candidate crashed its worker",
+    "check": "a requirement failed, or the result is worse than the baseline",
+    "audit": "a pose crashed its worker",
+    "doctor": "the default device failed its test",
+    "markers": "less than 98 % of the predictions were right",
+}
+"""Meaning of exit code 1 of each command that has it."""
 IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
 """Modules of commands that have another name."""
 
@@ -409,6 +448,7 @@ def group() -> Any:
     app = typer.Typer(
         help="Find which part of a surface each camera sees, how well, and why not the rest.\n\n"
         "Example: rastercov demo --out report/",
+        name="rastercov",
         cls=Group,
         **SETTINGS,
     )

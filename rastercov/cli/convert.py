@@ -23,7 +23,6 @@ def convert(
             metavar="IN",
             help="File or folder to read: COLMAP, transforms.json, OpenCV, ROS, Kalibr, "
             "Metashape, OpenSfM, Bundler, BAL, glTF, MVSNet or rastercov.",
-            show_default=False,
         ),
     ],
     target: Annotated[
@@ -32,7 +31,6 @@ def convert(
             metavar="OUT",
             help="File to write, format by name: .json, .toml (one camera), transforms.json, .yaml "
             "(OpenCV), .glb (frusta), .npy (poses), or a folder (COLMAP).",
-            show_default=False,
         ),
     ],
     conventions: Conventions,
@@ -63,11 +61,11 @@ def convert(
     if camera_name is not None:
         views = views.of_camera(camera_name)
     if source.resolve() == target.resolve():
-        raise ConfigError(f"{target}: it is what is read; give another name")
+        raise ConfigError(f"{target}: expected another file than IN, got the same; change its name")
     notes = [*views.notes, *left_out(views.poses)]
-    warn(f"{source}: {note}" for note in notes)
+    warn(*(f"{source}: {note}" for note in notes))
     lost = write_views(target, views, format=write_as, overwrite=overwrite)
-    warn(f"{target}: {note}" for note in lost)
+    warn(*(f"{target}: {note}" for note in lost))
     names = [] if views.rig is None else list(views.rig.names)
     result = {
         "cameras": names,

@@ -26,6 +26,7 @@ from rastercov.cli.console import (
     out_option,
     print_network,
     progress_bar,
+    report_skipped,
     say,
     size_line,
     warn,
@@ -63,9 +64,9 @@ class ReportOptions(NamedTuple):
     table: Annotated[
         str | None,
         typer.Option(
-            help="Rows of the table: pose-face pairs (none, covered, seen: front-facing and in the "
-            "image, or all), or groups: visible and truncated share of each group's "
-            "silhouette in each image.",
+            help="Rows of coverage.parquet: none, or pose-face pairs that are covered, seen "
+            "(front-facing and in the image) or all; or groups: visible and truncated share of "
+            "each group's silhouette in each image.",
             show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None
@@ -75,7 +76,7 @@ class ReportOptions(NamedTuple):
     ] = 12
     full: Annotated[
         str,
-        typer.Option(help="Also write these full-size: poses, faces (indices), all or none."),
+        typer.Option(help="Full-size pictures to write: poses, faces (face indices), all or none."),
     ] = "none"
     pdf: options.Pdf = False
 
@@ -97,8 +98,7 @@ def evaluate(
     motion: Annotated[
         Path | None,
         typer.Option(
-            help="Motion file: TOML with [[bodies]], [motion] and over, or a table of poses (JSON "
-            "or CSV)."
+            help="Motion file: TOML with [[bodies]] and [motion], or a pose table (JSON or CSV)."
         ),
     ] = None,
     as_json: options.AsJson = False,
@@ -109,7 +109,7 @@ def evaluate(
 
     Two cameras: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
 
-    Lit: rastercov evaluate part.stl -c khepra -p poses.json --lamps lamps.toml
+    With lamps: rastercov evaluate part.stl -c khepra -p poses.json --lamps lamps.toml
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
@@ -121,7 +121,7 @@ def evaluate(
     except PoseError as error:
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
-    warn(eyes.notes)
+    warn(*eyes.notes)
     kept = scene.entries(out, meshes, motion=motion, lamps=lamps)
     skips = conventions.skip_bad_poses
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
@@ -163,11 +163,11 @@ def run_and_print(
     from rastercov.shards import Staff
 
     accepted, tally = Poses.of(poses), Tally()
-    warn(mesh.warnings)
+    warn(*mesh.warnings)
     if not len(accepted):
-        warn(["there are no poses, so nothing is covered"])
+        warn("no poses, so nothing is covered")
     with progress_bar() as progress:
-        staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
+        staff = Staff(workers, progress, tally.add, warn)
         summary = run(
             mesh,
             camera,
@@ -180,7 +180,7 @@ def run_and_print(
             names=names,
             moving=moving,
         )
-    warn(summary["doubts"])
+    warn(*summary["doubts"])
     if as_json:
         print(json_text(summary))
     else:
@@ -191,17 +191,11 @@ def run_and_print(
     if summary["interrupted"]:
         done, total = summary["poses"], len(accepted)
         if done < total:
-            warn([f"interrupted: the report holds {done} of {plural(total, 'pose')}"])
+            warn(f"interrupted: the report has {done} of {plural(total, 'pose')}")
         else:
-            warn([f"the report holds all {plural(total, 'pose')}; pictures may be missing"])
+            warn(f"interrupted: the report has all {plural(total, 'pose')}, but may lack pictures")
         raise KeyboardInterrupt
-    if summary["quarantined"]:
-        warn(
-            f"pose {pose} skipped: its process {end}"
-            for pose, end in summary["quarantined"].items()
-        )
-        if not settings.skip_bad_poses:
-            raise typer.Exit(1)
+    report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
 
 def _print(summary: dict[str, Any], level: int | None, file: Path) -> None:
@@ -220,7 +214,7 @@ def demo(
     shape: Annotated[
         str, typer.Option(help=f"Built-in mesh: {', '.join(shapes.NAMES)}.")
     ] = "aeroplane",
-    poses: Annotated[int, typer.Option(min=1, help="Number of poses around it.")] = 4,
+    poses: Annotated[int, typer.Option(min=1, help="Number of poses around the mesh.")] = 4,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:
@@ -288,10 +282,12 @@ def render(
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
-        raise PoseError(f"--pose {pose} is out of range: {poses} has {len(matrices)} poses, from 0")
+        raise PoseError(
+            f"--pose: expected a row of 0 to {len(matrices) - 1} of {poses}, got {pose}; correct it"
+        )
     files_of_it = re.compile("|".join(map(re.escape, RENDERED)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
-        warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
+        warn(*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices)))
         with open_rasterizer(mesh, eye, **Engine(device=device).rasterizer_options) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
             info = rasterizer.info

@@ -10,11 +10,13 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
+import typer
 
 from rastercov.base.arguments import MOST_POSES
+from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import is_file, is_same_file, seen_from
 from rastercov.base.memory import FloatArray
@@ -46,15 +48,45 @@ MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
 
+UNIT = ["m"]
+"""Default of the unit of meshes; typer copies it."""
+
+
 class SceneOptions(NamedTuple):
     """Options of the mesh files of a command."""
 
-    unit: options.Unit = options.UNIT
-    transform: options.Transform = []  # noqa: RUF012 - typer copies it
-    occluders: options.Occluders = []  # noqa: RUF012 - the same
-    two_sided: options.TwoSided = []  # noqa: RUF012 - the same
-    drop_invalid: options.DropInvalid = False
-    targets: options.Targets = []  # noqa: RUF012 - the same
+    unit: Annotated[
+        list[str],
+        typer.Option(
+            help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; NAME:UNIT for "
+            "one file. Ignored for files that state their unit."
+        ),
+    ] = UNIT
+    transform: Annotated[
+        list[str],
+        typer.Option(
+            help="Transform of the mesh, as in plan files: any of 'scale = 1, axis = [0, 0, 1], "
+            "angle_deg = 90, translation = [0, 0, 1.5]', in metres, after --unit; NAME:... for one "
+            "file."
+        ),
+    ] = []  # noqa: RUF012 - typer copies it
+    occluders: Annotated[
+        list[str],
+        typer.Option(
+            "--occluder",
+            help="Mesh file or group (wildcards allowed) that occludes but is not evaluated.",
+        ),
+    ] = []  # noqa: RUF012 - the same
+    two_sided: Annotated[
+        list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
+    ] = []  # noqa: RUF012 - the same
+    drop_invalid: Annotated[bool, typer.Option(help="Drop non-finite faces with a warning.")] = (
+        False
+    )
+    targets: Annotated[
+        list[str],
+        typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
+    ] = []  # noqa: RUF012 - the same
 
     def read(self, meshes: list[Path]) -> Mesh:
         """Scene of these files; an occluder or target may be a further file or a group of these.
@@ -78,7 +110,9 @@ class SceneOptions(NamedTuple):
         hiding, transparent = (named(role, given, names) for role, given in roles.items())
         mesh = mesh.with_groups(hiding, both, transparent)
         if not mesh.task_mask.any():
-            raise MeshError("every group is an occluder; leave at least one to be covered")
+            raise MeshError(
+                "expected a group to evaluate, got occluders only; leave one out of --occluder"
+            )
         return mesh
 
     def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> dict[str, Any]:
@@ -126,7 +160,7 @@ def read_again(
         near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
-                f"{file} of {result} is neither where it was nor near; name it after the folder"
+                f"expected {file} of {result} in its place, got no file; give it after the folder"
             )
         now[file] = str(near.resolve())
 
@@ -159,7 +193,9 @@ def _is_further(name: str, meshes: list[Path]) -> bool:
     if not is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
         return False
     if Path(name).name == name and (rows := files_named(name, meshes)[0]):
-        raise ConfigError(f"{name} may be {meshes[rows[0]]} or ./{name}; give the path")
+        raise ConfigError(
+            f"expected one file {name}, got {meshes[rows[0]]} and ./{name}; give the path"
+        )
     return True
 
 
@@ -185,7 +221,7 @@ def _transform(text: str) -> dict[str, Any]:
         reason = lines_of(error, table, TransformEntry)[0]
     except (tomllib.TOMLDecodeError, RecursionError):
         reason = "expected entries such as 'angle_deg = 90, translation = [0, 0, 1]'"
-    raise ConfigError(f"--transform {text}: {reason}; correct it")
+    raise ConfigError(f"--transform {shown(text)}: {reason}; correct it")
 
 
 def _entries(text: str) -> dict[str, Any]:
@@ -207,14 +243,16 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     is_meant = len(rings) == len(found) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
     if not is_meant or sum(n for n, _ in rings) > MOST_POSES:
         raise PoseError(
-            f"--poses: expected sphere:N with N from 1 to {MOST_POSES}, turntable:N@DEG,N@DEG one "
-            f"and degrees for each ring, -90 to 90, got {source!r}"
+            f"--poses: expected sphere:N or turntable:N@DEG,N@DEG with up to {MOST_POSES:,} poses "
+            f"and -90 to 90 degrees, got {shown(source)}; correct it"
         )
     centre = mesh.bounds.mean(axis=0)
     try:
         _, distance = enclosing_distance(mesh, camera, centre)
     except ConfigError:
-        raise PoseError(f"--poses {kind} needs a principal point inside the image") from None
+        raise PoseError(
+            f"--poses {kind}: expected a principal point in the image, got one outside; give a file"
+        ) from None
     if kind == "sphere":
         return sphere_of_poses(centre, distance, rings[0][0])
     turns = np.concatenate([2 * np.pi / n * np.arange(n) for n, _ in rings])
@@ -226,9 +264,9 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
 def left_out(poses: Poses) -> list[str]:
     """Lines on poses that are no rigid motion and were left out."""
     rejected = sorted(poses.rejected.items())
-    lines = [f"pose {row} left out: it {text}" for row, text in rejected[:MOST_WARNINGS]]
+    lines = [f"pose {row} skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS
-    return lines + ([f"{others} more poses left out"] if others > 0 else [])
+    return lines + ([f"{others} more poses skipped"] if others > 0 else [])
 
 
 def read_eyes(
@@ -269,7 +307,7 @@ def read_eyes(
     cameras = read_cameras(camera, border)
     if poses.startswith(AROUND):
         if cameras is None:
-            raise CameraError(f"--poses {poses} needs a camera; give --camera")
+            raise CameraError(f"--poses {poses}: expected a camera, got none; give --camera")
         if several and camera_name is None and cameras.rig is not None and cameras.rig.is_one:
             moving = cameras.rig.cameras[int(np.argmin(cameras.rig.is_fixed))]
             around = Poses.of(poses_around(poses, mesh, moving))
@@ -281,9 +319,9 @@ def read_eyes(
     is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
-        raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
+        raise PoseError(f"{poses}: expected poses, got cameras only; give a pose file as --poses")
     if cameras is None and views.rig is None:
-        raise CameraError(f"{poses} has poses and no camera; give --camera")
+        raise CameraError(f"{poses}: expected a camera with the poses, got none; give --camera")
     bad = left_out(in_metres(views, poses).poses)
     if cameras is not None and cameras is not views:
         views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, camera))
@@ -322,8 +360,7 @@ def in_metres(views: Views, source: str | Path) -> Views:
     """The views of a file; PoseError where their unit is not known."""
     if not views.has_unit:
         raise PoseError(
-            f"{source}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
-            "they are in metres"
+            f"{source}: expected poses in a known unit, got none; give --pose-unit, such as m"
         )
     return views
 
@@ -349,12 +386,14 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
     for text in given:
         if (pair := _named_camera(text)) is None:
             raise CameraError(
-                f"--camera {text}: expected NAME=FILE for each of several cameras, "
-                "--camera left=left.yaml; correct it"
+                f"--camera: expected NAME=FILE for each of several cameras, got {shown(text)}; "
+                "write left=left.yaml"
             )
         name, source = pair
         if name in found:
-            raise CameraError(f"--camera {text}: there is a camera {name!r} already; rename it")
+            raise CameraError(
+                f"--camera: expected distinct names, got {shown(name)} twice; rename one"
+            )
         views = _cameras(source, border)
         assert views.rig is not None
         found[name] = views.camera(name if name in views.rig.names else None)
@@ -383,7 +422,7 @@ def _cameras(camera: str, border: Border) -> Views:
         return _of_entries(camera, border)
     found = read_through(camera, border)
     if found.rig is None:
-        raise CameraError(f"{camera} has poses and no camera; give a camera file")
+        raise CameraError(f"{camera}: expected a camera, got poses only; give a camera file")
     return found
 
 
@@ -397,10 +436,10 @@ def _of_entries(text: str, border: Border) -> Views:
         raise CameraError(f"--camera {text}: {error}") from None
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
         raise CameraError(
-            f"--camera {text}: expected a file, a preset, or entries such as "
-            "'preset = \"khepra\", near = 0.1'; correct it"
+            '--camera: expected a file, a preset, or entries such as \'preset = "khepra", '
+            f"near = 0.1', got {shown(text)}; correct it"
         ) from None
 
 
 def _without_poses(rig: Rig) -> Views:
-    return Views(rig=rig, poses=Poses.of(np.zeros((0, 4, 4))))
+    return Views(rig=rig, poses=Poses.of(()))

@@ -23,9 +23,9 @@ from rastercov.shards import Workers
 Meshes = Annotated[
     list[Path],
     typer.Argument(
+        metavar="MESH",
         help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP) of one scene, "
         f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
-        show_default=False,
     ),
 ]
 CamerasOption = Annotated[
@@ -53,48 +53,17 @@ PosesOption = Annotated[
 ]
 LampsOption = Annotated[
     Path | None,
-    typer.Option(
-        "--lamps", help="Lamp file (.toml); a covered point must also be lit, see docs/light.md."
-    ),
+    typer.Option(help="Lamp file (.toml); a covered point must also be lit, see docs/light.md."),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
 Pdf = Annotated[
     bool, typer.Option("--pdf", help="Also print the page to PDF (needs Chromium or Chrome).")
 ]
-Unit = Annotated[
-    list[str],
-    typer.Option(
-        help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; NAME:UNIT for one "
-        "file. Ignored for files that state their unit."
-    ),
-]
-Transform = Annotated[
-    list[str],
-    typer.Option(
-        help="Transform of the mesh, as in plan files: any of 'scale = 1, axis = [0, 0, 1], "
-        "angle_deg = 90, translation = [0, 0, 1.5]', in metres, after --unit; NAME:... for one "
-        "file."
-    ),
-]
-UNIT = ["m"]
-"""Default of `Unit`; typer copies it."""
-Occluders = Annotated[
-    list[str],
-    typer.Option(
-        "--occluder",
-        help="Mesh file or group (wildcards allowed) that occludes but is not evaluated.",
-    ),
-]
-Targets = Annotated[
-    list[str],
-    typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
-]
-TwoSided = Annotated[
-    list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
-]
-DropInvalid = Annotated[bool, typer.Option(help="Drop non-finite faces with a warning.")]
 Device = Annotated[
-    str, typer.Option(help="Device of sampled: auto, cpu, hardware, egl:0, surfaceless, osmesa.")
+    str,
+    typer.Option(
+        help="Device for sampled visibility: auto, cpu, hardware, egl:0, surfaceless, osmesa."
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Level = Annotated[
@@ -103,33 +72,33 @@ Level = Annotated[
         min=1, help="Depth of the part tree in tables: 1 for assemblies, 2 for their children, ..."
     ),
 ]
-Thesis = Annotated[bool, typer.Option("--thesis", help="Use (3.6) of the thesis exactly.")]
-
-
+Thesis = Annotated[
+    bool,
+    typer.Option(
+        "--thesis", help="Use eq. (3.6) of the thesis exactly, see docs/appendix/equations.md."
+    ),
+]
 CameraName = Annotated[
     str | None, typer.Option(help="Name of the camera to use, for files with several.")
-]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", help="Number of worker processes on this machine.", show_default="threads only"
-    ),
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler",
-        help="Address of a Dask scheduler: tcp://127.0.0.1:8786, or tls://.",
-        show_default="none",
-    ),
 ]
 
 
 class Processes(NamedTuple):
     """Processes that measure."""
 
-    workers: WorkersOption = None
-    scheduler: SchedulerOption = None
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            help="Number of worker processes on this machine.",
+            show_default="threads only",
+        ),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler: tcp://127.0.0.1:8786, or tls://.",
+        ),
+    ] = None
 
     def open(self) -> Workers | None:
         """Choice of workers; None for this process."""
@@ -139,12 +108,11 @@ class Processes(NamedTuple):
 CONVENTIONS = {
     "pixel_centre": (
         float | None,
-        "Coordinate of the centre of the top-left pixel, 0 or 0.5, for camera files that do not "
-        "state it.",
+        "Centre of the top-left pixel, px, 0 or 0.5, for camera files that do not state it.",
     ),
     "lens_model": (
         str | None,
-        "brown or fisheye: model of four coefficients, for camera files that do not state it.",
+        "Lens model of four coefficients, brown or fisheye, for camera files that do not state it.",
     ),
     "pose_unit": (
         str | None,
@@ -234,7 +202,7 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     if (match := re.fullmatch(r"(\d{1,9})[xX×](\d{1,9})", text.strip())) is None:
-        raise ConfigError(f"--image-size: expected WIDTHxHEIGHT such as 1280x1024, got {text!r}")
+        raise ConfigError(f"--image-size: expected WIDTHxHEIGHT, got {text!r}; write 1280x1024")
     return int(match[1]), int(match[2])
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from rastercov.placement.plan.network import Measured
     from rastercov.placement.plan.run import Placement
 
-PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
+PlanFile = Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (.toml).")]
 
 
 def _print_schema(wanted: bool) -> None:
@@ -57,7 +57,7 @@ def place(
     processes: Processes,
     out: Annotated[
         Path | None,
-        out_option("Output folder; default: that of the plan."),
+        out_option("Output folder.", "from the plan"),
     ] = None,
     schema: Annotated[
         bool,
@@ -70,16 +70,16 @@ def place(
     ] = False,
     skip_bad_poses: Annotated[
         bool,
-        typer.Option("--skip-bad-poses", help="Skip poses that crash a worker."),
+        typer.Option("--skip-bad-poses", help="Skip candidates that crash a worker."),
     ] = False,
     level: Level = None,
     pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
-    """Place cameras from a plan file. Exits with 1 if its goal is not reached.
+    """Place cameras from a plan file.
 
     Writes poses (poses.json), all figures (plan.json) and a page (page.html). An interrupted run
-    resumes with the candidates that are still to be measured.
+    resumes where it stopped.
 
     Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """
@@ -92,12 +92,12 @@ def place(
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
     placed = report.run_into(asked, folder, _step, processes.open(), pdf=pdf, level=level)
     prepared = placed.prepared
-    warn(prepared.mesh.warnings)
+    warn(*prepared.mesh.warnings)
     doubts = _doubts(prepared.plan, placed.cameras)
     if not len(placed.cameras.placed):  # nothing is covered from any candidate
         pool = prepared.pool.candidates.placed
         doubts = report.of_plan(unit_doubts(prepared.mesh, prepared.plan.rig, pool))
-    warn(doubts)
+    warn(*doubts)
     if as_json:
         print(json_text(report.summary(placed)))
     else:
@@ -106,8 +106,8 @@ def place(
         raise KeyboardInterrupt
     left_out = {} if skip_bad_poses else prepared.quarantined
     if left_out:
-        words = f"{plural(len(left_out), 'candidate', 'are')} left out"
-        warn([f"{words}; pass --skip-bad-poses to accept this"])
+        words = f"{plural(len(left_out), 'candidate')} skipped"
+        warn(f"{words}: each crashed its worker; pass --skip-bad-poses to accept this")
     if left_out or not placed.is_met:
         raise typer.Exit(1)
 
@@ -136,14 +136,14 @@ class GoalOptions(NamedTuple):
 
     min_coverage: Annotated[
         float | None,
-        typer.Option(help="Required share of the area, 0 to 1; default: that of the plan."),
+        typer.Option(help="Required share of the area, 0 to 1.", show_default="from the plan"),
     ] = None
     group: Annotated[
         list[str], typer.Option(help="NAME=SHARE: required share of a group. Repeatable.")
     ] = []  # noqa: RUF012 - typer copies it
     views: Annotated[
         int | None,
-        typer.Option(min=1, help="Required cameras per point; default: that of the plan."),
+        typer.Option(min=1, help="Required cameras per point.", show_default="from the plan"),
     ] = None
 
 
@@ -155,9 +155,7 @@ class OutcomeOptions(NamedTuple):
     ] = None
     baseline: Annotated[
         Path | None,
-        typer.Option(
-            help="check.json of an earlier check; exits with 1 also if the result is worse."
-        ),
+        typer.Option(help="check.json of an earlier check; a worse result fails."),
     ] = None
     allow_worse: Annotated[
         str | None,
@@ -196,9 +194,9 @@ def check(
     pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a rig against a plan. Exits with 1 if it fails.
+    """Check a rig against a plan.
 
-    Needs no display and no GPU. A share that its bound cannot decide counts as a failure.
+    Needs no display and no GPU. A requirement that the error bound leaves undecided fails.
 
     Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
@@ -231,9 +229,7 @@ def check(
         outcome.write(*files, plan, [case])
         raise
     outcome.write(*files, plan, outcome.cases(found, level))
-    warn(eyes.notes)
-    warn(found.mesh.warnings)
-    warn(_doubts(found.plan, found.cameras))
+    warn(*eyes.notes, *found.mesh.warnings, *_doubts(found.plan, found.cameras))
     if as_json:
         print(json.dumps(plan_check.to_json(found), indent=2))
     else:

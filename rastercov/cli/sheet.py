@@ -75,14 +75,12 @@ def sheet(
     from rastercov.report import plan_sheet as report
 
     report.check_sheet_name(out)
-    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
-    if lamps is not None:
-        scene = scene.lit_by(lamps)
+    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name, lamps)
     start, mesh = scene.start, scene.mesh
     if not start.on:
-        raise ConfigError("there is no camera to draw; give --poses")
+        raise ConfigError("expected a camera to draw, got none; give --poses")
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
-    warn([*mesh.warnings, *scene.notes])
+    warn(*mesh.warnings, *scene.notes)
     found = _measured(start, mesh)
     title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
     if scene.plan is not None:

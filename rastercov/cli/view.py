@@ -10,7 +10,6 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from rastercov.base.errors import CameraError, ConfigError
@@ -39,10 +38,9 @@ if TYPE_CHECKING:
 Sources = Annotated[
     list[Path],
     typer.Argument(
-        metavar="PLAN|RESULT|MESH...",
+        metavar="PLAN|RESULT|MESH",
         help="Plan (.toml), result folder of evaluate, place or audit, mesh files, or a built-in "
         f"mesh: {', '.join(shapes.NAMES)}. Meshes after a folder replace its own.",
-        show_default=False,
     ),
 ]
 RigOption = Annotated[
@@ -50,8 +48,7 @@ RigOption = Annotated[
     typer.Option(
         "--poses",
         "-p",
-        help="Initial rig: a pose file of rastercov or another program, sphere:N or "
-        "turntable:N@DEG.",
+        help="Rig: a pose file of rastercov or another program, sphere:N or turntable:N@DEG.",
         show_default="none, or that of the result",
     ),
 ]
@@ -101,12 +98,10 @@ def view(
     if export is not None:
         check_name(export)
 
-    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name)
-    if lamps is not None:
-        scene = scene.lit_by(lamps)
+    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name, lamps)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
-    warn([*scene.mesh.warnings, *scene.notes, *doubts])
+    warn(*scene.mesh.warnings, *scene.notes, *doubts)
     session = Session(scene, method)
     size = size_line(scene.mesh)
     if start.unit != "m":
@@ -126,7 +121,7 @@ def view(
                 return
             # Those of other systems have no name.
             if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
-                say("no display found: forward the port by ssh and open the address elsewhere")
+                say("no display found: forward the port with ssh -L and open the address elsewhere")
                 return
             try:
                 page = redirecting.enter_context(redirect(url)).as_uri()
@@ -147,29 +142,34 @@ def open_scene(
     camera: list[str],
     poses: str | None,
     camera_name: str | None,
+    lamps: Path | None = None,
 ) -> "Scene":
-    """Scene of a plan, of the folder of a result, or of mesh files."""
+    """Scene of a plan, of the folder of a result, or of mesh files, with the lamps of a file."""
     from rastercov.viewer.scene import open_plan
 
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
     if is_plan or first.is_dir():
         if poses is not None and poses.startswith(AROUND):
-            raise ConfigError(f"{poses} goes with mesh files; give a pose file")
+            raise ConfigError(
+                f"expected a pose file with {first}, got {poses}; use {poses} with mesh files"
+            )
         if task != Task():
             raise ConfigError(
-                f"{first} has its own thresholds; leave out those options, or use the page"
+                f"expected the thresholds of {first}, got options; leave them out, or edit the page"
             )
         rig = read_cameras(camera, Border(conventions))
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions, camera_name)
     if is_plan:
-        if len(sources) > 1:
-            raise ConfigError("a plan names its meshes; give the plan alone")
-        return open_plan(first, rig)
-    if first.is_dir():
-        return _of_result(first, sources[1:], files, rig)
-    return _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
+        if sources[1:]:
+            raise ConfigError("expected a plan alone, got mesh files, too; name them in the plan")
+        scene = open_plan(first, rig)
+    elif first.is_dir():
+        scene = _of_result(first, sources[1:], files, rig)
+    else:
+        scene = _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
+    return scene if lamps is None else scene.lit_by(lamps)
 
 
 def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":
@@ -194,7 +194,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
     if rig is None:
         return scene
     if rig.rig is None:
-        raise CameraError("the rig has no camera; give --camera")
+        raise CameraError("expected a camera with the rig, got none; give --camera")
     return replace(scene, start=replace(state_of(rig, scene.start.task), unit=scene.start.unit))
 
 
@@ -215,8 +215,8 @@ def _of_meshes(
     else:
         cameras = read_cameras(camera, Border(conventions))
         if cameras is None:
-            raise CameraError("there is no camera; give --camera, a file or a preset")
-        views = replace(cameras, poses=Poses.of(np.zeros((0, 4, 4))), images=())
+            raise CameraError("expected a camera, got none; give --camera, a file or a preset")
+        views = replace(cameras, poses=Poses.of(()), images=())
     names = ", ".join(path.name for path in sources[:3])
     more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
     return open_mesh(mesh, views, task, names + more)

@@ -83,12 +83,13 @@ def check_address(address: str) -> None:
     except ValueError:
         host = port = None
     if not host or port is None or parts.path or parts.scheme not in ("tcp", "tls"):
-        wanted = "an address such as tcp://127.0.0.1:8786 or tls://host:8786"
-        raise ConfigError(f"scheduler must be {wanted}, got {shown(address)}")
+        raise ConfigError(
+            f"expected a scheduler such as tcp://127.0.0.1:8786, got {shown(address)}; correct it"
+        )
     if parts.scheme == "tcp" and not _is_loopback(host):
         raise ConfigError(
-            f"{address}: refused, because anyone who reaches an open scheduler can run programs on "
-            "its workers; use tls:// with certificates, or a tunnel to 127.0.0.1 (docs/scale.md)"
+            f"{address}: expected tls:// or a loopback address, got tcp:// on a network, where "
+            "anyone can run programs on the workers; use TLS or a tunnel (docs/scale.md)"
         )
 
 
@@ -103,8 +104,8 @@ def risk(address: str) -> str:
     if not address.startswith("tcp:"):
         return ""
     return (
-        f"{address}: every user of this machine can run programs as you through it; where there "
-        "are others use --workers, or tls:// with certificates (docs/scale.md)"
+        f"{address}: every user of this machine can run programs as you through this scheduler; "
+        "on a shared machine use --workers or tls:// (docs/scale.md)"
     )
 
 
@@ -120,8 +121,9 @@ def _distributed() -> Any:
     try:
         return import_module("distributed")
     except ModuleNotFoundError:
-        advice = "pip install 'rastercov[cluster]'"
-        raise ConfigError(f"a scheduler needs the extra cluster: {advice}") from None
+        raise ConfigError(
+            "expected Dask for --scheduler, got no package; run: pip install 'rastercov[cluster]'"
+        ) from None
 
 
 @contextmanager
@@ -139,8 +141,8 @@ def _connected(address: str) -> Iterator[Any]:
         security.tls_ca_file and security.tls_client_cert and security.tls_client_key
     ):
         raise ConfigError(
-            f"{address}: TLS needs certificates; name them in the configuration of Dask, "
-            "distributed.comm.tls.ca-file and .client.cert, .client.key (docs/scale.md)"
+            f"{address}: expected TLS certificates, got none; set distributed.comm.tls.ca-file, "
+            ".client.cert and .client.key in the configuration of Dask (docs/scale.md)"
         )
     try:
         client = distributed.Client(
@@ -149,8 +151,8 @@ def _connected(address: str) -> Iterator[Any]:
     except (OSError, TimeoutError) as error:
         why = " ".join(str(error).split()) or "no answer"
         raise ConfigError(
-            f"{address}: no scheduler answers ({why}); start one with `dask scheduler`, and "
-            "workers with `dask worker`"
+            f"{address}: expected a scheduler, got {shown(why)}; start one with `dask scheduler` "
+            "and workers with `dask worker`"
         ) from None
     with client:
         yield client

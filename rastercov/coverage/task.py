@@ -121,7 +121,7 @@ class Task:
     [1.0, 0.997]
     """
 
-    min_pixels: Annotated[Positive, Doc("R_min: pixels per face for resolution 1.")] = 1.0
+    min_pixels: Annotated[Positive, Doc("R_min: pixels per face for full resolution.")] = 1.0
     min_visibility: Annotated[Share, Doc("V_min: minimum visible share of a face, 0 to 1.")] = 0.0
     max_blur: (
         Annotated[Positive, Doc("Maximum blur circle, px; default: that of the camera.")] | None
@@ -130,10 +130,11 @@ class Task:
         float, Gt(0), Le(90), Doc("Maximum angle of incidence, deg from the normal.")
     ] = 90.0
     min_pixel_density: Annotated[
-        Density, Doc("Minimum pixels per metre on the surface, in the worst direction.")
+        Density,
+        Doc("Minimum pixels per metre on the surface in the worst direction, or a DORI level."),
     ] = 0.0
     min_facing_density: Annotated[
-        Density, Doc("Minimum pixels per metre on a target facing the camera.")
+        Density, Doc("Minimum pixels per metre on a target facing the camera, or a DORI level.")
     ] = 0.0
     min_pixels_per_m2: Annotated[
         float, Ge(0), Doc("Minimum pixels per square metre of the surface.")
@@ -152,7 +153,7 @@ class Task:
     min_coverage: Annotated[Share, Doc("Minimum coverage of a face, 0 to 1.")] = 0.5
     views: Annotated[int, Ge(1), Doc("Required number of cameras per point or face.")] = 1
     min_angle_deg: Annotated[
-        float, Ge(0), Le(180), Doc("Minimum angle between the rays to two of these cameras, deg.")
+        float, Ge(0), Le(180), Doc("Minimum angle between the rays to two of the cameras, deg.")
     ] = 0.0
     focus_rule: Annotated[
         Literal["vertices", "centroid"], Doc("Points of a face that must be in focus.")

@@ -332,7 +332,7 @@ class MatrixFolder:
         with _remade_by_build():
             found = read_poses(self.path)
             if hash_of(found) != self.header["poses"]:
-                raise DamagedError(self.path / POSES, "these are poses of another matrix")
+                raise DamagedError(self.path / POSES, "poses of another matrix")
             return found
 
     def quarantined(self) -> dict[int, str]:
@@ -374,11 +374,11 @@ class MatrixFolder:
         try:
             found = read_npz(data, ("of", *names))
         except (ValueError, OSError, BadZipFile):
-            raise DamagedError(self.path / name, "this is no shard") from None
+            raise DamagedError(self.path / name, "no shard") from None
         if found["of"].tobytes() != self._words(number):
             raise DamagedError(
                 self.path / name,
-                "this is a shard of another matrix, or of other poses of this one",
+                "a shard of another matrix or of other poses",
             )
         return found
 
@@ -473,9 +473,7 @@ def _remade_by_build() -> Iterator[None]:
     try:
         yield
     except DamagedError as error:
-        raise ConfigError(
-            f"{error}; call build_matrix with the same inputs to make it again"
-        ) from None
+        raise ConfigError(f"{error}; call build_matrix with the same inputs") from None
 
 
 def claim(

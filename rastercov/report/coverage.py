@@ -137,8 +137,8 @@ class Options:
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):
                 raise ConfigError(
-                    f"method {engine} has its device and samples; leave out --device and "
-                    "--supersample"
+                    f"expected device and samples in --method {engine} alone, got them twice; "
+                    "leave out --device and --supersample"
                 )
             for name in ("method", "device", "supersample"):
                 object.__setattr__(self, name, getattr(engine, name))
@@ -485,16 +485,19 @@ def table_of(mesh: Mesh, poses: Poses, wanted: str | None) -> str:
     """
     if not has_parquet():
         if wanted not in (None, "none"):
-            raise ConfigError(f"--table {wanted} needs pyarrow; run: {INSTALL_PYARROW}")
+            raise ConfigError(
+                f"--table {wanted}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
+            )
         LOG.warning(
-            "no coverage.parquet and areas.parquet, which need pyarrow; run: %s", INSTALL_PYARROW
+            "wrote no coverage.parquet and areas.parquet, which need pyarrow; run: %s",
+            INSTALL_PYARROW,
         )
         return "none"
     pairs = len(poses) * mesh.n_faces
     if wanted is not None or pairs <= MOST_PAIRS:
         return wanted or "seen"
     LOG.warning(
-        "no coverage.parquet of %s pairs of pose and face; pass --table seen to write it",
+        "wrote no coverage.parquet of %s pose-face pairs; pass --table seen to write it",
         f"{pairs:,}",
     )
     return "none"

@@ -113,7 +113,9 @@ class ReportFolder:
 
     def __init__(self, path: str | Path, kind: ReportKind) -> None:
         if not os.fspath(path).strip():
-            raise ConfigError("expected a folder for the report, got an empty name")
+            raise ConfigError(
+                "expected a folder for the report, got an empty name; use '.' for the current one"
+            )
         self.path, self.kind = Path(path), kind
         self.has_earlier = False
         self._staging, self._new = self.path / STAGING, self.path / STAGING / NEW
@@ -124,13 +126,15 @@ class ReportFolder:
         with ExitStack() as stack:
             stack.enter_context(locked(self.path))
             if not os.access(self.path, os.W_OK | os.X_OK):
-                raise ConfigError(f"{_named(self.path)}: nothing can be written to this folder")
+                raise ConfigError(
+                    f"{_named(self.path)}: expected a writable folder, got another; name one"
+                )
             for journal in self._journals():  # of killed runs
                 self._files = _read(self.path / journal.name)[1]
                 if others := self._not_ours(chain(*self._moves(journal))):
                     raise ConfigError(
-                        f"{_named(others[0])}: expected a file of an earlier report, where "
-                        "a killed run was writing one; move it away"
+                        f"{_named(others[0])}: expected a file of an interrupted report, got "
+                        "another file; move it away"
                     )
                 self._swap(journal)
             self._clean()
@@ -152,7 +156,9 @@ class ReportFolder:
     def file(self, name: str) -> Path:
         """Path to write a file of the report to; `publish` gives it its place and its name."""
         if not self.kind.files.fullmatch(name):
-            raise ValueError(f"{name!r} is no file of a report of the kind {self.kind.name!r}")
+            raise ValueError(
+                f"expected a file of a {self.kind.name} report, got {name!r}; correct the name"
+            )
         with named(self.path / name):
             path = own_folder(own_folder(self._staging) / NEW) / name
             if path.is_symlink():
@@ -214,7 +220,9 @@ class ReportFolder:
         found = [path for path in folder.iterdir() if names.fullmatch(path.name)]
         for path in found:
             if not stat.S_ISREG(path.lstat().st_mode):
-                raise ConfigError(f"{_named(path)}: expected a file of a report; delete it")
+                raise ConfigError(
+                    f"{_named(path)}: expected a file of a report, got no regular file; delete it"
+                )
         return found
 
     def _moves(self, journal: Path) -> tuple[list[str], list[str]]:
@@ -268,12 +276,12 @@ class ReportFolder:
         there = filter(self.kind.files.fullmatch, (path.name for path in self.path.iterdir()))
         if others := self._not_ours([*there, *self._files]):
             first, more = others[0], f" and {len(others) - 1} more" if others[1:] else ""
-            why = f"not of an earlier report ({self.kind.manifest} lists those)"
+            why = f"one that {self.kind.manifest} does not list"
             if first.name in self._files:
-                why = "changed since it was written"
+                why = "one changed since it was written"
             raise ConfigError(
-                f"{_named(first)}{more}: {why}, and a new one may replace it; name "
-                "another folder, or move or delete what is there"
+                f"{_named(first)}{more}: expected a file of an earlier report, got {why}; name "
+                "another folder, or move the file"
             )
 
     def _keep_what_has_come(self, new: Files) -> None:
@@ -284,8 +292,8 @@ class ReportFolder:
             aside = next(path for path in tries if not os.path.lexists(path))
             move(self._new, aside)
             raise ConfigError(
-                f"{_named(others[0])}: came or was changed during the run, and is kept; the "
-                f"new report is in {_named(aside)}"
+                f"{_named(others[0])}: expected no changes during the run, got a new or changed "
+                f"file; kept it, the new report is in {_named(aside)}"
             )
 
 
@@ -309,8 +317,8 @@ def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         pass  # something else than a manifest
     raise ConfigError(
-        f"{_named(path)}: damaged, so it does not say which files are of a report; name "
-        "another folder, or delete it with the report"
+        f"{_named(path)}: expected a list of report files, got damaged content; name another "
+        "folder, or delete it with the report"
     )
 
 

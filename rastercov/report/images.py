@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from rastercov.base.format import decimals_of
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
@@ -95,7 +96,7 @@ def depth_picture(buffer: VisibilityBuffer) -> Image.Image:
     if depths.size:
         share = (depths - near) / max(far - near, np.finfo(np.float64).tiny)
         pixels[seen] = greys(1 - share)
-        digits = int(np.clip(2 - np.floor(np.log10(max(far - near, near * 1e-6, 1e-9))), 0, 9))
+        digits = decimals_of(max(far - near, near * 1e-6))
         ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"
         keys = [Key.scale("depth", greys(np.linspace(1, 0, 256)), *ends)]
     return framed(pixels, "", keys)

@@ -163,7 +163,9 @@ def check(
     every = dict(shares) if min_coverage is None else {"min_coverage": min_coverage, **shares}
     for name, share in every.items():
         if not 0 <= finite_number(share) <= 1:
-            raise ConfigError(f"{name} must be a share of 0 to 1, got {shown(share)}")
+            raise ConfigError(
+                f"expected {name} to be a share of 0 to 1, got {shown(share)}; correct it"
+            )
     Task(views=1 if views is None else views)  # refuses what is no number of views
     wanted = [f"{name}={float(share)!r}" for name, share in shares.items()]
     least = None if min_coverage is None else float(min_coverage)
@@ -262,13 +264,13 @@ def audit(
     unit = "m" if not isinstance(camera, Views) or camera.has_unit else "unit"
     if isinstance(camera, Views):
         if poses is not None:
-            raise PoseError("views have poses of their own; leave out poses, or give cameras")
+            raise PoseError("expected views or poses, got both; leave out poses, or give cameras")
         camera.cameras()
         assert camera.rig is not None
         names = camera.images or None if names is None else names
         frames, poses, camera = camera.frames, camera.poses, camera.rig
     if poses is None:
-        raise PoseError("poses are missing; give them, or views in place of the cameras")
+        raise PoseError("expected poses, got none; give them, or views in place of the cameras")
 
     made = partial(
         reconstruction,
@@ -300,7 +302,7 @@ def _folder(out: StrPath | None, workers: Workers | None) -> Path | None:
     """Folder for the files of a command, if one is given."""
     check_kind("out", out, (str, os.PathLike, NoneType), "the path of a folder", ConfigError)
     if workers is not None and out is None:
-        raise ConfigError("workers need a folder for what they make; give out, or no workers")
+        raise ConfigError("expected a folder for workers, got none; give out, or no workers")
     return None if out is None else Path(out)
 
 

@@ -265,7 +265,7 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
     label = np.asarray(labels)
     if label.shape != (mesh.n_faces,):
         raise ConfigError(
-            f"the segmentation has {len(label)} faces, the mesh {mesh.n_faces}; segment this mesh"
+            f"expected a segmentation of {mesh.n_faces} faces, got {len(label)}; segment this mesh"
         )
     palette = np.concatenate(
         (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))

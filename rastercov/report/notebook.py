@@ -18,8 +18,9 @@ import numpy as np
 from PIL import Image
 
 from rastercov.base.arguments import check_choice, check_kind
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.files import StrPath, printable
+from rastercov.base.files import StrPath
 from rastercov.base.format import area, percent, plural
 from rastercov.base.output import write_text
 from rastercov.camera.rig import names_of
@@ -182,9 +183,9 @@ def show(
     """
     check_kind("value", value, KINDS, WORDS, ConfigError)
     if path is not None and not str(path).lower().endswith(".html"):
-        raise ConfigError(f"path must be a name that ends in .html, got {printable(str(path))}")
+        raise ConfigError(f"expected a path that ends in .html, got {shown(str(path))}; rename it")
     if not height >= 1:
-        raise ConfigError(f"height must be 1 pixel or more, got {height}")
+        raise ConfigError(f"expected a height of 1 pixel or more, got {height}; correct it")
     html, file = _page_of(value), None if path is None else Path(path)
     if file is None and (open_browser or not _is_notebook()):
         file = Path(tempfile.mkdtemp(prefix="rastercov_"), "page.html")
@@ -241,7 +242,7 @@ def table(value: Result, name: str) -> Any:
     check_kind("value", value, KINDS, WORDS, ConfigError)
     check_choice("name", name, ("faces", "cameras", "zones", "groups"))
     if not has_parquet():
-        raise ConfigError(f"tables need pyarrow; run: {INSTALL_PYARROW}")
+        raise ConfigError(f"expected pyarrow for tables, got no package; run: {INSTALL_PYARROW}")
     import pyarrow as pa
 
     page = network_of(value, math.inf if name == "cameras" else 0)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.format import area, percent, plural, signed
+from rastercov.base.format import area, decimals_of, percent, plural, signed
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -323,7 +323,7 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
     # Three digits of the largest extent.
     far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
-    digits = int(np.clip(2 - np.floor(np.log10(max(far, 1e-9))), 0, 9))
+    digits = decimals_of(far)
     for number, zone in enumerate(shown, start=1):
         first, *others = zone_parts(zone)
         place = ", ".join(signed(value, digits) for value in zone["centroid"])

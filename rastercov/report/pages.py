@@ -498,8 +498,8 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
     """
     if mesh.n_faces > MOST_FACES:
         raise ResourceError(
-            f"a page of one file holds up to {MOST_FACES:,} faces, got {mesh.n_faces:,}; decimate "
-            "the mesh, or use the server"
+            f"expected up to {MOST_FACES:,} faces in a self-contained page, got {mesh.n_faces:,}; "
+            "decimate the mesh, or run rastercov view"
         )
     origin, soup = soup_of(mesh)
     surface = {

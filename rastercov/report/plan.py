@@ -12,7 +12,6 @@ intermediate result is saved before each step after the selection, and `plan.jso
 under "interrupted", which is still correct when the run is killed in it.
 """
 
-import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
@@ -26,7 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.files import seen_from
-from rastercov.base.format import area, first_of, percent, plural, verb
+from rastercov.base.format import area, decimals_of, first_of, percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.coverage.area.zones import ZONES
@@ -295,7 +294,7 @@ def cameras_table(placement: Placement) -> Table:
     before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.
     far = float(np.abs(poses[:, :3, 3]).max(initial=1e-9))
-    digits = max(0, 2 - math.floor(math.log10(max(far, 1e-9))))
+    digits = decimals_of(far)
     for row, entry in enumerate(_cameras(placement)):
         share = entry["share_so_far"]
         if row < MAX_ROWS:

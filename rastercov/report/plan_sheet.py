@@ -24,6 +24,7 @@ import numpy as np
 import shapely
 
 from rastercov.base.arguments import check_choice
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, percent, plural, shortened, signed
 from rastercov.base.memory import FloatArray
@@ -170,8 +171,10 @@ def frame_of(
     floor = floor_of(mesh.opaque) if floor is None else floor
     cut = floor + min(CUT, (top - floor) / 2) if cut is None else cut
     if not bottom <= cut <= top:
-        ends = f"the mesh from {bottom:g} to {top:g} m"
-        raise ConfigError(f"the cut is at z = {cut:g} m, and {ends}; give another --cut or --floor")
+        ends = f"the mesh, {bottom:g} to {top:g} m"
+        raise ConfigError(
+            f"expected a cut through {ends}, got z = {cut:g} m; give another --cut or --floor"
+        )
     low, high = planned(mesh, poses, cut)
     check_choice("paper", paper, tuple(PAPERS))
     window = np.array(PAPERS[paper]) - (PANEL, 0)
@@ -181,10 +184,10 @@ def frame_of(
     if scale != "auto":
         match = re.fullmatch(r"1:(\d{1,6}(?:\.\d+)?)", scale.strip())
         if match is None or not float(match[1]):
-            raise ConfigError(f"scale must be auto or 1:N such as 1:50, got {scale!r}")
+            raise ConfigError(f"expected --scale auto or 1:N, got {shown(scale)}; write 1:50")
         if float(match[1]) < least:
             raise ConfigError(
-                f"at {scale} the drawing is larger than {paper}; take --scale "
+                f"expected a drawing that fits {paper}, got a larger one at {scale}; take --scale "
                 f"{scale_text(found)}, or a larger --paper"
             )
         found = float(match[1])
@@ -617,7 +620,8 @@ def check_sheet_name(path: Path) -> None:
     except ImportError:
         if path.suffix.lower() != ".svg":
             raise ConfigError(
-                f"{path}: PDF and DXF need more; run: pip install 'rastercov[building]', or .svg"
+                f"{path}: expected packages for PDF and DXF, got none; run: pip install "
+                "'rastercov[building]', or write .svg"
             ) from None
 
 

@@ -128,7 +128,9 @@ def colour_rows(mesh: Mesh, values: ArrayLike) -> IntArray:
     """(F,) row of `coverage_colours` for each face."""
     levels = np.asarray(values, np.float64)
     if levels.shape != (mesh.n_faces,):
-        raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
+        raise ConfigError(
+            f"expected values of shape ({mesh.n_faces},), got {levels.shape}; give one per face"
+        )
     return np.where(mesh.task_mask, level_rows(levels), OCCLUDER_ROW)
 
 

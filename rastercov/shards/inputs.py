@@ -141,7 +141,7 @@ def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
         try:
             modified = (folder / HEADER).stat().st_mtime_ns
         except OSError:
-            raise FolderLostError(f"{folder}: {HEADER} is missing") from None
+            raise FolderLostError(f"{folder}: expected {HEADER}, got no such file") from None
         return opened(folder, modified)
 
     return of

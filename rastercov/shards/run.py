@@ -10,7 +10,9 @@ from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.files import one_line
 from rastercov.base.format import plural
 from rastercov.cluster.scheduler import SchedulerLostError, risk
 from rastercov.shards.process import ProcessEndedError
@@ -26,7 +28,7 @@ SCHEDULER_PATIENCE = 60.0
 """Seconds to wait for a lost scheduler to come back, and for a first worker."""
 LOST = "lost"
 """Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
-STAY = "shards that were made stay: run again"
+STAY = "run again, finished shards are kept"
 FULL = (errno.ENOSPC, errno.EDQUOT)
 Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
@@ -158,7 +160,7 @@ def make_shards(
                 _Run(pool, store, heard_of, note, workers.scheduler).make(sorted(shards))
         except SchedulerLostError:
             until = time.monotonic() + SCHEDULER_PATIENCE
-            note(f"{workers.scheduler}: the scheduler is lost; waiting for it to come back")
+            note(f"{workers.scheduler}: lost the connection to the scheduler; reconnecting")
         except ConfigError:
             if until is None or time.monotonic() > until:
                 raise
@@ -186,9 +188,13 @@ class _Run:
             suspects = self._all_of(numbers, work)
             if suspects:
                 n_again = plural(len(suspects), "shard")
-                self.note(f"a worker died; {n_again} to make once more, each in its own process")
+                self.note(
+                    f"a worker process ended; retrying {n_again}, each in a process of its own"
+                )
                 if again := self._all_of(suspects, alone):
-                    raise ConfigError(f"workers died while they watched shards {again}; {STAY}")
+                    raise ConfigError(
+                        f"expected results of shards {shown(again)}, got workers that ended; {STAY}"
+                    )
         finally:
             with suppress(Exception):  # a lost scheduler
                 for _, future in self.in_flight.values():
@@ -222,7 +228,9 @@ class _Run:
                 # That of Dask has no type here, as it need not be installed.
                 kind = type(error).__name__
                 if not isinstance(error, ProcessEndedError) and kind != "KilledWorker":
-                    raise RastercovError(f"a worker failed: {kind}: {error}") from error
+                    raise RastercovError(
+                        f"expected a result of a worker, got {kind}: {one_line(error)}; {STAY}"
+                    ) from error
                 suspects.append(number)
             else:
                 if not made.quarantined:
@@ -235,11 +243,12 @@ class _Run:
         """Wait for a folder that is lost; a full disk, and one that stays lost, end the run."""
         if error.errno in FULL:
             where = error.filename or self.store.folder
-            raise ConfigError(f"{where}: the disk is full; {STAY} with more space")
+            raise ConfigError(
+                f"{where}: expected free disk space, got a full disk; free some and {STAY}"
+            )
         if time.monotonic() - self.last_made > FOLDER_PATIENCE:
-            wanted = "the folder must be there for every worker under the same name"
-            raise ConfigError(f"{error}; {wanted}")
-        self.note(f"{error}; trying again")
+            raise ConfigError(f"{error}; mount the folder under the same path on every worker")
+        self.note(f"{error}; retrying")
         time.sleep(1)
 
     def _check_workers(self) -> None:
@@ -247,5 +256,4 @@ class _Run:
         if threads := self.pool.n_threads():
             self.room, self.last_worker = IN_FLIGHT * threads, time.monotonic()
         elif time.monotonic() - self.last_worker > SCHEDULER_PATIENCE:
-            advice = "start some with `dask worker`"
-            raise ConfigError(f"{self.address}: the scheduler has no workers; {advice}")
+            raise ConfigError(f"{self.address}: expected workers, got none; run `dask worker`")

@@ -35,7 +35,7 @@ class DamagedError(ConfigError):
     """A file of a folder has changed since it was written; the message names file and reason."""
 
     def __init__(self, path: Path, why: str) -> None:
-        super().__init__(f"{path}: damaged, {why}")
+        super().__init__(f"{path}: expected the file as it was written, got {why}")
 
 
 def contents(folder: Path, name: str) -> bytes | None:
@@ -51,13 +51,13 @@ def contents(folder: Path, name: str) -> bytes | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise DamagedError(folder / name, f"it cannot be read ({error.strerror})") from None
+        raise DamagedError(folder / name, f"a read error ({error.strerror})") from None
     try:
         is_whole = sum_file(folder, name).read_bytes() == _sum_line(name, data)
     except OSError:
-        raise DamagedError(folder / name, "its checksum is missing") from None
+        raise DamagedError(folder / name, "no checksum") from None
     if not is_whole:
-        raise DamagedError(folder / name, "its checksum is not the one recorded")
+        raise DamagedError(folder / name, "another checksum")
     return data
 
 
@@ -65,7 +65,7 @@ def whole(folder: Path, name: str) -> bytes:
     """Bytes of a file; DamagedError as for `contents`, and where it is missing."""
     data = contents(folder, name)
     if data is None:
-        raise DamagedError(folder / name, "it is missing")
+        raise DamagedError(folder / name, "no such file")
     return data
 
 
@@ -83,7 +83,7 @@ def renew(folder: Path, name: str, data: bytes, note: Note) -> None:
         if contents(folder, name) == data:
             return
     except DamagedError as error:
-        note(f"{error}; made again")
+        note(f"{error}; written again")
     store(folder, name, data)
 
 
@@ -198,7 +198,7 @@ class ShardStore:
         """
         names = {self.folder / self.name(number) for number in range(len(self))}
         for stray in sorted(set(self.folder.glob(self.pattern.format("*"))) - names):
-            note(f"{stray}: no shard of this job; removed")
+            note(f"{stray}: expected a shard of this job, got another file; removed")
             discard(self.folder, str(stray.relative_to(self.folder)))
         missing = self.missing()
         for number in range(len(self)):
@@ -207,7 +207,7 @@ class ShardStore:
                 if number not in missing:
                     check(number)
             except DamagedError as error:
-                note(f"{error}; its poses are measured again")
+                note(f"{error}; evaluated its poses again")
                 self.note(number, {})
                 discard(self.folder, self.name(number))
 
@@ -229,7 +229,7 @@ class ShardStore:
         name = _note(number)
         data = contents(self.folder, name)
         if data is None and sum_file(self.folder, name).exists():
-            raise DamagedError(self.folder / name, "it is missing")
+            raise DamagedError(self.folder / name, "no such file")
         entries = {} if data is None else json.loads(data)
         return {int(pose): str(why) for pose, why in entries.items()}
 

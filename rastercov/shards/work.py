@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
 from rastercov.base.versions import version_of
@@ -64,10 +65,11 @@ def work(
     """
     worker, own = f"{platform.node()}:{os.getpid()}", version_of("rastercov")
     if store.version != own:
-        both = f"has rastercov {own}, and the run {store.version}"
-        raise ConfigError(f"worker {worker} {both}; install the same on both")
+        raise ConfigError(
+            f"worker {worker}: expected rastercov {store.version} of this run, got {own}; update it"
+        )
     if not store.folder.is_dir():
-        raise FolderLostError(f"{store.folder}: no such folder on worker {worker}")
+        raise FolderLostError(f"{store.folder}: expected the folder on worker {worker}, got none")
     every = np.arange(store.rows(number).start, store.rows(number).stop)
     poses = every if chosen is None else every[list(chosen)]
     began, cpu = time.perf_counter(), time.thread_time()
@@ -88,10 +90,10 @@ def alone(store: ShardStore, number: int) -> Made:
         store.note(number, guilty)
         made = _in_process(store, number, [pose for pose in poses if pose not in guilty])
     if not isinstance(made, Made):
-        when = f"also without poses {guilty}" if guilty else "but with none of its poses alone"
+        when = f"also without poses {shown(list(guilty))}" if guilty else "but not for one pose"
         raise RastercovError(
-            f"shard {number}: its process {made}, {when}; run again with fewer workers, so that "
-            "each has more memory"
+            f"shard {number}: expected a result, got a process that {made}, {when}; use fewer "
+            "workers, each has more memory then"
         )
     return made._replace(quarantined=guilty)
 
@@ -125,7 +127,9 @@ def _in_process(
             made: Made = process.call(partial(work, is_trial=is_trial), store, number, chosen)
         except ProcessEndedError as error:
             if not error.was_killed:
-                raise RastercovError(f"a worker failed: its process {error}") from None
+                raise RastercovError(
+                    f"expected a result, got a worker process that {error}; run again"
+                ) from None
             return str(error)
     return made
 
@@ -160,7 +164,7 @@ class Tally:
         """A line for each worker, for people."""
         return [
             f"worker {worker}: {plural(int(shards), 'shard')}, {plural(int(poses), 'pose')}, "
-            f"{seconds:.1f} s, of these {cpu:.1f} s on the CPU "
-            f"({1e3 * cpu / max(1, poses):.2f} ms a pose)"
+            f"{seconds:.1f} s, CPU time {cpu:.1f} s "
+            f"({1e3 * cpu / max(1, poses):.2f} ms per pose)"
             for worker, (shards, poses, seconds, cpu) in sorted(self.by_worker.items())
         ]

@@ -58,11 +58,14 @@ class Workers:
 
     def __post_init__(self) -> None:
         if (self.number is None) == (self.scheduler is None):
-            raise ConfigError("give a number of workers, or the address of a scheduler, not both")
+            raise ConfigError(
+                "expected either workers or a scheduler, got both or neither; give one"
+            )
         number = 1 if self.number is None else self.number
         if type(number) is not int or not 1 <= number <= MOST_WORKERS:
-            wanted = f"a whole number 1 to {MOST_WORKERS}"
-            raise ConfigError(f"workers must be {wanted}, got {shown(number)}")
+            raise ConfigError(
+                f"expected 1 to {MOST_WORKERS} workers, got {shown(number)}; correct the number"
+            )
         if self.scheduler is not None:
             check_scheduler(self.scheduler)
 

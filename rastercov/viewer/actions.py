@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
+from rastercov.base.format import first_of
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
@@ -79,7 +80,7 @@ def _light(state: RigState, settle: Settle, lamp: int, pose: Matrix) -> Edited:
     """With the place of a lamp."""
     own = state.whole.lamps
     if own is None or not 0 <= lamp < len(own) or own.rides[lamp]:
-        raise ConfigError(f"there is no lamp {lamp} to move")
+        raise ConfigError(f"expected a lamp of the scene, got {shown(lamp)}; take another")
     moved = own.at(lamp, checked_pose(np.reshape(pose, (4, 4))))
     return replace(state, whole=state.whole._lit(moved)), f"move {own.names[lamp]}"
 
@@ -90,7 +91,9 @@ def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
     own = state.station(station)
     eye = own.pose[:3, 3]
     if np.linalg.norm(np.array(point) - eye) < 1e-9:
-        raise ConfigError("the point must be apart from the camera; take another point")
+        raise ConfigError(
+            "expected a point away from the camera, got its centre; take another point"
+        )
     aimed = look_at(eye[None], np.array([point]), tuple(-own.pose[:3, 1]))[0]
     return state.with_pose(own.id, aimed), f"aim {own.name}"
 
@@ -143,7 +146,7 @@ def _camera(state: RigState, settle: Settle, camera: Name, changes: dict[str, Nu
 def _new_camera(state: RigState, settle: Settle, name: Name, source: Name) -> Edited:
     """With a further camera, like another one or one of the catalogue."""
     if name in state.cameras:
-        raise ConfigError(f"there is a camera {shown(name)} already; take another name")
+        raise ConfigError(f"expected a new name, got {shown(name)}, which is taken; change it")
     made = state.with_type(source).camera(source)
     return state.with_camera(name, made), f"new camera {name}"
 
@@ -157,7 +160,9 @@ def _task(task: Task, changes: Mapping[str, Any]) -> Task:
     """The task with other thresholds; ConfigError for an unknown one."""
     known = asdict(task)
     if unknown := [name for name in changes if name not in known]:
-        raise ConfigError(f"a task has {', '.join(known)}, got {shown(unknown[0])}")
+        raise ConfigError(
+            f"expected one of {first_of(list(known))}, got {shown(unknown[0])}; correct it"
+        )
     return Task(**(known | dict(changes)))
 
 
@@ -189,7 +194,7 @@ class KeptRig(BaseModel):
 def _restore(state: RigState, settle: Settle, rig: KeptRig) -> Edited:
     """The rig that a page kept, in place of the present one."""
     if len({each.id for each in rig.stations}) != len(rig.stations):
-        raise ConfigError("the ids of stations must differ")
+        raise ConfigError("expected distinct station ids, got duplicates; correct them")
     made = replace(state, stations=())
     for name, camera in rig.cameras.items():
         made = made.with_camera(name, Camera.from_dict(camera.plain))
@@ -279,11 +284,13 @@ def checked(form: type[Action], entries: Mapping[str, Any]) -> Any:
         first = error.errors(include_url=False)[0]
         place = ".".join(printable(str(each), 40) for each in first["loc"])
         got = shown(first.get("input"))
-        wanted = first["msg"]
+        wanted = first["msg"].removeprefix("Input should be ")
         if first["type"] == "union_tag_invalid":  # whose message has the whole tag
             tag = first["ctx"]["discriminator"].strip("'")
-            wanted = f"{tag} must be one of {first['ctx']['expected_tags']}"
-        raise ConfigError(f"{place or 'request'}: {wanted}, got {got}") from None
+            wanted = f"{tag} to be one of {first['ctx']['expected_tags']}"
+        raise ConfigError(
+            f"{place or 'request'}: expected {wanted}, got {got}; correct it"
+        ) from None
 
 
 Change = Callable[[Camera, Any], Camera]
@@ -303,7 +310,7 @@ def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
     known = {name: change for name, *_, change in _FIELDS}
     for name, value in changes.items():
         if name not in known:
-            raise CameraError(f"a camera has {', '.join(known)} to change, got {shown(name)}")
+            raise CameraError(f"expected one of {', '.join(known)}, got {shown(name)}; correct it")
         camera = known[name](camera, value)
     return camera
 
@@ -311,9 +318,11 @@ def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
 def _with_angle(camera: Camera, value: object) -> Camera:
     wanted = number("hfov_deg", value)
     if not camera.is_pinhole:
-        raise CameraError(f"hfov_deg is of a pinhole; change fx of a lens of model {camera.model}")
+        raise CameraError(
+            f"expected a pinhole for hfov_deg, got lens model {camera.model}; change fx"
+        )
     if not 0.01 <= wanted <= 179:
-        raise CameraError(f"hfov_deg must be 0.01 to 179, got {shown(value)}")
+        raise CameraError(f"expected hfov_deg of 0.01 to 179, got {shown(value)}; correct it")
     # cot of the sum of the angles on both sides of the centre c: (f^2 - c (w - c)) / (w f).
     half = 0.5 * camera.width / math.tan(math.radians(wanted))
     apart = camera.cx * (camera.width - camera.cx)
@@ -343,8 +352,8 @@ def _with_f_number(camera: Camera, value: object) -> Camera:
 def _focal_length(camera: Camera) -> float:
     if camera.focal_length is None or camera.pixel_size is None:
         raise CameraError(
-            "focus needs the focal length and the size of a pixel, in metres; give a camera with "
-            "both, or change focus_near and focus_far"
+            "expected focal_length and pixel_size for the focus, got none; give both, or change "
+            "focus_near and focus_far"
         )
     return camera.focal_length
 
@@ -357,13 +366,13 @@ def _with_range(camera: Camera, low: object, high: object) -> Camera:
 
 
 _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
-    ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right.", _with_angle),
+    ("hfov_deg", 1.0, 175.0, "deg", "Horizontal field of view.", _with_angle),
     (
         "fx",
         10.0,
         20_000.0,
         "px",
-        "Focal length over pixel width.",
+        "Focal length in pixel widths.",
         lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx),
     ),
     (
@@ -371,17 +380,17 @@ _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
         64,
         8192,
         "px",
-        "Pixels across, at the same field of view.",
+        "Image width, at the same field of view.",
         lambda camera, value: camera.resized(image_side("width", value) / camera.width),
     ),
-    ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus.", _with_focus),
-    ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture.", _with_f_number),
+    ("focus_distance", 0.02, 100.0, "m", "Focus distance.", _with_focus),
+    ("f_number", 0.7, 45.0, "", "F-number: focal length over aperture diameter.", _with_f_number),
     (
         "focus_near",
         0.0,
         100.0,
         "m",
-        "Least depth in focus.",
+        "Near limit of the depth of field.",
         lambda camera, value: _with_range(camera, value, None),
     ),
     (
@@ -389,7 +398,7 @@ _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
         0.01,
         1000.0,
         "m",
-        "Greatest depth in focus.",
+        "Far limit of the depth of field.",
         lambda camera, value: _with_range(camera, None, value),
     ),
     (
@@ -397,12 +406,11 @@ _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
         0.0,
         10.0,
         "m",
-        "Surfaces nearer than this are not seen.",
+        "Near plane: surfaces closer than this are not visible.",
         lambda camera, value: replace(camera, near=value),
     ),
 )
 CAMERA_FIELDS = [
-    {"name": name, "low": low, "high": high, "unit": unit, "words": words}
-    for name, low, high, unit, words, _ in _FIELDS
+    dict(zip(("name", "low", "high", "unit", "words"), row, strict=False)) for row in _FIELDS
 ]
 """Values that can be changed, with the ends of their sliders."""

@@ -122,8 +122,8 @@ def bound(port: int) -> Listener:
     except OSError as error:
         made.close()
         raise ConfigError(
-            f"{HOST}:{port} cannot be bound ({error.strerror or error}); take another --port, 0 "
-            "for a free one"
+            f"{HOST}:{port}: expected a free port, got {error.strerror or error}; pass another "
+            "--port, or 0"
         ) from None
     return made
 

@@ -204,7 +204,7 @@ class Measurements:
         poses, stations = state.counted()
         unit, why = unit_of_result(self.by, state.task, self._engine, None, len(poses))
         if unit == "face":
-            raise ConfigError(why.partition(";")[0] or "it was asked for by face")
+            raise ConfigError(why.partition(";")[0] or "results per face were requested")
         rig, task, n = state.whole, replace(state.task, views=state.most_views), len(poses)
         if self._finder is None or self._finder[0] is not rig or self._finder[1].task != task:
             self._finder = rig, RegionPass(self.mesh, rig, task, method=self._engine)
@@ -439,7 +439,7 @@ class NetworkFigures:
         """Light of the lamps of the cell at the centroid of each face."""
         values = values_of(self.mesh, self.state.rig(), self.state.task)
         if "lux" not in values:
-            raise ConfigError("there are no lamps; give some with --lamps")
+            raise ConfigError("expected lamps, got none; give --lamps")
         return OfLight(*values["lux"])
 
     def _best(self, name: str) -> NDArray[np.float32]:
@@ -506,7 +506,7 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     """
     mesh = measurements.mesh
     if not 0 <= face < mesh.n_faces:
-        raise ConfigError(f"face must be 0 to {mesh.n_faces - 1}, got {face}")
+        raise ConfigError(f"expected a face of 0 to {mesh.n_faces - 1}, got {face}; correct it")
     state, group = figures.state, mesh.groups[mesh.face_group[face]]
     found = {
         "face": face,
@@ -527,7 +527,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     """One line on the face."""
     size = area(float(mesh.areas[face]), figures.state.unit)
     if not mesh.task_mask[face]:
-        return f"An occluder, {size}: it hides, and is not to be covered."
+        return f"Occluder, {size}: not evaluated."
     views, task = int(figures.views[face]), figures.state.task
     reason, device, names = figures.failing
     if names and reason[face] == Reason.COVERED:
@@ -539,13 +539,13 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     if figures.covered[face]:
         return f"Covered by {plural(views, 'camera')}, {size}."
     if not figures.rows:
-        return f"Not covered, {size}: there are no cameras."
+        return f"Not covered, {size}: no cameras."
     if views:
         asked = plural(int(figures.need[face]), "camera")
         if task.min_angle_deg > 0:
-            asked += f" that differ by {task.min_angle_deg:g} deg"
-        return f"Not covered, {size}: by {views} of {asked}."
-    return f"Not covered, {size}: at best {REASONS[NAMES[figures.reasons[face]]].label}."
+            asked += f" at least {task.min_angle_deg:g} deg apart"
+        return f"Covered by {views}, {size}; {asked} required."
+    return f"Not covered, {size}: {REASONS[NAMES[figures.reasons[face]]].label} in the best camera."
 
 
 def _of_station(
@@ -565,17 +565,17 @@ def _of_station(
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
-        words = f"hidden by {by}: {percent(occluder['share'])} of its image"
+        words = f"occluded by {by}: {percent(occluder['share'])} of its image"
     visible, bound = found["visibility"], found["visibility_bound"]
     entries = {
-        "visible part": f"{percent(visible)} ± {100 * bound:.1g} %",
+        "visible fraction": f"{percent(visible)} ± {100 * bound:.1g} %",
         "coverage": f"{found['coverage']:.3g}",
-        "pixels if nothing hides it": f"{rounded(found['drawn_pixels'])} px",
+        "pixels without occlusion": f"{rounded(found['drawn_pixels'])} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g} deg",
         "pixel density": density_text(found["pixel_density"], f"px/{state.unit}"),
         "facing density": density_text(found["facing_density"], f"px/{state.unit}"),
         "depth": depth_in_words(depth, state.unit),
-        "in the image": percent(found["in_view_fraction"]),
+        "inside the image": percent(found["in_view_fraction"]),
     }
     hider = "" if occluder is None else occluder["name"]
     tip = advice(name, found, depth, task, camera, hider, state.unit)

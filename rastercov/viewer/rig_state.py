@@ -16,6 +16,7 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.format import first_of
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
@@ -102,7 +103,7 @@ class RigState:
         """
         if len(poses) > MOST_STATIONS:
             raise ConfigError(
-                f"the viewer takes up to {MOST_STATIONS:,} cameras, got {len(poses):,} poses; "
+                f"expected up to {MOST_STATIONS:,} poses in the viewer, got {len(poses):,}; "
                 "give fewer"
             )
         words = names_of_poses(poses, names)
@@ -163,7 +164,9 @@ class RigState:
         for row, each in enumerate(self.stations):
             if each.id == station:
                 return row
-        raise ConfigError(f"there is no station {shown(station)}; it may have been deleted")
+        raise ConfigError(
+            f"expected a camera of the rig, got station {shown(station)}; reload the page"
+        )
 
     def station(self, station: int) -> Station:
         """A station by its id; ConfigError where it is gone."""
@@ -199,7 +202,7 @@ class RigState:
         """
         self.camera(camera)
         if len(self.stations) >= MOST_STATIONS:
-            raise ConfigError(f"the viewer takes up to {MOST_STATIONS:,} cameras; delete some")
+            raise ConfigError(f"expected up to {MOST_STATIONS:,} cameras, got more; delete some")
         new = max((each.id for each in self.stations), default=-1) + 1
         station = Station(new, self._free(name or f"camera {new + 1}"), camera, checked_pose(pose))
         return replace(self, stations=(*self.stations, station))
@@ -229,12 +232,12 @@ class RigState:
         words = name.strip()
         if not words or len(words) > LONGEST_NAME or not words.isprintable():
             raise ConfigError(
-                f"a name must be 1 to {LONGEST_NAME} characters that can be printed, "
-                f"got {shown(name)}"
+                f"expected a name of 1 to {LONGEST_NAME} printable characters, got {shown(name)}; "
+                "change it"
             )
         own = self.station(station)
         if words != own.name and words in {each.name for each in self.stations}:
-            raise ConfigError(f"there is a camera {words!r} already; take another name")
+            raise ConfigError(f"expected a new name, got {shown(words)}, which is taken; change it")
         return self.with_station(replace(own, name=words))
 
     def using(self, station: int, camera: str) -> "RigState":
@@ -296,8 +299,8 @@ class RigState:
     def camera(self, name: str) -> Camera:
         """A camera by its name; ConfigError where there is none."""
         if name not in self.cameras:
-            known = ", ".join(self.cameras)
-            raise ConfigError(f"there is no camera {shown(name)}; cameras are {known}")
+            known = first_of(list(self.cameras))
+            raise ConfigError(f"expected one of {known}, got camera {shown(name)}; correct it")
         return self.cameras[name]
 
     def _free(self, name: str) -> str:

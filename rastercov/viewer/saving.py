@@ -69,9 +69,13 @@ class Saving:
             For anything else, and where no folder was given.
         """
         if asked not in ({"what": "rig"}, {"what": "report"}):
-            raise ConfigError(f"what must be rig or report, got {shown(asked.get('what'))}")
+            raise ConfigError(
+                f"expected what to be rig or report, got {shown(asked.get('what'))}; correct it"
+            )
         if self.out is None:
-            raise ConfigError("no folder was given to save into; start with --out, or download it")
+            raise ConfigError(
+                "expected a folder to save to, got none; start with --out, or download"
+            )
         named_folder(self.out)
         with self.session.lock:
             state = self.session.state
@@ -97,15 +101,15 @@ class Saving:
         from rastercov.report.coverage import Options, run  # loads pyarrow
 
         if not state.on:
-            raise ConfigError("there is no camera that is on; add one for a report")
+            raise ConfigError("expected a camera that is on, got none; add one")
         if state.unit != "m":
-            raise ConfigError("a report is in metres, and this has no scale; see rastercov audit")
+            raise ConfigError("expected lengths in metres, got no scale; use rastercov audit")
         options = Options(method=self.session.measurements.method)
         scene, poses = self.session.scene, state.poses()
         rig = state.rig(poses)
         moving = scene.moving_with(rig)
         run(scene.mesh, rig, poses, state.task, path, options, moving=moving)
-        return f"a report of {plural(len(state.on), 'camera')} is in {path}"
+        return f"wrote a report of {plural(len(state.on), 'camera')} to {path}"
 
 
 def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
@@ -123,7 +127,9 @@ def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
                 if content["scene"] == session.scene.title and content["drawing"]:
                     session.drawing = checked(Drawing, content["drawing"])
             except (RastercovError, UnreadableError, LookupError, TypeError) as error:
-                fault = f"{path} is no drawing of the viewer ({one_line(error)}); remove it"
+                fault = (
+                    f"{path}: expected a drawing of the viewer, got {one_line(error)}; remove it"
+                )
                 raise ConfigError(fault) from None
     return session
 
@@ -134,7 +140,7 @@ def _texts(state: RigState) -> dict[str, str]:
     ConfigError for a rig without cameras.
     """
     if not state.stations:
-        raise ConfigError("there is no camera to save; add one")
+        raise ConfigError("expected a camera to save, got none; add one")
     task, defaults = asdict(state.task), asdict(Task())
     own = {name: value for name, value in task.items() if value != defaults[name]}
     tables = {"task": own}
@@ -180,7 +186,7 @@ def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES
 def check_name(path: str | Path) -> None:
     """Raise `ConfigError` unless a file is named as a page."""
     if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise ConfigError(f"the page is an .html file, got {path}")
+        raise ConfigError(f"expected an .html file, got {path}; rename it")
 
 
 def exported(session: Session, modes: Sequence[str] = MODES) -> str:

@@ -80,8 +80,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
         "unit": "deg",
     }
     for name, default, words in (
-        ("alpha_deg", 30.0, "Largest angle between two normals of a segment, (6.1)."),
-        ("beta_deg", 10.0, "Largest angle between segments that are merged, (6.3)."),
+        ("alpha_deg", 30.0, "Maximum angle between two normals of a segment, (6.1)."),
+        ("beta_deg", 10.0, "Maximum angle between segments to merge, (6.3)."),
     )
 )
 OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
@@ -92,17 +92,17 @@ PLACES = {
     Place.ALLOWED: "allowed",
     Place.TOO_FAR: "too far from the surface",
     Place.TOO_NEAR: "too near a surface",
-    Place.KEPT_OUT: "in a keep-out",
-    Place.IN_SOLID: "inside a body",
+    Place.KEPT_OUT: "inside a keep-out volume",
+    Place.IN_SOLID: "inside a solid",
     Place.OUTSIDE: "outside the mounting places",
 }
 """Words on places of cameras."""
 LEAST_SITE = 2.0
 """Size of a scene from which it has DORI levels, m."""
-LAMPS_ASKED = "the result has lamps, and the page none; give them as --lamps"
+LAMPS_ASKED = "the page shows the result without its lamps; give them as --lamps"
 """Note on a result that was lit."""
 LAMPS_TO_CHOOSE = (
-    "lamps are to be chosen: shown is any light; --poses takes the poses.json of place"
+    "lamps are not chosen yet, so light is ignored; give the poses.json of place as --poses"
 )
 """Note on a plan whose lamps are not chosen."""
 OF_CAMERAS, OF_LAMPS = ("catalogue", "camera", "cameras", "rigs"), ("lamps", "ambient", "exposure")
@@ -171,7 +171,9 @@ class Scene:
     def lit_by(self, path: Path) -> "Scene":
         """The same with lamps of a file; ConfigError for those of a plan, and for another unit."""
         if self.plan is not None:
-            raise ConfigError("a plan has its own lamps, [lamps.NAME]; leave out --lamps")
+            raise ConfigError(
+                "expected the lamps of the plan, [lamps.NAME], got --lamps; leave it out"
+            )
         lamps, start = load_lamps(path), self.start
         rig, task = start.whole._lit(lamps), lit_by(start.task, lamps)
         start = replace(start, whole=rig, task=task)
@@ -274,10 +276,10 @@ class Scene:
         has_some = self.pool is not None and len(self.pool.candidates) > 0
         asked = self.plan.selection if self.plan and has_some else None
         if asked is None:
-            words, cameras = "one after another, each where it adds most", 4
+            words, cameras = "one by one, each where it adds most", 4
         elif isinstance(asked, BestSelection):
             within = "" if asked.budget is None else f" within a cost of {asked.budget:g}"
-            cameras, words = asked.cameras, f"for the best coverage{within}, by the plan"
+            cameras, words = asked.cameras, f"for the best coverage{within}, as in the plan"
         else:
             words = f"the fewest that cover {percent(asked.coverage)}"
         return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
@@ -506,18 +508,22 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
         if rig.rig is None and cameras is None:
-            raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
+            raise ConfigError(
+                f"{plan.name}: expected a camera in the plan or the rig, got none; give one"
+            )
         start = state_of(rig, plan.build_task(), cameras)
         if cameras is not None:  # those that the rig does not use may be added
-            own = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4)))).whole
+            own = RigState.of(cameras, Poses.of(())).whole
             own = own._with(tasks={**own.tasks, **start.whole.tasks})
             for name, camera in start.cameras.items():
                 own = own._with_camera(name, camera)
             start = replace(start, whole=own)
     elif cameras is None:
-        raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
+        raise ConfigError(
+            f"{plan.name}: expected a camera, got none; add one, or give --poses with cameras"
+        )
     else:
-        start = RigState.of(cameras, Poses.of(np.zeros((0, 4, 4))), task=plan.build_task())
+        start = RigState.of(cameras, Poses.of(()), task=plan.build_task())
     start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
@@ -541,8 +547,8 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours are of single cameras, face by face, except those by missing device; the covered "
-        "area is by the rule of their rig",
+        "colours show single cameras per face, except for missing device; the covered area follows "
+        "the rule of the rig",
     )
 
 
@@ -550,12 +556,16 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     """Provenance of the result in a folder; ConfigError where there is none."""
     name = next((name for name in RESULTS if (folder / name).is_file()), None)
     if name is None:
-        known = ", ".join(RESULTS)
-        raise ConfigError(f"{printable(str(folder))} is no result: it has none of {known}")
+        raise ConfigError(
+            f"{printable(str(folder))}: expected a result with {' or '.join(RESULTS)}, got none; "
+            "give its folder"
+        )
     content = _read(folder / name)
     run = content.get("run") or content.get("made_from") or {}
     if not isinstance(run, Mapping) or "scene" not in run:
-        raise ConfigError(f"{folder / name} does not say what it is of; make it again")
+        raise ConfigError(
+            f"{folder / name}: expected the entry run.scene, got none; run the command again"
+        )
     return run
 
 
@@ -583,7 +593,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         return _opened(folder, load)
     except (LookupError, TypeError, AttributeError):
         raise ConfigError(
-            f"{printable(str(folder))} has entries that rastercov did not write; make it again"
+            f"{printable(str(folder))}: expected entries of rastercov, got others; run it again"
         ) from None
 
 
@@ -597,15 +607,13 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     moving = found if isinstance(found, PlanMotion) else None
     mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.motion.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
-        other = (
-            f"; or give the plan, with --poses {quote(str(rig_file))}" if kind == "place" else ""
-        )
+        other = f", or the plan with --poses {quote(str(rig_file))}" if kind == "place" else ""
         raise ConfigError(
-            f"the mesh is not that of {folder}: {', '.join(files)}, unchanged since and with its "
-            f"--unit and --transform, is wanted{other}"
+            f"expected the mesh of {folder}, {', '.join(files)}, got another; give the unchanged "
+            f"files with their --unit and --transform{other}"
         )
     if not rig_file.is_file():
-        raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
+        raise ConfigError(f"expected {rig_file}, got no such file; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = state_of(read_views(rig_file), task, _cameras(run))
     start = replace(start, whole=start.whole._lit(lamps))
@@ -662,7 +670,9 @@ def _read(path: Path) -> Mapping[str, Any]:
     with errors_as(ConfigError, printable(str(path)), UnreadableError):
         content = read_json(path)
     if not isinstance(content, Mapping):
-        raise ConfigError(f"{printable(str(path))} is no result; make it again")
+        raise ConfigError(
+            f"{printable(str(path))}: expected a result, got other JSON; run the command again"
+        )
     return content
 
 
@@ -693,6 +703,6 @@ def state_of(views: Views, task: Task, cameras: Rig | None = None) -> RigState:
         named = bool(views.camera_names)
         views = views.with_cameras(cameras) if named else replace(views, rig=cameras)
     if views.rig is None:
-        raise PoseError("there are poses and no camera; give a camera as well")
+        raise PoseError("expected cameras with the poses, got none; give --camera")
     state = RigState.of(views.rig, views.poses, views.images, task)
     return state if views.has_unit else replace(state, unit="unit")

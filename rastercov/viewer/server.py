@@ -143,14 +143,14 @@ class _Guard:
     def _fault(self, path: str, headers: dict[bytes, bytes]) -> str:
         host = headers.get(b"host", b"").decode("latin-1").lower()
         if host not in self.hosts:
-            return "this server answers to its own address alone; open the URL that it printed"
+            return "expected the address of this server, got another; open the printed URL"
         origin = headers.get(b"origin")
         if origin is not None and origin.decode("latin-1").lower() not in self.origins:
-            return "this server answers to its own page alone"
+            return "expected a request of the viewer's own page, got another origin"
         if path.startswith("/api/"):
             given = headers.get(b"x-rastercov-token", b"")
             if not hmac.compare_digest(given, self.token):
-                return "the token is missing or wrong; open the URL that the program printed"
+                return "expected the token of this session, got another; open the printed URL"
         return ""
 
 
@@ -182,7 +182,7 @@ async def _static(request: "Request") -> "Response":
 
     data = static_file(request.path_params["name"])
     if data is None:
-        return _error(404, "there is no such file")
+        return _error(404, "no such file")
     kind = TYPES[Path(request.path_params["name"]).suffix]
     return Response(data, media_type=kind)
 
@@ -265,7 +265,7 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer, most: int) -> Any:
         except ClientDisconnect:
             return Response()  # to no one
         except _TooLong:
-            refused = _error(413, f"this request has at most {most:,} bytes")
+            refused = _error(413, f"expected at most {most:,} bytes, got more; send less")
             refused.headers["connection"] = "close"  # the rest is not read
             return refused
         except (StaleError, BusyError) as error:
@@ -290,7 +290,7 @@ async def _body(request: "Request", most: int) -> dict[str, Any]:
     """JSON object of a request."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if kind != "application/json":
-        raise ConfigError("a request is of content-type application/json")
+        raise ConfigError("expected content-type application/json, got another; correct it")
     text = bytearray()
     async for part in request.stream():
         text += part
@@ -300,14 +300,14 @@ async def _body(request: "Request", most: int) -> dict[str, Any]:
         body = json.loads(text or b"{}")
         if isinstance(body, dict):
             return body
-    raise ConfigError("a request is a JSON object, and this is none")
+    raise ConfigError("expected a JSON object, got something else; correct it")
 
 
 def _whole(query: Query, name: str) -> int:
     """A whole number of a query."""
     text = query.get(name, "")
     if not re.fullmatch(r"\d{1,9}", text):
-        raise ConfigError(f"{name} must be a whole number, got {text[:40]!r}")
+        raise ConfigError(f"expected {name} to be a whole number, got {text[:40]!r}; correct it")
     return int(text)
 
 

@@ -361,7 +361,9 @@ class Session:
             For a station that is gone, or a side outside its limits.
         """
         if not LEAST_SIDE <= side <= MOST_SIDE:
-            raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
+            raise ConfigError(
+                f"expected a side of {LEAST_SIDE} to {MOST_SIDE} px, got {side}; correct it"
+            )
         with self.lock:
             mesh, state = self.moment.mesh, self.shown
             own = state.station(station)
@@ -390,7 +392,9 @@ class Session:
             kept = self.moment.kept
             row = int(np.searchsorted(kept, face))
             if 0 <= face < self.scene.mesh.n_faces and (row == len(kept) or kept[row] != face):
-                raise ConfigError("the body of this face is not there in this frame")
+                raise ConfigError(
+                    "expected a face of this frame, got one of an absent body; pick another"
+                )
             return why(self.measurements, self.figures(), row if row < len(kept) else face)
 
     def zones(self) -> list[dict[str, Any]]:
@@ -413,7 +417,9 @@ class Session:
             (history.undo if action.do == "undo" else history.redo)()
         elif isinstance(action, Constrain):
             if action.is_kept and not self.scene.has_constraints:
-                raise ConfigError("there are no constraints to keep; open a plan that has some")
+                raise ConfigError(
+                    "expected constraints, got a scene without any; open a plan with some"
+                )
             self.is_kept = action.is_kept
         elif isinstance(action, OfVariant):
             self._vary(action)
@@ -421,7 +427,7 @@ class Session:
             shown = self.shown
             if self.goal and action.do == "task":
                 raise ConfigError(
-                    "a goal has the thresholds of its plan; show the task to change its own"
+                    "expected the task for new thresholds, got a goal of the plan; show the task"
                 )
             made, words = applied(action, shown, self._settled)
             if words:
@@ -439,7 +445,7 @@ class Session:
             }
             known[name] = self.state, kept | {"cameras": len(self.state.on)}
         elif name not in known:
-            raise ConfigError(f"there is no variant {shown(name)}; it may have been dropped")
+            raise ConfigError(f"expected a kept variant, got {shown(name)}; pick another")
         elif action.do == "drop_variant":
             del known[name]
         elif known[name][0] is not self.state:
@@ -448,8 +454,8 @@ class Session:
     def _check_revision(self, revision: int) -> None:
         if revision != self.history.revision:
             raise StaleError(
-                f"the rig has changed since (revision {self.history.revision}, got {revision}); "
-                "load it again"
+                f"expected revision {self.history.revision} of the rig, got {revision}; reload the "
+                "page"
             )
 
     def _settled(self, wanted: FloatArray, before: FloatArray) -> FloatArray:
@@ -464,7 +470,7 @@ class Session:
         if away > LEAST_MOVED_REL * self.scene.mesh.diagonal:
             why = place_words(space.judge(wanted[None, :3, 3]))[0]
             moved = f"moved {distance(away, self.state.unit)} to the nearest allowed place"
-            done = moved if is_allowed[0] else "no allowed place is near, so it stays where it was"
+            done = moved if is_allowed[0] else "no allowed place nearby, camera not moved"
             self._moved = f"the plan does not allow this place ({why}): {done}"
         return pose
 
@@ -494,7 +500,7 @@ class Session:
             return self._segmented(*angles).labels[self.moment.kept]
         if station is None:
             if not state.stations:
-                raise ConfigError("there is no camera; add one")
+                raise ConfigError("expected a camera, got none; add one")
             station = state.stations[0].id
         return self.measurements.rows(state, [state.station(station)])[0].coverage
 
@@ -505,7 +511,7 @@ class Session:
             rig = state.rig(poses)
             moving = self.scene.moving_with(rig)
             if moving is None:
-                raise ConfigError("nothing moves; open a plan or result with motion")
+                raise ConfigError("expected motion, got none; open a plan or result with motion")
             areas = moving.areas(rig, poses, state.task)
             self._shares = state, areas.over_time.share_of_time()
         return self._shares[1]

@@ -66,7 +66,7 @@ def _open(
     """
     (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
     if areas is None and state.whole.lamps is not None:
-        raise ConfigError(f"with lamps cameras are sought by area, and {because}; leave it out")
+        raise ConfigError(f"expected results by area with lamps, got by face: {because}")
     task, done = replace(state.task, views=state.most_views), 0
     views: Any = state.task.views if state.needed is None else state.needed
 
@@ -121,12 +121,11 @@ def refined(
     """
     moving = state.station(station)
     if not moving.is_on:
-        raise ConfigError(f"{moving.name} is off; switch it on to refine it")
+        raise ConfigError(f"expected a camera that is on, got {moving.name}; switch it on")
     start = moving.pose.copy()
     eyes, is_allowed = space.project_to_allowed(start[None, :3, 3])
     if not is_allowed[0]:
-        where = f"{moving.name} is far from any allowed place"
-        raise ConfigError(f"{where}; move it to one to refine it")
+        raise ConfigError(f"expected {moving.name} near an allowed place, got it far off; move it")
     start[:3, 3] = eyes[0]
     rest = state.with_station(replace(moving, is_on=False))
     progress(0, budget)
@@ -186,7 +185,8 @@ def with_next(
             made, best = tried, area_m2
     if made is state:
         raise ConfigError(
-            f"none of {len(candidates)} poses tried covers more; change the lens or the thresholds"
+            f"expected a pose that covers more, got none in {len(candidates)} tries; change "
+            "lens or thresholds"
         )
     return made, best - before
 
@@ -247,7 +247,7 @@ def tries(
     mesh = measurements.mesh
     targets, faces, weight = _open_parts(measurements, state)
     if not weight.sum() > 0:
-        raise ConfigError("all of the area is covered; there is nothing for a further camera")
+        raise ConfigError("expected uncovered area, got none; no further camera is needed")
     rng = np.random.default_rng(seed)
     drawn = rng.choice(len(faces), count, p=weight / weight.sum())
     targets, faces = targets[drawn], faces[drawn]
@@ -262,7 +262,7 @@ def tries(
     eyes, is_allowed = space.project_to_allowed(targets + reach[:, None] * directions)
     is_allowed &= np.linalg.norm(eyes - targets, axis=1) > 1e-9
     if not is_allowed.any():
-        raise ConfigError("no place for a further camera is allowed; allow more")
+        raise ConfigError("expected an allowed place for a camera, got none; relax the constraints")
     rolls = rng.uniform(0, np.pi, int(is_allowed.sum())) * space.is_roll_free
     return space.composed(eyes[is_allowed], (targets - eyes)[is_allowed], rolls)
 
@@ -348,7 +348,7 @@ class Work:
         asked = checked(Job, {"work": entries}).work
         with self._lock:
             if self._said.get("status") == "running":
-                raise BusyError("other work is running; wait for its end, or cancel it")
+                raise BusyError("expected an idle server, got running work; wait, or cancel it")
             number = (self._said["id"] or 0) + 1
             self._said = {
                 "id": number,
@@ -409,13 +409,19 @@ class Work:
                 self._said |= {"status": "done", "words": hand_over()}
             return
         except Cancelled:
-            said = {"status": "cancelled", "words": "cancelled; nothing was changed"}
+            said = {"status": "cancelled", "words": "cancelled; nothing changed"}
         except StaleError:
-            said = {"status": "failed", "words": "the rig was edited meanwhile; start it again"}
+            said = {
+                "status": "failed",
+                "words": "expected an unchanged rig, got edits meanwhile; start again",
+            }
         except (RastercovError, MemoryError) as error:
             said = {"status": "failed", "words": str(error)}
         except Exception as error:  # the page must learn that it ended
-            said = {"status": "failed", "words": f"a defect: {type(error).__name__}: {error}"}
+            said = {
+                "status": "failed",
+                "words": f"{type(error).__name__}: {error} (a defect of rastercov)",
+            }
         with self._lock:
             self._said |= said
 
@@ -428,7 +434,9 @@ class Work:
         gain: float | None
         if moment.goal is not None and moment.goal.is_most and not isinstance(asked, Place):
             name = moment.goal.name
-            raise ConfigError(f"goal {name} is to be covered at most; show the task to cover more")
+            raise ConfigError(
+                f"expected a goal to cover more, got upper limit {name}; show the task"
+            )
         own = Measurements(moment.mesh, moment.measurements.method, moment.measurements.by)
         try:
             if isinstance(asked, Refine):
@@ -448,7 +456,7 @@ class Work:
 
         def take() -> str:
             if made is state:
-                return f"{words}: no move covers more"
+                return f"{words}: no better pose found"
             is_of_plan = isinstance(asked, Place) and session.scene.placement["is_by_plan"]
             rest = made if is_of_plan else moment.at_rest(made, state, before)
             session.take(rest, words, revision)

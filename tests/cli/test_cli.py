@@ -91,7 +91,7 @@ def test_help_and_version(capsys):
     ("line", "words"),
     [
         ("nonsense", ["No such command 'nonsense'"]),
-        ("evaluate", ["Missing argument", "rastercov evaluate --help"]),
+        ("evaluate", ["missing argument", "rastercov evaluate --help"]),
         ("evaluate box --nope[x]", ["--nope[x]"]),
         ("evaluate box --full", ["'--full' requires an argument; see rastercov evaluate --help"]),
         ("place plan.toml --out", ["'--out' requires an argument; see rastercov place --help"]),
@@ -113,7 +113,7 @@ def test_help_and_version(capsys):
         (QUICK + " --transform lid:scale=2", ["no mesh file 'lid'; files are box"]),
         (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "groups are mesh"]),
         (QUICK + " --occluder part.obj", ["box is built in"]),
-        (QUICK + " --occluder mesh", ["every group is an occluder"]),
+        (QUICK + " --occluder mesh", ["expected a group to evaluate, got occluders only"]),
         (QUICK + " --target mesh --occluder mesh", ["'mesh' must have one role"]),
         ("evaluate bocks -c khepra -p sphere:2", ["bocks: there is no such file", "teapot, "]),
         (["evaluate", "a\nb\x1b[31m", "-psphere:1"], ["error: ab[31m: there is no such file"]),
@@ -126,7 +126,7 @@ def test_help_and_version(capsys):
         ("evaluate box -c khepra -p turntable:12@30,", ["N@DEG", "12@30,"]),
         ("render box -c khepra -p poses.json --pose 12", ["--pose 12", "12 poses"]),
         ("demo --shape nope", ["'nope'", "teapot"]),
-        (MODELS + " --method exact", ["--models takes neither --method nor --against; leave"]),
+        (MODELS + " --method exact", ["expected --models alone, got --method or --against; leave"]),
         (QUICK + " -o camera.toml", ["camera.toml", "expected a folder, got a file"]),
         (QUICK + " -o /proc/x", ["/proc/x"]),
         (QUICK + " -o " + 300 * "x", [90 * "x" + "...", "name too long"]),
@@ -154,8 +154,11 @@ def test_broken_files_are_named(capsys, name, text, line):
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (MemoryError("Unable to allocate 9 TiB"), "not enough memory: Unable to allocate 9 TiB"),
-        (MemoryError(), "not enough memory\n"),
+        (
+            MemoryError("Unable to allocate 9 TiB"),
+            "expected enough memory, got Unable to allocate 9 TiB",
+        ),
+        (MemoryError(), "expected enough memory, got too little"),
         (OSError(28, "No space left on device", "report/x"), "report/x: No space left on device"),
         (OSError("odd"), "odd"),
     ],
@@ -200,7 +203,7 @@ def test_without_pyarrow_one_line_says_which_tables_are_missing(capsys, monkeypa
     _, err = done(capsys, f"{QUICK} -o report")
     tables = {"coverage.parquet", "areas.parquet"}
     wanted = (
-        "no coverage.parquet and areas.parquet, which need pyarrow; "
+        "wrote no coverage.parquet and areas.parquet, which need pyarrow; "
         "run: pip install 'rastercov[tables]'"
     )
     assert wanted in err
@@ -208,7 +211,9 @@ def test_without_pyarrow_one_line_says_which_tables_are_missing(capsys, monkeypa
     assert names("report") & REPORT == REPORT - tables
     code, _, err = call(capsys, f"{QUICK} --table all -o other")
     assert (code, err.count("\n")) == (2, 1)
-    assert "--table all needs pyarrow; run: pip install 'rastercov[tables]'" in err
+    assert (
+        "--table all: expected pyarrow, got no package; run: pip install 'rastercov[tables]'" in err
+    )
     assert not Path("other").exists()
 
 
@@ -248,7 +253,10 @@ def test_names_are_shown_as_they_are(capsys):
 
 def test_no_poses_is_a_run_that_covers_nothing(capsys):
     np.save("none.npy", np.zeros((0, 4, 4)))
-    assert "there are no poses" in done(capsys, "evaluate box -c camera.toml -p none.npy")[1]
+    assert (
+        "no poses, so nothing is covered"
+        in done(capsys, "evaluate box -c camera.toml -p none.npy")[1]
+    )
     assert names("report") == (REPORT - {"rig.json"}) | {MANIFEST}
     assert pq.read_table("report/coverage.parquet").num_rows == 0
 
@@ -374,7 +382,11 @@ def test_a_folder_in_use_or_with_a_file_of_nobody_is_refused_and_kept(capsys, li
         code, out, err = call(capsys, f"{line} -o out")
     assert (code, out) == (2, "")
     (text,) = [line for line in err.splitlines() if not line.startswith("warning: ")]
-    where = "out: another process is writing to" if is_used else f"out/{name}: not of an earlier"
+    where = (
+        "out: another process is writing to"
+        if is_used
+        else f"out/{name}: expected a file of an earlier report"
+    )
     assert text.startswith(f"error: {where}")
     assert "name another" in text
     assert content("out") == before

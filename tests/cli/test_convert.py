@@ -49,7 +49,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ("convert model out.yaml --camera-name up", "there is no camera 'up'"),
         ("convert model out.tif", "name the format by --to"),
         ("convert model x --to colmp", "format must be rastercov, colmap, "),
-        ("convert model model", "it is what is read"),
+        ("convert model model", "expected another file than IN"),
         ("convert model taken", "cameras.bin is there already"),
         ("convert bare.json text --to colmap", "text: expected cameras, got poses alone; put both"),
         ("convert model taken.json --pose-unit m", "taken.json: it is there already"),
@@ -112,13 +112,13 @@ def test_bare_poses_have_the_convention_that_is_named(here, capsys):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("-p model", "the poses have no unit, and the mesh is in metres; give --pose-unit"),
+        ("-p model", "expected poses in a known unit, got none; give --pose-unit"),
         ("-p model --pose-unit m", "there are 2 cameras, .*choose one by --camera-name"),
-        ("-p sphere:3", "sphere:3 needs a camera; give --camera"),
+        ("-p sphere:3", "sphere:3: expected a camera, got none; give --camera"),
         ("-c model -p sphere:3", "there are 2 cameras"),
-        ("-p ours.npy", "ours.npy has poses and no camera; give --camera"),
-        ("-c ours.npy -p ours.npy", "ours.npy has poses and no camera"),
-        ("-c khepra -p eye.json", "eye.json: there are cameras and no poses"),
+        ("-p ours.npy", "ours.npy: expected a camera with the poses, got none; give --camera"),
+        ("-c ours.npy -p ours.npy", "ours.npy: expected a camera, got poses only"),
+        ("-c khepra -p eye.json", "eye.json: expected poses, got cameras only"),
     ],
 )
 def test_what_a_command_lacks_is_one_line(here, capsys, line, words):
@@ -137,7 +137,7 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     assert re.search(r"pose 1 is not a rotation .*: image '2\.png'", refusal(capsys, line))
     assert not Path("out").exists()
     out, err = done(capsys, line + " --skip-bad-poses")
-    assert "pose 1 left out: it is not a rotation" in err
+    assert "pose 1 skipped: it is not a rotation" in err
     told = json.loads(out)
     assert [row["pose"] for row in told["per_pose"]] == [0, 2, 3, 5]
     assert told["skipped_poses"].keys() == {"1", "4"}
@@ -153,7 +153,7 @@ def test_convert_says_which_poses_it_leaves_out(here, capsys):
     code, out, err = call(capsys, "convert rig.json out.json --skip-bad-poses --json")
     found = json.loads(out)
     assert (code, found["poses"]) == (0, 1)
-    for text in ("pose 0 left out: it is not a rotation", "2 more poses left out"):
+    for text in ("pose 0 skipped: it is not a rotation", "2 more poses skipped"):
         assert text in err
         assert any(text in note for note in found["notes"])
     assert "cameras and names of images are left out" in call(capsys, "convert out.json o.npy")[2]

@@ -6,7 +6,7 @@ import pytest
 import typer
 from commands import call
 
-from rastercov.cli.console import COMMANDS, LazyCommand
+from rastercov.cli.console import COMMANDS, FAILED, LazyCommand, exit_codes
 
 WIDTHS = (60, 80, 100)
 LINES = [[], ["validate"], ["validate", "markers"], *([name] for name in sorted(COMMANDS))]
@@ -54,6 +54,16 @@ def test_every_option_is_whole_and_in_its_panel(capsys, monkeypatch, line, width
             heads = [head for head in heads if whole.search(head)]
         (head,) = heads
         assert head.count("<") == head.count(">")
+
+
+@pytest.mark.parametrize("line", LINES, ids=" ".join)
+def test_help_ends_with_the_exit_codes(capsys, monkeypatch, line):
+    out = shown(capsys, monkeypatch, line, 60)
+    assert " ".join(out.split()).endswith(exit_codes(["rastercov", *line][-1]))
+
+
+def test_exit_codes_are_of_commands():
+    assert FAILED.keys() <= {"rastercov", "markers", *COMMANDS}
 
 
 @pytest.mark.parametrize("line", LINES, ids=" ".join)

@@ -310,7 +310,7 @@ def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatc
     Path("out", name).write_text("mine")
     monkeypatch.setattr(plan_run, "place", lambda *_: 1 / 0)
     text = refusal(capsys, "place plan.toml --out out")
-    assert text.startswith(f"error: out/{name}: not of an earlier report")
+    assert text.startswith(f"error: out/{name}: expected a file of an earlier report, got")
     assert content("out") == {Path("out", name): b"mine"}
 
 
@@ -453,7 +453,7 @@ def test_junit_goes_through_links_and_pipes(capsys):
     [
         ("check no.toml -p rig.json", "no.toml: cannot be read"),
         ("check plan.toml -p no.json", "no.json: cannot be read"),
-        ("check plan.toml", "Missing option"),
+        ("check plan.toml", "missing option"),
         ("check plan.toml -p rig.json --group lid", "--group: expected NAME=SHARE"),
         ("check plan.toml -p rig.json --group lid=nan", "--group: expected NAME=SHARE"),
         ("check plan.toml -p rig.json --group led=1", "there is no group 'led'"),

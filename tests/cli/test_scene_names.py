@@ -145,7 +145,7 @@ def test_a_name_of_two_files_is_refused(option, words):
 
 def test_a_file_here_is_not_taken_for_one_of_its_name_elsewhere():
     write_part("table.obj", side=7.0)
-    with pytest.raises(ConfigError, match=r"table.obj may be deep/table.obj or ./table.obj"):
+    with pytest.raises(ConfigError, match=r"got deep/table.obj and ./table.obj"):
         loaded(occluder=["table.obj"])
     assert loaded(occluder=["./table.obj"]).n_faces == 48
 

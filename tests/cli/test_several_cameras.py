@@ -93,11 +93,11 @@ def test_a_terminal_has_a_line_for_each_camera(capsys):
             "-c wide.json -c long.json -p named.json",
             "expected NAME=FILE for each of several cameras",
         ),
-        ("-c a=wide.json -c a=long.json -p named.json", "there is a camera 'a' already"),
+        ("-c a=wide.json -c a=long.json -p named.json", "expected distinct names, got 'a' twice"),
         ("-c wide=wide.json -c long=gone.toml -p named.json", "gone.toml: cannot be read"),
         ("-p rig.json --camera-name tall", "there is no camera 'tall'"),
-        ("-p named.json", "has poses and no camera; give --camera"),
-        ("-c bad=bare.json -p named.json", "has poses and no camera; give a camera file"),
+        ("-p named.json", "expected a camera with the poses, got none; give --camera"),
+        ("-c bad=bare.json -p named.json", "expected a camera, got poses only; give a camera file"),
     ],
 )
 def test_what_cannot_be_matched_is_one_line(capsys, line, words):

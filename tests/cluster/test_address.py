@@ -22,7 +22,7 @@ def test_loopback_and_tls_are_accepted_with_a_line_on_the_risk_of_the_first(addr
      "tcp://127.0.0.1.example.org:8786", "tcp://localhost@10.0.0.7:8786"],
 )  # fmt: skip
 def test_an_open_address_is_refused_with_the_reason(address):
-    with pytest.raises(ConfigError, match=r"anyone who reaches an open scheduler .* use tls://"):
+    with pytest.raises(ConfigError, match=r"anyone can run programs on the workers; use TLS"):
         check_address(address)
 
 
@@ -32,19 +32,19 @@ def test_an_open_address_is_refused_with_the_reason(address):
      "tcp://127.0.0.1:99999", "tcp://127.0.0.1:1/x", "ucx://127.0.0.1:1"],
 )  # fmt: skip
 def test_what_is_no_address_is_refused(address):
-    with pytest.raises(ConfigError, match=r"scheduler must be an address such as tcp://127"):
+    with pytest.raises(ConfigError, match=r"expected a scheduler such as tcp://127"):
         check_address(address)
 
 
 @pytest.mark.parametrize("number", [0, -1, 1.5, True, "2", 10**6])
 def test_a_number_of_workers_is_a_whole_number(number):
-    with pytest.raises(ConfigError, match="workers must be a whole number 1 to 1024"):
+    with pytest.raises(ConfigError, match="expected 1 to 1024 workers"):
         Workers(number)
 
 
 def test_workers_are_a_number_or_a_scheduler():
     for both in ({}, {"number": 1, "scheduler": "tcp://127.0.0.1:1"}):
-        with pytest.raises(ConfigError, match="not both"):
+        with pytest.raises(ConfigError, match="got both or neither"):
             Workers(**both)
     assert Workers.of(None, None) is None
     assert Workers.of(3, None) == Workers(3)

@@ -122,10 +122,14 @@ def test_a_damaged_note_on_poses_left_out_is_named_and_its_shard_made_again(
     folder, lines = tmp_path / "m", []
     shutil.copytree(with_note, folder)
     DAMAGE[kind](folder)
-    with pytest.raises(ConfigError, match=r"quarantine/shard-\d\.json: damaged, .* build_matrix"):
+    with pytest.raises(
+        ConfigError, match=r"quarantine/shard-\d\.json: expected .*, got .* build_matrix"
+    ):
         VisibilityMatrix.load(folder).quarantined  # noqa: B018 - read at once, or when asked for
     whole = build_matrix((MESH, CAMERA), FEW, None, folder, poses_a_shard=SMALL, note=lines.append)
-    assert all("quarantine/shard-" in line and "measured again" in line for line in lines)
+    assert all(
+        "quarantine/shard-" in line and "evaluated its poses again" in line for line in lines
+    )
     assert lines
     assert not whole.quarantined
     np.testing.assert_array_equal(whole.face, build_matrix((MESH, CAMERA), FEW).face)

@@ -304,15 +304,15 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path,
     build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
     flip(tmp_path / SHARD, [8 * 200])
-    with pytest.raises(ConfigError, match=r"pairs-00001\.npz: damaged.*call build_matrix"):
+    with pytest.raises(ConfigError, match=r"pairs-00001\.npz: expected .*call build_matrix"):
         VisibilityMatrix.load(tmp_path)
     seen = []
     build(tmp_path, progress=lambda done, total: seen.append(done))
     assert seen[0] == N_POSES - 4
     assert contents_of(tmp_path) == whole
     assert [record.getMessage() for record in caplog.records] == [
-        f"{tmp_path / SHARD}: damaged, its checksum is not the one recorded; "
-        "its poses are measured again"
+        f"{tmp_path / SHARD}: expected the file as it was written, got another checksum; "
+        "evaluated its poses again"
     ]
     assert watched(tmp_path)[1:] == ([N_POSES], [])
 

@@ -356,7 +356,7 @@ def test_a_result_with_a_robot_is_read_again(capsys):
         assert len(scene.moving.motion) == 4
     Path("m.toml").rename("other.toml")
     line = refusal(capsys, "view report --no-browser")
-    assert "m.toml of report is neither where it was nor near" in line
+    assert "expected m.toml of report in its place" in line
 
 
 OTHER = '[[bodies]]\nname = "b"\nurdf = "arm.urdf"\n[motion]'

@@ -622,7 +622,7 @@ def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, more, 
         Path("here", name).write_text("mine")
         code, out, err = call(capsys, f"{QUICK}{more} -o here")
         assert (code, out) == (2, "")
-        assert err.splitlines()[-1].startswith(f"error: here/{name}: not of an earlier report")
+        assert err.splitlines()[-1].startswith(f"error: here/{name}: expected a file of an earl")
         assert [path.read_text() for path in Path("here").iterdir()] == ["mine"]
         shutil.rmtree("here")
 

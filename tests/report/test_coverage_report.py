@@ -114,7 +114,7 @@ def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
     monkeypatch.setattr("rastercov.report.coverage.MOST_PAIRS", pairs - 1)
     assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"] == {"pairs": "none", "rows": 0}
     assert caplog.messages == [
-        f"no coverage.parquet of {pairs:,} pairs of pose and face; pass --table seen to write it"
+        f"wrote no coverage.parquet of {pairs:,} pose-face pairs; pass --table seen to write it"
     ]
     assert names(tmp_path) == FILES - {"coverage.parquet"}
     asked = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table="seen"))
@@ -290,6 +290,6 @@ def test_a_folder_that_cannot_be_used_is_refused_before_a_device_is_opened(tmp_p
             with pytest.raises(ConfigError):
                 run(MESH, CAMERA, around(1), TASK, tmp_path / out, Options())
     monkeypatch.setattr("os.access", lambda *_: False)
-    with pytest.raises(ConfigError, match="nothing can be written"):
+    with pytest.raises(ConfigError, match="expected a writable folder"):
         run(MESH, CAMERA, around(1), TASK, tmp_path / "used", PLAIN)
     assert content(tmp_path) == before

@@ -179,7 +179,7 @@ def test_what_cannot_be_written_changes_nothing(tmp_path):
     ):  # fmt: skip
         with pytest.raises(error):
             output.write_json(tmp_path / name, data)
-    with pytest.raises(ConfigError, match="values must have shape"):
+    with pytest.raises(ConfigError, match="expected values of shape"):
         write_coloured_mesh(tmp_path / "a.glb", STRIP, np.zeros(5))
     assert [path.read_text() for path in tmp_path.iterdir()] == ["1\n"]
 

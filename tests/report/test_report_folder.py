@@ -141,9 +141,9 @@ def come(path):
 @pytest.mark.parametrize("name", OLD)
 @pytest.mark.parametrize(
     ("happen", "words"),
-    [*((happen, "{}: changed since it was written") for happen in (change, link, become_a_folder)),
-     (unlist, r"a.txt and 2 more: not of an earlier report.*; name another folder"),
-     (come, r"zzz.txt: not of an earlier report.*; name another folder")],
+    [*((happen, "{}: .* since it was written") for happen in (change, link, become_a_folder)),
+     (unlist, r"a.txt and 2 more: expected a file of an earlier report.*; name another folder"),
+     (come, r"zzz.txt: expected a file of an earlier report.*; name another folder")],
 )  # fmt: skip
 def test_what_is_no_unchanged_file_of_a_report_is_refused_and_kept(tmp_path, name, happen, words):
     write(tmp_path, OLD)
@@ -212,7 +212,7 @@ def test_no_damage_to_a_manifest_loses_a_file(tmp_path_factory, damage, start, c
 def test_only_names_of_the_kind_are_written(tmp_path):
     with ReportFolder(tmp_path, KIND) as out:
         for name in ("a.png", "../a.txt", "a/b.txt", KIND.manifest):
-            with pytest.raises(ValueError, match="no file of a report"):
+            with pytest.raises(ValueError, match="expected a file of a kind report"):
                 out.file(name)
 
 
@@ -348,7 +348,7 @@ def test_the_next_command_of_any_kind_ends_a_swap(half_swapped, kind):
 @pytest.mark.parametrize("name", ["last.txt", "c.txt"])
 def test_a_swap_does_not_end_over_a_file_of_somebody_else(half_swapped, name):
     (half_swapped / name).write_bytes(b"mine")
-    refused(half_swapped, r"expected a file of an earlier report.*; move it away", OLD)
+    refused(half_swapped, r"expected a file of an interrupted report.*; move it away", OLD)
     (half_swapped / name).unlink()
     with ReportFolder(half_swapped, KIND):
         assert reports(half_swapped) == NEW
@@ -356,7 +356,7 @@ def test_a_swap_does_not_end_over_a_file_of_somebody_else(half_swapped, name):
 
 def test_a_swap_keeps_a_file_in_place_that_somebody_has_changed_since(half_swapped):
     (half_swapped / "b.txt").write_bytes(b"mine")
-    with pytest.raises(ConfigError, match=r"b\.txt: changed since it was written"):
+    with pytest.raises(ConfigError, match=r"b\.txt: .* changed since it was written"):
         write(half_swapped, OLD)
     assert (half_swapped / "b.txt").read_bytes() == b"mine"
 
@@ -366,7 +366,7 @@ def test_a_swap_whose_record_is_damaged_says_what_to_delete(half_swapped):
     journal.write_bytes(journal.read_bytes()[:40])
     refused(half_swapped, r"damaged.*delete", OLD)
     shutil.rmtree(half_swapped / STAGING)
-    refused(half_swapped, r"b\.txt: changed since it was written", OLD)
+    refused(half_swapped, r"b\.txt: .* changed since it was written", OLD)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -117,7 +117,7 @@ def test_a_goal_that_is_shown_has_its_own_figures(session):
     pose[0, 3] -= 0.5
     shown(session, "doors", do="pose", station=0, pose=pose.ravel().tolist())
     assert session.state.task == task  # thresholds of a goal are not those of the rig
-    with pytest.raises(rc.ConfigError, match="a goal has the thresholds"):
+    with pytest.raises(rc.ConfigError, match="expected the task for new thresholds"):
         shown(session, "doors", do="task", changes={"views": 3})
     with pytest.raises(rc.ConfigError, match="goal must be doors or window"):
         shown(session, "attic")

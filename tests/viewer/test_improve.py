@@ -97,7 +97,7 @@ def test_nothing_is_left_to_cover(measurements):
     with pytest.raises(rc.ConfigError, match="covers more"):
         with_next(measurements, state, "eye", state.poses().world_from_camera)
     cube = Measurements(CUBE)
-    with closing(cube), pytest.raises(rc.ConfigError, match="all of the area is covered"):
+    with closing(cube), pytest.raises(rc.ConfigError, match="expected uncovered area, got none"):
         tries(cube, whole, "eye", default_space(CUBE, whole))
 
 
@@ -194,8 +194,8 @@ def test_work_can_be_cancelled(work):
 
 @pytest.mark.parametrize(
     ("asked", "words"),
-    [({"kind": "refine", "station": 9}, "no station 9"),
-     ({"kind": "add", "camera": "none"}, "no camera 'none'"),
+    [({"kind": "refine", "station": 9}, "got station 9"),
+     ({"kind": "add", "camera": "none"}, "got camera 'none'"),
      *((bad, None) for bad in ({}, {"kind": "fly"}, {"kind": "refine"}, [],
                                {"kind": "refine", "station": "0"}))],
 )  # fmt: skip

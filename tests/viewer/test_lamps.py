@@ -123,7 +123,7 @@ def test_a_lamp_on_a_camera_moves_with_it():
     pose = rc.look_at(EYES[0] + (0.1, 0.1, 0.0), CENTRE)[0]
     acted(session, do="pose", station=0, pose=pose.ravel().tolist())
     assert_lit(session, PART, np.stack([pose, POSES[1]]), lamps, task)
-    with pytest.raises(ConfigError, match="no lamp 0 to move"):
+    with pytest.raises(ConfigError, match="expected a lamp of the scene, got 0"):
         acted(session, do="lamp", lamp=0, pose=pose.ravel().tolist())
     session.close()
 
@@ -186,7 +186,7 @@ def test_work_counts_what_is_lit(session):
 
 
 def test_places_of_lamps_that_are_none_are_refused(session):
-    with pytest.raises(ConfigError, match="no lamp 2"):
+    with pytest.raises(ConfigError, match="expected a lamp of the scene, got 2"):
         acted(session, do="lamp", lamp=2, pose=moved(PLACES[0]))
     with pytest.raises(PoseError):
         acted(session, do="lamp", lamp=0, pose=[0.0] * 16)
@@ -212,7 +212,7 @@ def test_the_command_takes_lamps(tmp_path, monkeypatch, capsys):
         '[[meshes]]\nbuilt_in = "teapot-5"\n[camera]\npreset = "khepra"\n'
     )
     line = refusal(capsys, "view plan.toml --lamps lamps.toml --export page.html")
-    assert "a plan has its own lamps" in line
+    assert "expected the lamps of the plan" in line
 
 
 @pytest.mark.slow

@@ -54,7 +54,7 @@ def test_a_range_of_focus():
 @pytest.mark.parametrize(
     ("camera", "changes", "words"),
     [*((PINHOLE, {"hfov_deg": angle}, "hfov_deg") for angle in (200, math.nan)),
-     *((camera, {"focus_distance": 1}, "focal length") for camera in (PINHOLE, FISHEYE)),
+     *((camera, {"focus_distance": 1}, "focal_length") for camera in (PINHOLE, FISHEYE)),
      (FISHEYE, {"hfov_deg": 90}, "pinhole"), (PINHOLE, {"width": 0}, "width"),
      (PINHOLE, {"near": -1}, "near"), (PINHOLE, {"zoom": 1}, "zoom"),
      (LENS, {"f_number": 0}, "f_number"), (LENS, {"focus_distance": 0.001}, "focus_distance")],

@@ -87,7 +87,7 @@ def test_a_scene_that_is_still_has_no_share_of_time(cell):
     scene = replace(cell[0].scene, moving=None)
     assert "time" not in scene.modes
     still = Session(scene)
-    with pytest.raises(ConfigError, match="nothing moves"):
+    with pytest.raises(ConfigError, match="expected motion"):
         acted(still, [], "time")
     still.close()
 
@@ -130,7 +130,7 @@ def test_a_face_of_a_body_that_is_away_has_no_reason(cell):
     head, levels = acted(session, [2])
     away = np.flatnonzero(motion.body == link)
     assert len(levels) == motion.mesh.n_faces
-    with pytest.raises(ConfigError, match="not there"):
+    with pytest.raises(ConfigError, match="absent body"):
         session.why(int(away[0]))
     after = int(away[-1]) + 1
     assert session.why(after)["area"] == pytest.approx(float(motion.mesh.areas[after]))

@@ -99,12 +99,12 @@ def test_saved_is_a_state_and_not_a_number_of_edits():
 def test_stations_keep_their_ids_and_names_differ():
     made = START.without(1).with_new("eye", OTHER[0])
     assert [each.id for each in made.stations] == [0, 2, 3, 4]
-    with pytest.raises(ConfigError, match="no station 1"):
+    with pytest.raises(ConfigError, match="got station 1"):
         made.station(1)
     made = START.with_copy(0).with_copy(0)
     names = [each.name for each in made.stations]
     assert len(set(names)) == len(names)
-    with pytest.raises(ConfigError, match="already"):
+    with pytest.raises(ConfigError, match="which is taken"):
         made.renamed(0, names[1])
     assert made.renamed(0, names[0]).stations[0].name == names[0]
 

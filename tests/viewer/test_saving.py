@@ -66,7 +66,9 @@ def test_a_drawing_is_saved_with_the_rig_and_comes_back_with_its_scene(tmp_path)
         Saving(second, tmp_path).save({"what": "rig"})
         assert with_drawing(Session(second.scene), [tmp_path]).drawing is None
         (tmp_path / "viewer_drawing.json").write_text('{"scene": "part", "name": 1')
-        with pytest.raises(rc.ConfigError, match=r"drawing\.json is no drawing .*; remove it"):
+        with pytest.raises(
+            rc.ConfigError, match=r"drawing\.json: expected a drawing .*; remove it"
+        ):
             with_drawing(second, [tmp_path])
 
 
@@ -150,20 +152,20 @@ def test_a_result_is_opened_with_its_rig_and_thresholds(results):
 
 def test_another_mesh_is_told_by_its_hash(results):
     other = part().moved(translation=(0, 0, 1))
-    with pytest.raises(rc.ConfigError, match="not that of"):
+    with pytest.raises(rc.ConfigError, match="expected the mesh of"):
         open_result(results / "evaluated", lambda names: (other, None))
     (results / "none").mkdir()
     (results / "none" / "summary.json").write_text("[]")
     for folder in (results, results / "none"):
-        with pytest.raises(rc.ConfigError, match="is no result"):
+        with pytest.raises(rc.ConfigError, match="expected a result"):
             open_result(folder, lambda names: (other, None))
 
 
 @pytest.mark.parametrize(
     ("has_out", "asked", "words"),
-    [(False, {"what": "rig"}, "--out"), (True, {"what": "rig"}, "no camera"),
-     (True, {"what": "../x"}, "what must be"), (True, {}, "what must be"),
-     (True, {"what": "rig", "more": 1}, "what must be")],
+    [(False, {"what": "rig"}, "--out"), (True, {"what": "rig"}, "expected a camera"),
+     (True, {"what": "../x"}, "expected what to be"), (True, {}, "expected what to be"),
+     (True, {"what": "rig", "more": 1}, "expected what to be")],
 )  # fmt: skip
 def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path, has_out, asked, words):
     saving = Saving(session_of(count=0), tmp_path if has_out else None)
@@ -211,9 +213,9 @@ def test_the_policy_of_a_page_of_one_file_names_its_script_and_style():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
-    [("nothing.stl -c khepra", "No such file"), ("teapot-5", "no camera"),
+    [("nothing.stl -c khepra", "No such file"), ("teapot-5", "expected a camera"),
      ("teapot-5 -c khepra --port 70000", "port"), ("nothing.toml", "nothing.toml"),
-     ("teapot-5 -c khepra -p sphere:3 --export page.txt", ".html"), ("tests", "is no result"),
+     ("teapot-5 -c khepra -p sphere:3 --export page.txt", ".html"), ("tests", "expected a result"),
      ("icosahedron -c khepra --method fast", "method"),
      ("tests --min-pixels 4", "its own thresholds")],
 )  # fmt: skip

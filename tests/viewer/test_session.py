@@ -249,7 +249,7 @@ def test_why_a_face_is_hidden(session):
     row, face = hidden[len(hidden) // 2].tolist()
     cameras = session.why(face)["cameras"]
     figures = {each["label"]: each["value"] for each in cameras[row]["figures"]}
-    assert figures["visible part"].startswith(f"{100 * found.visibility[row, face]:.1f}")
+    assert figures["visible fraction"].startswith(f"{100 * found.visibility[row, face]:.1f}")
     assert cameras[row]["help"]
     reasons = [Reason(int(code)).name.lower() for code in found.reason[:, face]]
     assert [each["reason"] for each in cameras] == reasons
@@ -267,7 +267,7 @@ def test_why_names_the_group_in_the_way():
     session = Session(Scene("lid", mesh, RigState.of(Rig([CAMERA], ["eye"]), poses)))
     (entry,) = session.why(0)["cameras"]
     assert entry["occluder"]["name"] == "lid"
-    assert "hidden by lid" in entry["words"]
+    assert "occluded by lid" in entry["words"]
     assert session.why(2)["cameras"] == []
     head, levels = acted(session)
     assert levels[2] == levels[3] == OCCLUDER_OF_REASONS
@@ -342,7 +342,7 @@ def test_variants_keep_a_rig_with_its_figures(session):
     for name, levels in (("A", first), ("B", second)):
         assert np.array_equal(acted(session, do="show_variant", name=name)[1], levels)
     acted(session, do="drop_variant", name="A")
-    with pytest.raises(rc.ConfigError, match="no variant 'A'"):
+    with pytest.raises(rc.ConfigError, match="a kept variant, got 'A'"):
         acted(session, do="show_variant", name="A")
     acted(session, do="undo")  # the rig of A is in the history
     assert np.array_equal(acted(session)[1], first)

@@ -84,7 +84,7 @@ def test_a_project_may_move(room, capsys, monkeypatch, tmp_path):
 def test_a_report_may_move_away_from_its_meshes(room, capsys, monkeypatch, tmp_path):
     """They are found in the working folder, or named after the report."""
     covered = made_report(capsys, "transform")
-    assert "the mesh is not that of report" in refused(capsys, "report", "--unit", "mm")
+    assert "expected the mesh of report" in refused(capsys, "report", "--unit", "mm")
     away = tmp_path / "a" / "b"
     away.mkdir(parents=True)
     shutil.move(room / "report", away / "report")
@@ -99,9 +99,11 @@ def test_a_report_may_move_away_from_its_meshes(room, capsys, monkeypatch, tmp_p
 def test_a_mesh_that_has_changed_is_named(room, capsys):
     made_report(capsys, "occluder")
     shapes.box((1, 1, 1)).to_trimesh().export(room / "parts" / "wall.stl")
-    assert "the mesh is not that of report: part.stl, wall.stl, unch" in refused(capsys, "report")
+    assert "expected the mesh of report, part.stl, wall.stl, got another" in refused(
+        capsys, "report"
+    )
     (room / "parts" / "wall.stl").unlink()
-    assert "parts/wall.stl of report is neither where it was nor near" in refused(capsys, "report")
+    assert "expected parts/wall.stl of report in its place" in refused(capsys, "report")
     (room / "parts" / "wall.stl").write_text("nonsense")
     assert "wall.stl" in refused(capsys, "report")
 
