@@ -98,7 +98,7 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     points = _turned(mesh.vertices - pose[:3, 3], pose)
     ahead_points = points[:, 2] >= near

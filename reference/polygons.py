@@ -187,12 +187,12 @@ def seen_from(
     mesh: Mesh, camera: Camera, pose: ArrayLike, near: float | None
 ) -> tuple[FloatArray, float]:
     """Pose of a pinhole as a matrix, and the depth below which nothing is seen, metres."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
     if not near > 0:
-        raise ValueError(f"near must be a depth greater than 0 m, got {near}")
+        raise ValueError(f"expected near above 0 m, got {near}; give a depth")
     return matrix, near
 
 
@@ -340,7 +340,9 @@ def _intersection_of_pair(images: Images, i: int, j: int) -> BaseGeometry:
         if abs(excess) <= images.tolerance:
             return common
         reason = f"with the union it has {excess:.3g} px^2 too much"
-    raise PolygonError(f"no intersection of the images of faces {i} and {j}: {reason}")
+    raise PolygonError(
+        f"expected an intersection of the images of faces {i} and {j}, got none: {reason}"
+    )
 
 
 def _minus(
@@ -370,7 +372,9 @@ def _minus(
             if abs(apart) <= images.tolerance:
                 return left
         reason = f"GEOS leaves {apart:.3g} px^2 more than a second way"
-    raise PolygonError(f"no visible part of face {faces[0]} behind faces {faces[1:]}: {reason}")
+    raise PolygonError(
+        f"expected a visible part of face {faces[0]} behind {faces[1:]}, got none: {reason}"
+    )
 
 
 def _left_again(whole: BaseGeometry, pieces: list[BaseGeometry], images: Images) -> Iterator[float]:
@@ -424,7 +428,8 @@ def _and_repaired(
     for before, after, face in zip(polygons, repaired, faces, strict=True):
         if not abs(before.area - after.area) <= images.tolerance:
             raise PolygonError(
-                f"the image of face {face} keeps {after.area} of {before.area} px^2 when made valid"
+                f"expected an area of {before.area} px^2 of face {face} when made valid, got "
+                f"{after.area}"
             )
     yield repaired
 
@@ -435,5 +440,5 @@ def _asked(faces: ArrayLike | None, mesh: Mesh) -> IntArray:
         return np.arange(mesh.n_faces)
     indices = np.asarray(faces, dtype=np.int64).ravel()
     if ((indices < 0) | (indices >= mesh.n_faces)).any():
-        raise IndexError(f"faces must lie in 0 ... {mesh.n_faces - 1}, got {indices}")
+        raise IndexError(f"expected faces of 0 to {mesh.n_faces - 1}, got {indices}; correct them")
     return indices

@@ -162,7 +162,9 @@ class View:
             return range(self.mesh.n_faces)
         indices = [int(face) for face in np.asarray(faces).ravel()]
         if any(not 0 <= face < self.mesh.n_faces for face in indices):
-            raise IndexError(f"faces must lie in 0 ... {self.mesh.n_faces - 1}, got {indices}")
+            raise IndexError(
+                f"expected faces of 0 to {self.mesh.n_faces - 1}, got {indices}; change it"
+            )
         return indices
 
     def face(self, index: int) -> Face | None:

@@ -133,7 +133,7 @@ def at_points(
     mesh: Mesh, camera: Camera, pose: ArrayLike, points: FloatArray, near: float | None = None
 ) -> SampledView:
     """Nearest face at points (..., 2) of the image, in pixels; other arguments as for `render`."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     matrix = np.asarray(pose, dtype=np.float64)
     eye, rotation = matrix[:3, 3], matrix[:3, :3]
     if near is None:

@@ -119,7 +119,9 @@ class Coverage(InNotebook):
     def __post_init__(self) -> None:
         check_kind("mesh", self.mesh, Mesh, "a Mesh", ConfigError)
         if np.ndim(self.pose_ids) != 1:
-            raise ConfigError(f"pose_ids must be (P,) numbers, got {shown(self.pose_ids)}")
+            raise ConfigError(
+                f"expected pose_ids (P,), got {shown(self.pose_ids)}; give one per pose"
+            )
         for name in FIGURES:
             if vars(self)[name] is None:  # not asked for
                 object.__delattr__(self, name)
@@ -134,7 +136,7 @@ class Coverage(InNotebook):
         def __getattr__(self, name: str) -> Any:
             if name in FIGURES:
                 raise ConfigError(
-                    f"this coverage has no {name}, which was not asked for; add it to fields"
+                    f"expected {name} among the fields of this coverage, got none; add it to fields"
                 )
             raise AttributeError(f"Coverage has no attribute {name!r}")
 
@@ -171,9 +173,7 @@ def evaluate_batches(
 def check_observer(observer: object) -> None:
     """Raise `ConfigError` for what cannot observe."""
     if not isinstance(observer, Observer):
-        raise ConfigError(
-            f"observer must be what open_observer gives, got {shown(observer)}; open one"
-        )
+        raise ConfigError(f"expected an observer of open_observer, got {shown(observer)}; open one")
 
 
 def measurements(
@@ -240,5 +240,5 @@ def checked_fields(names: Sequence[str] | None) -> list[str]:
         return list(FIGURES)
     known = isinstance(names, list | tuple | set | frozenset | dict)
     if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
-        raise ConfigError(f"fields must be a sequence of {', '.join(FIGURES)}, got {shown(names)}")
+        raise ConfigError(f"expected fields, got {shown(names)}; name some of {', '.join(FIGURES)}")
     return [name for name in FIGURES if name in names]

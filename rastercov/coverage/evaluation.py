@@ -92,7 +92,9 @@ class Query:
             asked = self.__dict__["asked"] = query_of(self.motion, self.mesh)
             carriers(asked, self.camera, self.poses[:0])  # refuses bodies
             if not self.by_area:
-                raise ConfigError(f"figures over time are by area; {why or 'leave out by face'}")
+                raise ConfigError(
+                    f"expected a result by area over time, got by face; {why or 'leave out by'}"
+                )
 
     @property
     def is_long(self) -> bool:
@@ -190,7 +192,7 @@ class Evaluation(Coverage):
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
         """
         if self.areas is None:
-            raise ConfigError('this evaluation is by face; give by="area" for covered areas')
+            raise ConfigError('expected an evaluation by area, got one by face; give by="area"')
         return self.areas.covered
 
     @property
@@ -208,7 +210,7 @@ class Evaluation(Coverage):
         0.667
         """
         if not isinstance(self.areas, TimeAreas):
-            raise ConfigError("nothing moves in this evaluation; give motion= for areas over time")
+            raise ConfigError("expected an evaluation over time, got a still scene; give motion=")
         return self.areas.over_time
 
     def group_views(self) -> GroupViews:

@@ -125,10 +125,10 @@ def evaluate(
     query = Query(mesh, camera, accepted, task, engine, motion, by)
     if folder is not None:
         if fields:
-            raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
+            raise ConfigError("expected fields or a folder for shards, got both; leave one out")
         fields = ()
     elif workers is not None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     elif query.asked is not None:
         query.asked._check_held(accepted)
     names = checked_fields(fields)
@@ -136,8 +136,8 @@ def evaluate(
     size = each * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
         raise ResourceError(
-            f"{len(accepted)} poses x {mesh.n_faces} faces would take {size / 2**30:.1f} GiB; "
-            "name fewer fields, or fields=() for the sums of all poses"
+            f"expected fields of {EVALUATE_BUDGET / 2**30:g} GiB at most, got {size / 2**30:.1f} "
+            f"GiB for {len(accepted)} poses x {mesh.n_faces} faces; name fewer, or none"
         )
     options = vars(engine) | {"by": by, "threads": None}
     with nullcontext() if folder is None else locked(Path(folder)) as above:

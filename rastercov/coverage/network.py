@@ -31,6 +31,7 @@ from rastercov.raster.observation import BoundKind
 
 UNSEEABLE_WORDS = "inside closed bodies of the mesh or in full contact with them (proved)"
 """Reason of faces that no camera outside the bodies can ever see."""
+OF_ONE_TASK = "expected coverage of the mesh and task of the network, got others; make a new one"
 
 
 def least_cosine(min_angle: float) -> float:
@@ -169,7 +170,7 @@ class Network(InNotebook):
             self._add_judged(coverage, camera)
             return
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
-            raise ConfigError("a network adds up coverage of one mesh and one task")
+            raise ConfigError(OF_ONE_TASK)
         if len(coverage.pose_ids):
             if self.task.min_angle_deg > 0:
                 for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
@@ -212,7 +213,7 @@ class Network(InNotebook):
         if pairs == "none" and self.task.min_angle_deg > 0:
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
-            raise ConfigError("a network adds up coverage of one mesh and one task")
+            raise ConfigError(OF_ONE_TASK)
         return judge(self.mesh, self.task, observer, poses, pairs=pairs, apart=apart)
 
     def _add_judged(self, batch: JudgedPoses, camera: int | None) -> None:

@@ -98,7 +98,7 @@ class Observer(Closing, ABC):
     def _accepted(self, poses: ArrayLike | Poses) -> Poses:
         """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
-            raise DeviceError("this observer is closed; open a new one")
+            raise DeviceError("expected an open observer, got a closed one; open a new one")
         accepted = Poses.of(poses)
         accepted.check_cameras(len(cameras_of(self.camera)))
         check_memory(

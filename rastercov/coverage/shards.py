@@ -163,7 +163,7 @@ def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[
     """Arrays of a shard; DamagedError for one of another run, and as of `ShardStore.read`."""
     arrays = read_npz(data or store.read(number) or b"")
     if str(arrays.pop("of", "")) != f"{store.folder.name} {number}":
-        why = "this is a shard of another run, or of other poses of this one"
+        why = "it is a shard of another run, or of other poses of this one"
         raise DamagedError(store.folder / store.name(number), why)
     return arrays
 

@@ -163,8 +163,8 @@ class Task:
         check_limits(self)
         if self.max_illuminance is not None and self.max_illuminance <= self.min_illuminance:
             raise ConfigError(
-                f"max_illuminance must be above min_illuminance {self.min_illuminance:g}, "
-                f"got {self.max_illuminance:g}"
+                f"expected max_illuminance above min_illuminance {self.min_illuminance:g}, got "
+                f"{self.max_illuminance:g}; increase it"
             )
 
     @property

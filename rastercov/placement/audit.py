@@ -371,9 +371,11 @@ def audit(
     """
     check_scene(mesh, camera)
     if gates_of(camera):
-        raise ConfigError("an audit takes images one by one; give the cameras without their rule")
+        raise ConfigError(
+            "expected images of single cameras, got a rig with a rule; leave the rule out"
+        )
     if workers is not None and folder is None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     task = Task() if task is None else task
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _texts("names", names, accepted)
@@ -511,7 +513,7 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
         return found
     if len(found) != len(poses.given):
         raise ConfigError(
-            f"{what} must have one text for each of {len(poses.given)} poses, got {len(found)}"
+            f"expected {what} for {len(poses.given)} poses, got {len(found)}; give a text for each"
         )
     return tuple(found[row] for row in poses.ids)
 

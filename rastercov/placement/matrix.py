@@ -205,7 +205,9 @@ class VisibilityMatrix:
     def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
         if self.n_faces != other.n_faces or self.task != other.task:
-            raise ConfigError("matrices of other faces or another task cannot be joined")
+            raise ConfigError(
+                "expected matrices of one mesh and task, got others; build them alike"
+            )
         poses = np.concatenate((self.poses, other.poses))
         placed = Poses.of(poses, camera=np.concatenate((self.camera, other.camera)))
         return replace(self, placed=placed, parts=(*self.parts, *other.parts))
@@ -287,7 +289,7 @@ def build_matrix(
         For a pose that is no rigid motion.
     """
     if workers is not None and folder is None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)

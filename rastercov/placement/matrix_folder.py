@@ -76,7 +76,7 @@ WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
     "mesh": "from another mesh",
-    "cells": "for faces, or for cells of another size",
+    "cells": "for faces, or for patches of another size",
     "camera": "for another camera",
     "poses": "from other poses, or for other cameras of them",
     "mounts": "for other rigs",
@@ -219,7 +219,7 @@ def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObser
     """Observer of the regions in the mesh of some cells, by the method of another one."""
     check_same_mesh(cells.mesh, observer.mesh)
     if not isinstance(observer, ExactObserver):
-        raise ConfigError("cells need method certified or exact, got sampled")
+        raise ConfigError("expected method certified or exact for patches, got sampled; change it")
     engine = Engine(observer.info.plan, threads=observer.threads)
     return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
 
@@ -258,7 +258,9 @@ def describe(
     n_mounts = len(cameras) if mounts is None else len(mounts)
     poses.check_cameras(n_mounts)
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
-        raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
+        raise ConfigError(
+            f"expected poses_a_shard of 1 or more, got {poses_a_shard!r}; increase it"
+        )
     n_faces = mesh.n_faces if cells is None else len(cells)
     header = inputs_of(observer, poses, task, n_faces, PAIRS_A_SHARD) | {
         "format": FORMAT,
@@ -306,13 +308,15 @@ class MatrixFolder:
         with _remade_by_build():
             header = read_header(folder)
             if header is None:
-                raise ConfigError(f"{folder}: there is no matrix in this folder")
+                raise ConfigError(
+                    f"{folder}: expected a visibility matrix, got none; call build_matrix"
+                )
             found = cls(folder, header)
             n_shards = len(found.store)
             if missing := found.store.missing():
                 raise ConfigError(
-                    f"{folder}: {len(missing)} of {n_shards} shards are missing; "
-                    "call build_matrix with the same inputs to make them"
+                    f"{folder}: expected {n_shards} shards, got {n_shards - len(missing)}; call "
+                    "build_matrix with the same inputs to make the others"
                 )
             return replace(found, n_pairs=sum(map(found.rows_in, range(n_shards))))
 
@@ -332,7 +336,7 @@ class MatrixFolder:
         with _remade_by_build():
             found = read_poses(self.path)
             if hash_of(found) != self.header["poses"]:
-                raise DamagedError(self.path / POSES, "these are poses of another matrix")
+                raise DamagedError(self.path / POSES, "it has the poses of another matrix")
             return found
 
     def quarantined(self) -> dict[int, str]:
@@ -374,11 +378,11 @@ class MatrixFolder:
         try:
             found = read_npz(data, ("of", *names))
         except (ValueError, OSError, BadZipFile):
-            raise DamagedError(self.path / name, "this is no shard") from None
+            raise DamagedError(self.path / name, "it is not a shard") from None
         if found["of"].tobytes() != self._words(number):
             raise DamagedError(
                 self.path / name,
-                "this is a shard of another matrix, or of other poses of this one",
+                "it is a shard of another matrix, or of other poses of this one",
             )
         return found
 
@@ -446,8 +450,8 @@ class MatrixFolder:
                     os.posix_fallocate(file.fileno(), 0, size)
             except OSError as error:
                 raise ResourceError(
-                    f"{self.path}: {size:,} bytes cannot be reserved ({error.strerror}); "
-                    "make room on the disk, or use fewer candidates"
+                    f"{self.path}: expected room for {size:,} bytes, got: {error.strerror}; free "
+                    "some disk space, or use fewer candidates"
                 ) from None
 
             def work(part: slice) -> None:
@@ -513,8 +517,8 @@ def claim(
 
 def _made(folder: Path, words: str) -> str:
     return (
-        f"{folder}: the matrix in this folder was made {words}; "
-        "name another folder, or delete this one to start again"
+        f"{folder}: expected a matrix of the same inputs, got one made {words}; name another "
+        "folder, or delete this one"
     )
 
 
@@ -530,7 +534,7 @@ def read_header(folder: Path) -> dict[str, Any] | None:
         a checksum.
     """
     if not (folder / SUMS).is_dir() and ((folder / HEADER).exists() or (folder / PAIRS).exists()):
-        raise ConfigError(f"{folder}: files that are no matrix; name another folder")
+        raise ConfigError(f"{folder}: expected a matrix, got other files; name another folder")
     data = contents(folder, HEADER)
     header: dict[str, Any] | None = None if data is None else json.loads(data)
     if header is not None and header["format"] != FORMAT:
@@ -588,8 +592,8 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
             opened.callback(observer.close)
         if asdict(observer.info) != header["measured_by"]:
             raise ConfigError(
-                f"{folder}: a worker measures by {observer.info.renderer}, and the run by "
-                f"{header['measured_by']['renderer']}; use the same versions and devices"
+                f"{folder}: expected a worker with {header['measured_by']['renderer']}, as the "
+                f"run, got {observer.info.renderer}; use the same versions and devices"
             )
         opened.pop_all()
     mounts = None

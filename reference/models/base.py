@@ -123,8 +123,8 @@ class CoverageModel:
         """
         if self.pinhole_because and isinstance(camera, Camera):
             camera.check_pinhole(
-                f"the model {self.name} wants a pinhole, because {self.pinhole_because}",
-                "take image_space, scott or mavrinac",
+                f"expected a pinhole for model {self.name}, because {self.pinhole_because}",
+                "use image_space, scott or mavrinac",
             )
         return each_view(mesh, camera, poses, task or Task(), self.strength)
 
@@ -153,7 +153,7 @@ def each_view(
     check_memory(
         f"answers of {len(matrices):,} poses x {mesh.n_faces:,} faces",
         8 * len(matrices) * mesh.n_faces,
-        "take fewer poses at a time",
+        "use fewer poses at a time",
     )
     near = near_limit(camera, mesh.opaque.bounds, matrices)
     sight = LineOfSight(mesh)

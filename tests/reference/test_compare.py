@@ -412,12 +412,12 @@ def test_too_few_faces_give_no_slope():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"candidates": []}, "at least one"),
+        ({"candidates": []}, "expected a method to compare, got none"),
         ({"candidates": ["sampled", "sampled@1"]}, "twice"),
-        ({"candidates": ["exact"]}, "exact is the truth"),
-        ({"against": "certified"}, "the truth must be"),
-        ({"poses": np.empty((0, 4, 4))}, "no poses"),
-        ({"poses": look_at((0, 0, 9), (0, 0, 99))}, "nothing to compare"),
+        ({"candidates": ["exact"]}, "other than the reference exact"),
+        ({"against": "certified"}, "expected polygons"),
+        ({"poses": np.empty((0, 4, 4))}, "expected poses, got none"),
+        ({"poses": look_at((0, 0, 9), (0, 0, 99))}, "in view from the front, got none"),
         ({"poses": 2 * np.eye(4)[None]}, "pose 0 must end"),
     ],
 )

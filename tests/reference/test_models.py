@@ -490,9 +490,9 @@ def test_occluders_are_not_compared():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"names": ["zhang", "li"]}, "there is no model 'li'; there are tarabanis, scott"),
-        ({"names": []}, "name at least one model"),
-        ({"names": ["zhang", "zhang"]}, "zhang is named twice"),
+        ({"names": ["zhang", "li"]}, "expected a model, got 'li'; models are tarabanis, scott"),
+        ({"names": []}, "expected a model, got none"),
+        ({"names": ["zhang", "zhang"]}, "got zhang twice"),
         ({"poses": np.empty((0, 4, 4))}, "there are no poses"),
     ],
 )

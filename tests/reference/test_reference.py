@@ -278,7 +278,7 @@ def test_faces_that_are_not_there_and_a_near_plane_behind_are_refused(module):
         with pytest.raises(IndexError, match=r"faces must lie in 0 \.\.\. 1"):
             module.visible_area(square(1, 2), window(), AHEAD, [0, face])
     for near in (0.0, -1.0, np.nan):
-        with pytest.raises(ValueError, match="near must be a depth greater than 0"):
+        with pytest.raises(ValueError, match="expected near above 0 m"):
             module.visible_area(square(1, 2), window(), AHEAD, near=near)
 
 

@@ -194,7 +194,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
     """
     longest = finite_number(size)
     if not longest > 0:
-        raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
+        raise ConfigError(f"expected size above 0 m, got {shown(size)}; give metres")
     counter = _Counter(mesh)
     # A triangle without a longer side has at most this times the square of it as area.
     least = math.sqrt(counter.area / (math.sqrt(3) / 4 * MOST_CELLS))

@@ -128,7 +128,7 @@ class LaserLine(InOneLine):
         poses = valid_poses(world_from_rig)
         if not 2 <= len(poses) <= MOST_STATIONS + 1:
             raise PoseError(
-                f"world_from_rig must be 2 to {MOST_STATIONS + 1} poses, got {len(poses)}"
+                f"expected 2 to {MOST_STATIONS + 1} poses of the rig, got {len(poses)}; change them"
             )
         middle = _between(poses)
         doubled = np.empty((2 * len(poses) - 1, 4, 4))
@@ -151,19 +151,23 @@ class LaserLine(InOneLine):
 def _with_sheet(rig: Rig, laser: str, task: Task) -> Rig:
     """The rig, whose laser reaches to both sides of its sheet; see `LaserLine.of` for errors."""
     if not isinstance(rig, Rig) or not rig.is_one:
-        raise CameraError(f"a laser line is a Rig with a rule, such as All(), got {shown(rig)}")
+        raise CameraError(
+            f"expected a Rig with a rule, got {shown(rig)}; give it one, such as All()"
+        )
     if laser not in rig.names:
-        raise CameraError(f"the rig has no {shown(laser)}; name its laser by laser=")
+        raise CameraError(f"expected a camera of the rig as laser, got {shown(laser)}; name it")
     row = rig.names.index(laser)
     own, sheet = tasks_of(rig, task)[row], rig.cameras[row]
-    sheet.check_pinhole("the laser is a pinhole of its fan", "give Camera.from_fov")
+    sheet.check_pinhole("expected a pinhole as laser", "make it by Camera.from_fov")
     if laser not in rig.tasks or own.max_incidence_deg >= 90:
         raise ConfigError(
-            f"{shown(laser)} needs max_incidence_deg below 90 in tasks of the rig: faces along the "
-            "sheet would count in half"
+            f"expected max_incidence_deg below 90 for {shown(laser)}, got "
+            f"{own.max_incidence_deg:g}; set it in tasks of the rig"
         )
     if own.min_pixels_per_m2 or own.min_pixel_density or own.min_facing_density:
-        raise ConfigError(f"{shown(laser)} has no pixels; leave pixel densities out of its tasks")
+        raise ConfigError(
+            f"expected no pixel density for {shown(laser)}, got one; leave it out of its task"
+        )
     side = sheet.width
     wide = replace(sheet, height=side, cy=side / 2, fy=side / 2 / ACROSS)
     return rig._with(cameras=(*rig.cameras[:row], wide, *rig.cameras[row + 1 :]))
@@ -174,7 +178,9 @@ def _between(poses: FloatArray) -> FloatArray:
     step = np.linalg.inv(poses[:-1]) @ poses[1:]
     turn, moved = step[:, :3, :3], step[:, :3, 3]
     if (np.trace(turn, axis1=1, axis2=2) < 1 + 2 * MOST_TURN).any():
-        raise PoseError("poses that follow one another must differ by 90 degrees at most; add some")
+        raise PoseError(
+            "expected rotations of at most 90 degrees between poses, got more; add poses"
+        )
     # R^1/2 is the rotation nearest to I + R, and (I + R^1/2) t' = t.
     u, _, vt = np.linalg.svd(np.eye(3) + turn)
     half = u @ vt

@@ -115,9 +115,8 @@ class MotionQuery(InOneLine):
         n_frames = len(self.motion)
         if n_frames * len(placed) > MOST_PICTURES:
             raise ConfigError(
-                f"{n_frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
-                "pictures; take fewer frames, some cameras at a time, or evaluate with a folder "
-                "for shards"
+                f"expected at most {MOST_PICTURES:,} images, got {n_frames:,} frames of "
+                f"{len(placed):,} cameras; use fewer frames, or evaluate with a folder for shards"
             )
 
     def _alone(self, regions: Regions) -> Regions:
@@ -132,7 +131,7 @@ def query_of(motion: Motion | MotionQuery, mesh: Mesh) -> MotionQuery:
     """The query itself, or that of a motion; ConfigError for one of another mesh."""
     asked = motion if isinstance(motion, MotionQuery) else MotionQuery(motion)
     if asked.motion.mesh is not mesh:
-        raise ConfigError("mesh must be that of the motion, at rest; give motion.mesh")
+        raise ConfigError("expected the mesh of the motion, at rest, got another; give motion.mesh")
     return asked
 
 
@@ -240,7 +239,9 @@ def carriers(asked: MotionQuery, camera: Cameras, poses: Poses) -> FloatArray:
     n, body = len(cameras_of(camera)), asked.body
     names = [body] * n if isinstance(body, str) else body
     if not isinstance(names, list | tuple) or len(names) != n:
-        raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
+        raise ConfigError(
+            f"expected one body, or one for each of {n} cameras, got {shown(body)}; name them"
+        )
     tables = np.stack([asked.motion.poses_of(name) for name in names])
     for each in FEATURES:
         each.check_bodies(camera, names)
@@ -419,7 +420,7 @@ def in_units(frames: Regions, motion: Motion) -> Regions:
 def _rows_a_frame(regions: Regions, motion: Motion) -> int:
     n_rows = len(regions.pose_ids)
     if regions.mesh is not motion.mesh or n_rows % len(motion) or not n_rows:
-        raise ConfigError("regions and motion are of different meshes or frames; give its own")
+        raise ConfigError("expected regions of this motion, got those of another; give its own")
     return n_rows // len(motion)
 
 

@@ -14,7 +14,7 @@ from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
 from rastercov.coverage.area.remedies import Places
-from rastercov.coverage.area.spread import SpreadUnion, check_poses
+from rastercov.coverage.area.spread import BETWEEN_CAMERAS, SpreadUnion, check_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
@@ -47,7 +47,7 @@ def unit_of_result(
         For an unknown unit, or by area where that cannot be.
     """
     if by is not None and not is_one_of(by, UNITS):
-        raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
+        raise ConfigError(f"expected by {' or '.join(UNITS)}, got {shown(by)}; or leave it out")
     is_gated = camera is not None and is_joint(camera)
     if is_gated and by == "face":
         raise ConfigError(OF_PARTS)
@@ -56,24 +56,25 @@ def unit_of_result(
     obstacle = ""
     try:
         if engine.method == "sampled":
-            raise ConfigError("method sampled counts whole faces; by area, use certified or exact")
+            raise ConfigError(
+                "expected a result by face, got by area: method sampled counts whole faces; by "
+                "area, use certified or exact"
+            )
         check_pointwise(task)
         if task.min_angle_deg > 0:
             _check_pairs(by, is_gated, n_poses)
     except ConfigError as error:
         if by == "area" or is_gated:
             raise
-        obstacle = str(error)
+        obstacle = str(error).rpartition(": ")[2]  # the reason, in which there is no colon
     return "face" if obstacle else "area", obstacle
 
 
 def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
     if is_gated:
-        raise ConfigError(
-            "min_angle_deg is between single cameras; of a rig with a rule, give min_baseline_deg"
-        )
+        raise ConfigError(BETWEEN_CAMERAS)
     if by is None:
-        raise ConfigError("min_angle_deg takes all pairs of poses by area; ask for by area")
+        raise ConfigError("min_angle_deg by area compares all pairs of poses; give by area")
     check_poses(n_poses or 0)
 
 
@@ -134,11 +135,10 @@ class AreaNetwork:
         """A line on criteria that were not decided as finely as others; often none."""
         if not self.cut_short > 0:
             return []
-        line = (
-            f"criteria: {area_text(self.cut_short)} of the views of all cameras undecided, as "
-            "divisions of a face end"
-        )
-        return [f"{line}: it is in the bound; divide large faces, or relax a threshold"]
+        return [
+            f"criteria: {area_text(self.cut_short)} of the views of all cameras is undecided and "
+            "counts in the bound; divide large faces, or relax a threshold"
+        ]
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         if key not in self._kept:

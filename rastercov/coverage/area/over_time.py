@@ -73,7 +73,9 @@ POINTS_OF_ZONE = 8
 def check_over_time(task: Task) -> None:
     """Raise `ConfigError` for a threshold that is not of a time."""
     if task.min_angle_deg > 0:
-        raise ConfigError("min_angle_deg is of cameras at one time; over time, give views")
+        raise ConfigError(
+            "expected views over time, got min_angle_deg; it applies to one time only"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -451,11 +453,11 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
     if left := store.quarantined():
         frame, end = next(iter(left.items()))
         raise ConfigError(
-            f"frame {frame} of the motion: its process {end}; leave the frame out, or remove "
-            f"{store.folder} and take fewer workers, so that each has more memory"
+            f"expected a result of frame {frame}, got none: its process {end}; leave the frame "
+            f"out, or remove {store.folder} and use fewer workers, each with more memory"
         )
     n_bytes = sum((store.folder / store.name(number)).stat().st_size for number in numbers)
-    check_memory(f"regions of {job.source.size:,} pictures", 2 * n_bytes, "take fewer frames")
+    check_memory(f"regions of {job.source.size:,} images", 2 * n_bytes, "use fewer frames")
     parts = []
     for number in numbers:
         own: Any = unpacked(store, number)

@@ -14,6 +14,7 @@ from rastercov.mesh import Mesh
 
 MOST_POSES = 50
 """Poses of which all pairs are cut."""
+BETWEEN_CAMERAS = "expected min_baseline_deg for a rig with a rule, got min_angle_deg; replace it"
 PAIRS_AT_ONCE = 64
 """Pairs that are cut before faces that are done are left out."""
 
@@ -22,8 +23,7 @@ def check_poses(n: int) -> None:
     """Raise `ConfigError` for more poses than there are pairs of."""
     if n > MOST_POSES:
         raise ConfigError(
-            f"min_angle_deg by area takes each pair of up to {MOST_POSES} poses, got {n}; give by "
-            "face"
+            f"expected at most {MOST_POSES} poses for min_angle_deg by area, got {n}; give by face"
         )
 
 
@@ -61,10 +61,7 @@ class SpreadUnion:
             For more than `MOST_POSES` of them in all, and for rows of several cameras.
         """
         if np.isnan(regions.eyes).any():
-            raise ConfigError(
-                "min_angle_deg is between single cameras; of a rig with a rule, give "
-                "min_baseline_deg"
-            )
+            raise ConfigError(BETWEEN_CAMERAS)
         before = sum(len(each.pose_ids) for each in self._seen)
         check_poses(before + len(regions.pose_ids))
         self._seen.append(regions)

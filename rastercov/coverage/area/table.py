@@ -162,7 +162,7 @@ class Regions(FacePolygons):
         wanted = f"({len(self.pose_ids)},) True or False"
         chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
         if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
-            raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
+            raise ConfigError(f"expected chosen as {wanted}, got shape {chosen.shape}; select rows")
         return taken(self, np.flatnonzero(chosen))
 
     def _of_faces(self, chosen: NDArray[np.bool_]) -> "Regions":
@@ -205,7 +205,7 @@ class Regions(FacePolygons):
         """
         number = finite_number(k)
         if not number.is_integer() or number < 1:
-            raise ConfigError(f"k must be a whole number, 1 or more, got {shown(k)}")
+            raise ConfigError(f"expected k of 1 or more, got {shown(k)}; give a whole number")
         count = partial(_counted, k=int(number), of=self._groups(of))
         if not one_side or number == 1:
             return count(self)
@@ -237,11 +237,13 @@ class Regions(FacePolygons):
             numbers[own] = np.arange(len(own))
         if numbers.max(initial=0) >= MOST_DEVICES:
             raise ConfigError(
-                f"of must have up to {MOST_DEVICES} poses a group, got {numbers.max() + 1}"
+                f"expected up to {MOST_DEVICES} poses per group, got {numbers.max() + 1}; split it"
             )
         wanted = members("needs", needs, (int, np.integer), "numbers of poses", ConfigError)
         if not all(0 <= each < MOST_DEVICES for each in wanted):
-            raise ConfigError(f"needs must be 0 to {MOST_DEVICES - 1}, got {shown(needs)}")
+            raise ConfigError(
+                f"expected needs of 0 to {MOST_DEVICES - 1}, got {shown(needs)}; correct them"
+            )
         return _counted(self, max(1, len(set(wanted))), groups, numbers, sorted(set(wanted)))
 
     def _groups(self, of: ArrayLike | None) -> IntArray:
@@ -251,7 +253,7 @@ class Regions(FacePolygons):
         of = np.zeros(n, np.int64) if of is None else of
         groups = checked_array("of", of, "iu", wanted, ConfigError)
         if groups.shape != (n,):
-            raise ConfigError(f"of must be {wanted}, got shape {groups.shape}")
+            raise ConfigError(f"expected of as {wanted}, got shape {groups.shape}; -1 is no group")
         return groups.astype(np.int64)
 
     def _by_side(self, make: Callable[["Regions", bool], "Regions"]) -> "Regions":
@@ -282,8 +284,8 @@ class Regions(FacePolygons):
         height = np.einsum("ni,ni->n", away, frames.normal[self.pair_face])
         if np.isnan(height[two_sided]).any():
             raise ConfigError(
-                "rows of several cameras have no side of a two-sided face; count them with "
-                "one_side=False, or in a Rig with a rule"
+                "expected rows of single cameras on two-sided faces, got rows of several; count "
+                "with one_side=False, or use a Rig with a rule"
             )
         behind = two_sided & (height < 0)
         if not behind.any():

@@ -72,7 +72,9 @@ class Covered(FacePolygons):
         """
         number = finite_number(views)
         if number not in range(1, len(self.area) + 1):
-            raise ConfigError(f"views must be 1 ... {len(self.area)}, got {shown(views)}")
+            raise ConfigError(
+                f"expected views of 1 to {len(self.area)}, got {shown(views)}; unite for more"
+            )
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()
         return float(self.area[int(number) - 1][scored].sum() / total) if total > 0 else 0.0
@@ -143,7 +145,7 @@ class RegionUnion:
         wanted = f"a mask of {n_faces} faces"
         mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
         if mask.shape != (n_faces,):
-            raise ConfigError(f"chosen must be {wanted}, got shape {mask.shape}")
+            raise ConfigError(f"expected chosen as {wanted}, got shape {mask.shape}; select faces")
         self._overlay.united.fill(np.ascontiguousarray(mask, np.bool_))
 
     def covered(self) -> Covered:
@@ -188,7 +190,7 @@ def unite(
     """
     parts: list[Any] = [regions] if isinstance(regions, Regions) else list(regions)
     if not parts:
-        raise ConfigError("regions must be of one camera or more, got none")
+        raise ConfigError("expected regions of one camera or more, got none; give some")
     union = RegionUnion(parts[0].mesh, views)
     for part in parts:
         union.add(part, progress)

@@ -220,16 +220,18 @@ def dead_zones(
 
     if network is not None:
         if not isinstance(network, tuple) or len(network) != 3:
-            raise ConfigError(f"network must be (camera, task, poses), got {shown(network)}")
+            raise ConfigError(
+                f"expected network (camera, task, poses), got {shown(network)}; give all three"
+            )
         cameras_of(network[0])
         check_kind("task", network[1], Task, "a Task", ConfigError)
         network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
-    words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
+    words = f"whole numbers of 1 to {k}, one or one per face"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
-        raise ConfigError(f"views must be {words}, got {shown(views)}")
+        raise ConfigError(f"expected views as {words}, got {shown(views)}; unite for more views")
     wanted = np.broadcast_to(wanted, mesh.n_faces)
     whole = with_rest(covered)
     areas = polygons.polygon_areas(whole.xy, whole.starts)

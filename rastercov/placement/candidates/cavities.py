@@ -502,7 +502,8 @@ def openings(
     rows = rows[~mesh.degenerate_mask[rows]]
     if views < 1 or side < 2 or side % 2 or finest % 2:
         raise ConfigError(
-            f"views must be 1 or more, side and finest even, got {views}, {side} and {finest}"
+            f"expected views from 1, even side and finest, got {views}, {side}, {finest}; change "
+            "them"
         )
     least = framing.limits(camera)[0]
     half_angles(camera)  # raises for a camera that cannot be aimed

@@ -219,7 +219,7 @@ def tolerance(
     """
     check_seed(seed)
     if draws < 1:
-        raise ConfigError(f"draws must be a whole number, 1 or more, got {draws}")
+        raise ConfigError(f"expected draws of 1 or more, got {draws}; increase it")
     placed = renumbered(poses)
     planned = placed.world_from_camera
     eyes, width = objective.eyes(placed), objective.width

@@ -344,7 +344,7 @@ class OnArm(Generator):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
-            raise ValueError(f"{own[0]} is of on_arm, not of its generator; move it there")
+            raise ValueError(f"expected {own[0]} in on_arm, got it in its generator; move it")
         return self
 
     def views(self) -> Reachable:

@@ -101,8 +101,8 @@ class PlanMotion(MotionQuery):
             return None
         unit, reason = plan.unit_of_result()
         if unit != "area":
-            why = reason or 'leave out task.by = "face"'
-            raise PlanError(plan.name, f"motion: figures over time are by area; {why}")
+            why = reason or "leave out task.by"
+            raise PlanError(plan.name, f"motion: expected a result by area, got by face; {why}")
         robots = robots_of(plan.bodies, plan.folder, plan.name)
         bodies = plan.bodies_of_cameras()
         with errors_at(plan.name, "motion"):

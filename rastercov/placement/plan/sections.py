@@ -204,7 +204,9 @@ class RigCamera(Entry):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.target is not None and (not self.fixed or self.angle_deg):
-            raise ValueError("target is of a fixed camera without angle_deg; correct the entry")
+            raise ValueError(
+                "expected target of a fixed camera without angle_deg, got another; correct it"
+            )
         return self
 
     def rig_from_camera(self) -> NDArray[np.float64]:
@@ -302,8 +304,10 @@ class RigSection(Entry):
         if self.file is not None:
             views = read_views(folder / self.file)
             if views.rig is None or not views.has_unit:
-                lacks = "cameras" if views.rig is None else "a unit of their places"
-                raise CameraError(f"{self.file} is without {lacks}; convert it, with its unit")
+                lacks = "cameras" if views.rig is None else "a unit of places"
+                raise CameraError(
+                    f"{self.file}: expected {lacks}, got none; convert it with its unit"
+                )
             return self._ruled(views.rig, {})
         own = self.cameras or []
         names = [each.name or each.camera for each in own]
@@ -421,7 +425,9 @@ class MeshEntry(Entry):
     def _check(self) -> Self:
         only_one(self, ("path", "built_in"))
         if self.built_in and self.unit != "m":
-            raise ValueError(f"built-in parts are in metres; leave out unit, got {self.unit!r}")
+            raise ValueError(
+                f"expected metres of a built-in part, got {self.unit!r}; leave out unit"
+            )
         return self
 
 
@@ -490,18 +496,20 @@ class TargetEntry(Entry):
         only_one(self, ("above", "box", "file"))
         together(self, "above", "height")
         if self.above is None and (self.room or self.near):
-            raise ValueError("room and near are of a sheet; leave them out, or give above")
+            raise ValueError(
+                "expected above with room or near, got none; give it, or leave them out"
+            )
         of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
         if of_boxes and self.box is None:
-            raise ValueError(f"{' and '.join(of_boxes)} is of a box; leave it out, or give box")
+            raise ValueError(f"expected box with {' and '.join(of_boxes)}, got none; give it")
         if self.count and self.spacing:
-            raise ValueError("count and spacing exclude each other; give one of them")
+            raise ValueError("expected count or spacing, got both; leave one out")
         if self.box and not all(a < b for a, b in zip(*self.box, strict=True)):
             raise ValueError(
-                f"expected low < high on every axis, got {self.box[0]} and {self.box[1]}"
+                f"expected low < high, got {self.box[0]} and {self.box[1]}; exchange them"
             )
         if self.file is None and self.unit != "m":
-            raise ValueError(f"unit is of a file; leave it out, got {self.unit!r}")
+            raise ValueError(f"expected unit with a file, got {self.unit!r}; leave it out")
         return self
 
 
@@ -524,10 +532,10 @@ class BodyEntry(Entry):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.urdf is not None and self.groups:
-            raise ValueError("urdf has groups of its own; leave out groups")
+            raise ValueError("expected urdf or groups, got both; leave one out")
         of_robot = self.model_fields_set & {"packages", "geometry", "base"}
         if self.urdf is None and of_robot:
-            raise ValueError(f"{sorted(of_robot)[0]} is of a robot; give urdf, or leave it out")
+            raise ValueError(f"expected urdf with {sorted(of_robot)[0]}, got none; give urdf")
         return self
 
     def robot(self, folder: Path) -> Robot:
@@ -588,7 +596,9 @@ class MotionSection(Entry):
         if self.joints is None:
             return None
         if len(robots) != 1:
-            raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
+            raise ConfigError(
+                f"expected one body with urdf for joints, got {len(robots)}; give one"
+            )
         return robots[0].read_path(folder / self.joints)
 
     def build(
@@ -608,7 +618,7 @@ class MotionSection(Entry):
 
         def add(name: str, table: Any) -> None:
             if name in tables:
-                raise ConfigError(f"body {name!r} moves in two ways; leave out one")
+                raise ConfigError(f"expected one motion of body {name!r}, got two; leave out one")
             tables[name] = table
 
         if (table := self.turntable) is not None:
@@ -636,7 +646,9 @@ class MotionSection(Entry):
         for name in [*still, *(link for each in robots for link in each.poses(each.rest))]:
             tables.setdefault(name, np.eye(4))
         if not tables:
-            raise ConfigError("no body moves; give turntable, conveyor, poses, joints or animation")
+            raise ConfigError(
+                "expected a body that moves, got none; give turntable, conveyor, poses or joints"
+            )
         return Motion(mesh, tables, groups=groups, **others)
 
     def beside_turntable(self, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
@@ -649,7 +661,7 @@ class MotionSection(Entry):
     def _animated(self, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]) -> dict[str, Any]:
         of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
         if len(of_gltf) != 1 or of_gltf[0].path is None:
-            raise ConfigError(f"animation is of one glTF file, got {len(of_gltf)}; give poses")
+            raise ConfigError(f"expected one glTF file to animate, got {len(of_gltf)}; give poses")
         place, path = of_gltf[0].transform, folder / of_gltf[0].path
         matrix = place.matrix()
         matrix[:3, :3] *= place.scale
@@ -686,13 +698,19 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.supersample > 1 and self.method != "sampled":
-            raise ValueError(f"supersample is for method sampled, got method {self.method}")
+            raise ValueError(
+                f"expected method sampled with supersample, got {self.method}; change it"
+            )
         if self.gloss is not None and self.max_highlight_deg > 0:
-            raise ValueError("gloss and max_highlight_deg are the same; give one")
+            raise ValueError("expected gloss or max_highlight_deg, got both; leave one out")
         if self.by == "area" and self.weight_by == "count":
-            raise ValueError('weight_by = "count" is of faces; leave out by = "area"')
+            raise ValueError(
+                'expected by = "face" for weight_by = "count", got "area"; leave out by'
+            )
         if self.by == "face" and self.resolution_of_result is not None:
-            raise ValueError('resolution_of_result is of cells; leave out by = "face"')
+            raise ValueError(
+                'expected by = "area" for resolution_of_result, got "face"; leave out by'
+            )
         return self
 
 
@@ -714,7 +732,9 @@ class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # ty
         both_or_none(self)
         together(self, "centre", "radius")
         if (self.low is None) == (self.centre is None):
-            raise ValueError("expected low and high, or centre and radius; give one of the two")
+            raise ValueError(
+                "expected low and high, or centre and radius, got both or none; give one"
+            )
         return self
 
     def volume(self) -> KeepOutBox | KeepOutSphere:
@@ -758,7 +778,9 @@ class Optimise(Entry):
     def _check(cls, given: Any) -> Any:
         for name in ("method", "population"):
             if isinstance(given, dict) and name in given:
-                raise ValueError(f"{name} is retired: a search is by exchanges; give budget alone")
+                raise ValueError(
+                    f"expected budget, got {name}, which is retired; give budget alone"
+                )
         return given
 
 
@@ -898,25 +920,26 @@ class PlanModel(Entry):
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
         if self.camera is not None and self.cameras:
-            raise ValueError("camera and cameras exclude each other; put it among the cameras")
+            raise ValueError("expected camera or cameras, got both; put it among the cameras")
         self._check_lamps()
         lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
-        for name in OF_LIGHT if lamps is None else ():
-            if getattr(self.task, name):
-                raise ValueError(f"task.{name} needs lamps; add them as [lamps.NAME]")
-        for name in ("ambient", "exposure") if lamps is None else ():
-            if getattr(self, name):
-                raise ValueError(f"{name} needs lamps; add them as [lamps.NAME]")
+        for name in (*OF_LIGHT, "ambient", "exposure") if lamps is None else ():
+            if getattr(self if name in type(self).model_fields else self.task, name):
+                raise ValueError(f"expected lamps for {name}, got none; add them as [lamps.NAME]")
         self._check_motion()
         self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
             for name in (name for name, each in types if each.cost is None):
-                raise ValueError(f"cameras.{name}: there is no price, as of others; give its cost")
+                raise ValueError(
+                    f"cameras.{name}: expected a cost, as of others, got none; give it"
+                )
         used: dict[str, tuple[list[str], tuple[str, ...]]] = {}
         for rig, section in self.rigs.items():
             if rig in self.camera_names:
-                raise ValueError(f"rigs.{rig}: there is a camera of that name; rename it")
+                raise ValueError(
+                    f"rigs.{rig}: expected another name, got that of a camera; rename it"
+                )
             own = [each.camera for each in section.cameras or []]
             used[f"rigs.{rig}"] = own, self.camera_names
         for row, entry in enumerate(self.candidates):
@@ -924,7 +947,7 @@ class PlanModel(Entry):
         for path, (names, known) in used.items():
             if missing := [name for name in names if name not in known]:
                 raise ValueError(
-                    f"{path}.cameras: there is no camera {missing[0]!r}; cameras are "
+                    f"{path}.cameras: expected a camera, got {missing[0]!r}; cameras are "
                     f"{', '.join(known) or 'none'}"
                 )
         return self
@@ -940,14 +963,20 @@ class PlanModel(Entry):
             return
         if not self.chooses_cameras:
             if self.existing.move:
-                raise ValueError("existing.move: only lamps are chosen, for cameras that stay")
+                raise ValueError(
+                    "existing.move: expected cameras to choose, got lamps only; leave it out"
+                )
             return
         if self.motion is not None or any(isinstance(each, OnArm) for each in self.candidates):
-            raise ValueError("existing: cameras beside these are chosen in a still scene")
-        self._refuse(("optimise",), "existing cameras stay")
+            raise ValueError(
+                "existing: expected a still scene, got a motion or an arm; leave it out"
+            )
+        self._refuse(("optimise",), "beside existing cameras")
         best = self.selection
         if isinstance(best, BestSelection) and best.cameras is not None and best.budget is not None:
-            raise ValueError("selection: beside existing cameras, give cameras or budget, not both")
+            raise ValueError(
+                "selection: expected cameras or budget beside existing, got both; leave one out"
+            )
 
     def built_lamps(self, folder: Path) -> Lamps | None:
         """The lamps, with files of a folder, those of candidates at the origin; None for none."""
@@ -971,44 +1000,52 @@ class PlanModel(Entry):
         if not own:
             if n_lamps is not None:
                 raise ValueError(
-                    "selection.lamps applies only when lamps are chosen; give them candidates"
+                    "selection.lamps: expected candidates for lamps, got none; give them"
                 )
             return
         for entry in own:
             if entry.lamp not in self.lamps:
                 known = ", ".join(self.lamps) or "none"
-                raise ValueError(f"candidates: there is no lamp {entry.lamp!r}; lamps are {known}")
+                raise ValueError(
+                    f"candidates: expected a lamp, got {entry.lamp!r}; lamps are {known}"
+                )
             if entry.cameras or isinstance(entry, PerCavity | OnArm):
                 what = "cameras" if entry.cameras else f"generator {entry.generator}"
-                raise ValueError(f"candidates: {what} does not go with lamp {entry.lamp}")
+                raise ValueError(
+                    f"candidates: expected places of lamp {entry.lamp}, got {what}; leave it out"
+                )
             for name in self.lamps[entry.lamp].places:
                 raise ValueError(
-                    f"lamps.{entry.lamp}.{name}: candidates are its places, in the cell; leave it "
-                    "out, or leave out these candidates"
+                    f"lamps.{entry.lamp}.{name}: expected a place or candidates, got both; leave "
+                    "one"
                 )
         limits = [getattr(self.task, name) for name in (*OF_LIGHT, "gloss")]
         if self.exposure is None and not any(limits):
             raise ValueError(
-                "candidates: lamps are chosen by a threshold of light; give "
+                "candidates: expected a threshold of light for lamps, got none; give "
                 "task.min_illuminance, max_illuminance, gloss, or exposure"
             )
         if self.existing is not None:
             if len(own) < len(self.candidates):
-                raise ValueError("existing: candidates are of cameras, too; leave out one of both")
+                raise ValueError(
+                    "existing: expected candidates for lamps, got cameras; leave one out"
+                )
             names = "refine", "optimise", "tolerance", "cameras"
-            self._refuse(names, "cameras are there, and lamps are chosen")
+            self._refuse(names, "for lamps of existing cameras")
         elif (
             len(own) < len(self.candidates)
             and isinstance(asked, BestSelection)
             and (asked.cameras is None or n_lamps is None or asked.budget is not None)
         ):
-            raise ValueError("selection: of cameras and lamps, give the number of both, alone")
+            raise ValueError(
+                "selection: expected numbers of cameras and lamps, got others; give both alone"
+            )
 
     def _refuse(self, names: Sequence[str], why: str) -> None:
         """ValueError for a selection with one of some entries."""
         for name in names:
             if getattr(self.selection, name, None):
-                raise ValueError(f"selection.{name}: {why}; leave it out")
+                raise ValueError(f"selection.{name}: expected none {why}, got one; leave it out")
 
     def _check_arm(self) -> bool:
         """True where candidates are on an arm; ValueError for those that do not go with it."""
@@ -1016,34 +1053,43 @@ class PlanModel(Entry):
         if not own:
             return False
         if len(own) < len(self.candidates):
-            raise ValueError("candidates: on_arm goes with no other entry; give each as its of")
+            raise ValueError(
+                "candidates: expected on_arm alone, got another entry; give each as its of"
+            )
         if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
-            raise ValueError("candidates: all on_arm must have one body, mount and clearance")
+            raise ValueError(
+                "candidates: expected one body, mount and clearance on_arm, got more; leave one"
+            )
         name = own[0].body.partition("/")[0]
         if [body.name for body in self.bodies if body.urdf is not None] != [name]:
-            raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
+            raise ValueError(
+                f"candidates: expected {name!r} as the one body with urdf, got others; correct it"
+            )
         if self.motion is not None and self.motion.model_fields_set != {"turntable"}:
-            raise ValueError("candidates: on_arm goes with no motion but a turntable; leave it out")
-        self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
+            raise ValueError(
+                "candidates: expected a turntable alone with on_arm, got others; leave them out"
+            )
+        self._refuse(("optimise", "tolerance"), "on an arm")
         return True
 
     def _check_motion(self) -> None:
         if self._check_arm():
             if self.task.over is not None:
-                raise ValueError("task.over applies only with a motion; leave it out")
+                raise ValueError("task.over: expected a motion, got none; leave it out")
             return
         if self.motion is None:
             if self.task.over is not None or self.bodies:
-                raise ValueError("task.over and bodies are of a motion; give one, or leave out")
+                raise ValueError("expected a motion for task.over and bodies, got none; give one")
             return
         if isinstance(self.task.views, dict):
-            raise ValueError("task.views by group is of a still scene; give one number")
+            raise ValueError("task.views: expected one number over time, got groups; give one")
         if self.task.views > 1 and getattr(self.selection, "of_reachable", False):
-            raise ValueError("selection.of_reachable over time is of one view; leave it out")
+            raise ValueError(
+                "selection.of_reachable: expected one view over time, got more; leave it out"
+            )
         if self.task.weight_by == "seeable":
-            raise ValueError("task.weight_by seeable is of a still scene; give area")
-        names = "refine", "optimise", "tolerance"
-        self._refuse(names, "cameras are chosen over time, not moved")
+            raise ValueError("task.weight_by: expected area over time, got seeable; give area")
+        self._refuse(("refine", "optimise", "tolerance"), "over time")
 
     @property
     def camera_names(self) -> tuple[str, ...]:

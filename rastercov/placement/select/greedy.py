@@ -73,7 +73,7 @@ def select_greedy(
     """
     check_seed(seed)
     if core_pairs is not None and core_pairs < 0:
-        raise ConfigError(f"core_pairs must be 0 or more, got {core_pairs}")
+        raise ConfigError(f"expected core_pairs of 0 or more, got {core_pairs}; increase it")
     began = time.perf_counter()
     presolved = presolve(problem)
     most = MOST_LISTED_PAIRS if core_pairs is None else core_pairs

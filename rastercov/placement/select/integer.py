@@ -117,13 +117,13 @@ def select_integer(
     """
     check_seed(seed)
     if not time_limit > 0:
-        raise ConfigError(f"time_limit must be more than 0 seconds, got {time_limit!r}")
+        raise ConfigError(f"expected time_limit above 0 s, got {time_limit!r}; give seconds")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     reduced = presolve(problem).listed()
     if len(reduced.face) > MOST_PAIRS:
         raise ResourceError(
-            f"{len(reduced.face)} pairs of candidate and face are more than the {MOST_PAIRS} that "
-            "an integer program is made of; use select_greedy, which has a bound, too"
+            f"expected at most {MOST_PAIRS} pairs of candidate and face, got {len(reduced.face)}; "
+            "use select_greedy, which also has a bound"
         )
     before = time.perf_counter()
     state = construct(reduced)
@@ -214,7 +214,7 @@ class _Program:
             import highspy
         except ImportError:
             raise ConfigError(
-                "select_integer needs highspy; pip install 'rastercov[place]', or use select_greedy"
+                "expected highspy, got none; pip install 'rastercov[place]', or use select_greedy"
             ) from None
         self.highspy, self.reduced = highspy, reduced
         self.is_best_coverage = isinstance(reduced.problem.goal, BestCoverage)
