@@ -1,7 +1,7 @@
-"""Lines about a result that is probably not meant: a wrong unit, faces that are turned around.
+"""Warnings about results that are probably mistakes: a wrong unit, inverted faces.
 
-Between a finished network and the commands that print it. Every line is a guess by figures of the
-scene, says so by the figure, and names what to try.
+Between a finished network and the commands that print it. Every line is a heuristic, states the
+figure that it is based on, and names what to try.
 """
 
 import math
@@ -26,7 +26,7 @@ from rastercov.mesh import Mesh
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
 LEAST_SHARE_FROM_BEHIND = 0.8
-"""Share seen from behind, of all area that is seen, above which there is a line about normals."""
+"""Back-facing share of the visible area above which there is a line about normals."""
 LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
@@ -146,7 +146,7 @@ def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
 
 
 def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[str]:
-    """A line where most of what the cameras look at is seen from behind.
+    """A warning if most of the surface in view is back-facing.
 
     The reasons of the faces do not tell it: a closed surface that is inside out is back-facing on
     the near side and occluded on the far one. So the lines of sight to some centroids are traced.

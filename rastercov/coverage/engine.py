@@ -31,14 +31,14 @@ class Engine:
         For method "sampled" and for pictures: "auto", "cpu", "gl", or an OpenGL device by its name
         (`rastercov doctor` lists them).
     supersample : int
-        S: S x S samples a pixel, for method "sampled".
+        S: S x S samples per pixel, for method "sampled".
     threads : int, optional
-        Threads on the CPU; one a core unless given.
+        Threads on the CPU; one per core unless given.
 
     Raises
     ------
     ConfigError
-        For a method that does not exist, or samples of a method that has none.
+        For an unknown method, or for samples with a method that has none.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class Engine:
         Raises
         ------
         ConfigError
-            For a method that does not exist, or samples of one that has none.
+            For an unknown method, or for samples with a method that has none.
         """
         form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
         if form is None:

@@ -1,9 +1,9 @@
 """Smooth criteria of points of a surface, by which `Regions.where` cuts.
 
-A criterion is a function g of the points of a face, with its slope and a bound of what is not
-linear in it, see `rastercov/native/area/criteria.hpp`; it holds where g >= 0. Those of several
+A criterion is a function g of the points of a face, with its gradient and a bound of its
+nonlinearity, see `rastercov/native/area/criteria.hpp`; it holds where g >= 0. Those of several
 devices take the devices that see each piece from `Regions.devices`, and all of them where it has
-none. Devices of which a point is behind, or hidden, are not looked for: cut regions that they see.
+none. Occlusion is not tested: give regions that the devices see.
 """
 
 import math
@@ -51,12 +51,12 @@ class RayAngle(InOneLine):
     degrees : float
         Limit, [0, 180].
     is_least : bool
-        True where the angle is to be at least the limit, False where at most.
+        True if the angle must be at least the limit, False if at most.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -111,12 +111,12 @@ class Illuminance(InOneLine):
     table : int, or (n,) or (P, n) int64
         Table of each lamp, -1 for its exponent.
     is_least : bool
-        True where the illuminance is to be at least the limit, False where at most.
+        True if the illuminance must be at least the limit, False if at most.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -180,7 +180,7 @@ class Illuminance(InOneLine):
 class Highlight(InOneLine):
     """Angle between the normal and the half vector of the rays to a camera and to a lamp.
 
-    It is 0 where a mirror would show the lamp. On the side of the face that the camera is on.
+    It is 0 where a mirror would show the lamp, on the side of the face that the camera is on.
 
     Attributes
     ----------
@@ -191,12 +191,13 @@ class Highlight(InOneLine):
     degrees : float
         Limit, [0, 90].
     is_least : bool
-        True where angles are to be at least the limit: no highlight; False where at most.
+        True if the angles must be at least the limit, so that there is no highlight; False if at
+        most.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -232,7 +233,7 @@ class Highlight(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BeamDensity(InOneLine):
-    """Beams a m^2 of a scanner that turns by equal steps about an axis, and in elevation.
+    """Beams per m^2 of a scanner with equal steps in azimuth and elevation.
 
     h / (d^2 rho D^2) for the step D and the distance rho from the axis.
 
@@ -243,12 +244,12 @@ class BeamDensity(InOneLine):
     step_deg : float
         Between two beams, (0, 90].
     limit : float
-        Least beams a m^2, above 0.
+        Minimum beams per m^2, above 0.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -307,7 +308,7 @@ class Uncertainty(InOneLine):
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -355,14 +356,14 @@ class Uncertainty(InOneLine):
 
 
 class PixelDensity(NamedTuple):
-    """Pixels a m^2 of lenses with a closed form, of each row of regions: h / (d^2 rho) and h / d^3.
+    """Pixels per m^2 of lenses with a closed form, by row of regions: h / (d^2 rho) and h / d^3.
 
     Attributes
     ----------
     centres, axes : (P, 3) float64
         Of the panorama; (0, 0, 0) for a lens of equal area.
     scales, limits : (P,) float64
-        Pixels a steradian at the horizon; least pixels a m^2, 0 where there is no limit.
+        Pixels per steradian at the horizon; minimum pixels per m^2, 0 for no limit.
     """
 
     centres: FloatArray

@@ -51,28 +51,29 @@ FAR = 1e3
 POSES_A_TURN = 64
 """Poses whose keys are made at a time."""
 MOST_OF_LAMPS = 1024
-"""Pictures of points of lamps that are kept for later frames."""
+"""Images from points of lamps that are kept for later frames."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionQuery(InOneLine):
-    """Motion of a scene, and for how long of it a point must be covered.
+    """Motion of a scene, and the share of its time in which a point must be covered.
 
     Parameters
     ----------
     motion : Motion
         T frames.
     over : {"some", "all"} or float
-        Time: some frame; all in which the body of the face is there; or a share of these, (0, 1].
+        Time: some frame; all frames in which the body of the face is present; or a share of these,
+        (0, 1].
     views_at : {"one time", "any time"}
-        Whether several cameras cover it at the same time, or each for so long at whatever times.
+        Whether several cameras must cover it simultaneously, or each for that long at any times.
     body : str, or sequence of str
         Body to which the cameras are fixed, all or each of several; their poses are those at rest.
 
     Raises
     ------
     ConfigError
-        For what is none of these.
+        For other values.
 
     Examples
     --------
@@ -111,7 +112,7 @@ class MotionQuery(InOneLine):
         return self._alone(regions).at_least(views, one_side=False)
 
     def _check_held(self, placed: Poses) -> None:
-        """Raise `ConfigError` for regions of more pictures than are held at once."""
+        """Raise `ConfigError` for regions of more images than are held at once."""
         n_frames = len(self.motion)
         if n_frames * len(placed) > MOST_PICTURES:
             raise ConfigError(

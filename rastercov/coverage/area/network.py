@@ -36,15 +36,15 @@ def unit_of_result(
     camera: Cameras | None = None,
     n_poses: int | None = None,
 ) -> tuple[str, str]:
-    """Unit of a result, "area" or "face"; and the reason for "face" where it was not chosen.
+    """Unit of a result, "area" or "face"; and the reason for "face" if it was not chosen.
 
-    Without a choice it is "area", unless a threshold of the task is of a face or of pairs of poses,
-    or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
+    Without a choice it is "area", unless a threshold of the task applies to faces or to pairs of
+    poses, or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
 
     Raises
     ------
     ConfigError
-        For an unknown unit, or by area where that cannot be.
+        For an unknown unit, or by area where that is impossible.
     """
     if by is not None and not is_one_of(by, UNITS):
         raise ConfigError(f"expected by {' or '.join(UNITS)}, got {shown(by)}; or leave it out")
@@ -81,7 +81,8 @@ def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
 class AreaNetwork:
     """Area that cameras cover together, added up batch by batch.
 
-    Faces that enough cameras cover as a whole are closed, so that the cost of further poses falls.
+    Faces that enough cameras cover completely are finished, so that the cost of further poses
+    falls.
 
     Parameters
     ----------
@@ -93,11 +94,12 @@ class AreaNetwork:
     Attributes
     ----------
     least, views : int
-        Least and largest number of cameras that may be wanted: 2 and more with `min_angle_deg`.
+        Smallest and largest number of cameras that may be required: 2 and more with
+        `min_angle_deg`.
     cut_short : float
         Sum of `Regions.cut_short`, m^2.
     places : Places or None
-        Where cameras may be that advice names; anywhere for None.
+        Places that advice may name for cameras; anywhere for None.
     """
 
     places: Places | None = None
@@ -125,14 +127,14 @@ class AreaNetwork:
         return self._once("covered", self._union.covered)
 
     def add(self, regions: Regions) -> None:
-        """Take in the regions of further poses."""
+        """Add the regions of further poses."""
         self._union.add(regions)
         # Rows of light that cameras share may count twice there, in the bound they do not.
         self.cut_short += min(regions.cut_short, float(regions.bound.sum()))
         self._kept.clear()
 
     def doubts(self) -> list[str]:
-        """A line on criteria that were not decided as finely as others; often none."""
+        """A warning about undecided area of criteria; often none."""
         if not self.cut_short > 0:
             return []
         return [

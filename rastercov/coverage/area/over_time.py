@@ -71,7 +71,7 @@ POINTS_OF_ZONE = 8
 
 
 def check_over_time(task: Task) -> None:
-    """Raise `ConfigError` for a threshold that is not of a time."""
+    """Raise `ConfigError` for a threshold that does not apply over time."""
     if task.min_angle_deg > 0:
         raise ConfigError(
             "expected views over time, got min_angle_deg; it applies to one time only"
@@ -87,7 +87,7 @@ class OverTime(InOneLine):
     asked : MotionQuery
         The motion, and the time in which a point is covered, by `views` cameras of the task.
     regions : Regions
-        Of `rastercov.regions` by the motion: R rows a frame.
+        Of `rastercov.regions` by the motion: R rows per frame.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def long_enough(self) -> Regions:
-        """Parts that are covered for as long as is asked for; one row."""
+        """Parts that are covered for as long as the query asks; one row."""
         if self.asked.views_at == "one time":
             return for_long_enough(self.frames, self.asked)
         return self.asked.long_enough(self.regions, self.task.views)
@@ -330,7 +330,7 @@ class OverTime(InOneLine):
         return 100 * found.share()
 
     def lines(self) -> list[str]:
-        """The result for people."""
+        """The result in words."""
         return list(self.summary()["lines"])
 
 

@@ -1,10 +1,9 @@
 """Exact regions: the parts of each face that a camera covers, as convex polygons.
 
-A point is covered by a camera when it is in the image, beyond the near plane, seen from the front
-or on a two-sided face, hidden by nothing, in focus, within the largest angle of incidence, and has
-enough pixels per m^2 and along its worst direction. Each of these is decided point by point, so
-that the covered area does not depend on the triangles that the surface is cut into. See
-docs/area.md.
+A point is covered by a camera when it is in the image, beyond the near plane, front-facing or on a
+two-sided face, hidden by nothing, in focus, within the largest angle of incidence, and has enough
+pixels per m^2 and along its worst direction. Each of these is decided point by point, so that the
+covered area does not depend on the triangles that the surface is cut into. See docs/area.md.
 """
 
 from collections.abc import Iterator, Mapping
@@ -66,7 +65,7 @@ def _nothing_in(n_poses: int) -> tuple[Any, ...]:
 
 
 def check_pointwise(task: Task) -> None:
-    """Raise `ConfigError` for a task with a threshold that no point can meet or fail."""
+    """Raise `ConfigError` for a task with a threshold that applies to whole faces."""
     for name, text in OF_A_FACE.items():
         if getattr(task, name) != getattr(Task, name):  # its default
             raise ConfigError(f"expected a result by face, got by area: {name} {text}")
@@ -252,7 +251,7 @@ class RegionPass(ExactPass):
 
 
 def _has_closed_form(camera: Camera) -> bool:
-    """True where pixels a m^2 have one: a panorama, and a lens of equal area."""
+    """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
     is_plain = not any(camera.distortion)
     return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 

@@ -24,12 +24,12 @@ from rastercov.coverage.task import Task
 
 
 def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
-    """Thresholds of each camera: its own where its rig has some, otherwise those of the task.
+    """Thresholds of each camera: its own if its rig has some, otherwise those of the task.
 
     Raises
     ------
     ConfigError
-        For thresholds that are none, and for a number of views, which is of no single camera.
+        For invalid thresholds, and for a number of views, which does not apply to one camera.
     """
     own = cameras.tasks if isinstance(cameras, Rig) else {}
     found = {}

@@ -20,7 +20,7 @@ PAIRS_AT_ONCE = 64
 
 
 def check_poses(n: int) -> None:
-    """Raise `ConfigError` for more poses than there are pairs of."""
+    """Raise `ConfigError` for more poses than `MOST_POSES`."""
     if n > MOST_POSES:
         raise ConfigError(
             f"expected at most {MOST_POSES} poses for min_angle_deg by area, got {n}; give by face"
@@ -30,7 +30,7 @@ def check_poses(n: int) -> None:
 class SpreadUnion:
     """Union of regions by the number of poses that cover a part.
 
-    The number is 1 where no two of several poses differ enough: a part needs two that do.
+    The number is 1 where no two poses differ by the angle.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class SpreadUnion:
         return self._counts.closed & self._spread.closed
 
     def add(self, regions: Regions) -> None:
-        """Take in the regions of further poses.
+        """Add the regions of further poses.
 
         Raises
         ------

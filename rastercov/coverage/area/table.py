@@ -92,7 +92,7 @@ class Regions(FacePolygons):
         Row of each pose in the input.
     xy : (C, 2) float64
         Corners in the plane coordinates of the faces (`rastercov.coverage.area.frames`), metres,
-        counter-clockwise seen from the front; at most 20 a piece.
+        counter-clockwise seen from the front; at most 20 per piece.
     starts : (N + 1,) int64
         The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
     face, pose : (N,) int32
@@ -170,7 +170,7 @@ class Regions(FacePolygons):
         return self._with(np.flatnonzero(chosen[self.face]), np.flatnonzero(chosen[self.pair_face]))
 
     def at_least(self, k: int, of: ArrayLike | None = None, *, one_side: bool = True) -> "Regions":
-        """Regions that at least k poses of each group cover, a row of the result each.
+        """Regions that at least k poses of each group cover, one row per group.
 
         Parts of two poses, such as a camera and a projector, are those that both cover. The bound
         of an area is the sum of those of the group, at most the face.
@@ -178,20 +178,19 @@ class Regions(FacePolygons):
         Parameters
         ----------
         k : int
-            Poses of a group that cover a part.
+            Poses of a group that must cover a part.
         of : (P,) int array_like, optional
             Group of each pose; those below 0 are left out. Rows of the result are groups in
             ascending order, and their `pose_ids` those of the first pose of each. All poses are one
             group unless given.
         one_side : bool
-            True where a part of a two-sided face counts when k poses on one side of it cover it;
-            False where those on both sides are counted together, as by `unite`.
+            True to count a part of a two-sided face if k poses on one side of it cover it; False to
+            count the poses on both sides together, as `unite` does.
 
         Raises
         ------
         ConfigError
-            For k below 1, groups that are none, and for rows of several cameras on two-sided faces,
-            which have no side.
+            For k below 1, for invalid groups, and for rows of several cameras on two-sided faces.
 
         Examples
         --------
@@ -228,7 +227,7 @@ class Regions(FacePolygons):
         Raises
         ------
         ConfigError
-            For groups that are none, or of more than 64 poses.
+            For invalid groups, and for groups of more than 64 poses.
         """
         groups = self._groups(of)
         numbers = np.zeros(len(groups), np.int64)
@@ -305,8 +304,8 @@ class Regions(FacePolygons):
     def where(self, criterion: Criterion) -> "Regions":
         """Parts where a criterion holds, such as `RayAngle`, `Illuminance` or `Highlight`.
 
-        Its curves are no polygons: what lies within 2e-5 of the diagonal of the mesh of them is not
-        decided, and is in the bounds.
+        Its borders are curves: area within 2e-5 of the diagonal of the mesh of them is undecided,
+        and counts in the bounds.
 
         Parameters
         ----------

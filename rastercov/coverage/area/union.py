@@ -83,7 +83,7 @@ class Covered(FacePolygons):
 class RegionUnion:
     """Union of regions, added a few poses at a time; one thread at a time may use it.
 
-    A face that k cameras cover as a whole is closed; see `Overlay`.
+    A face that k cameras cover completely is finished; see `Overlay`.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class RegionUnion:
         return self._overlay.closed
 
     def add(self, regions: Regions, progress: Progress | None = None) -> None:
-        """Take in the regions of further poses; `ConfigError` where they are of another mesh.
+        """Add the regions of further poses; `ConfigError` for those of another mesh.
 
         `progress` is called with the number of pieces done and of all, a few times a second.
         """
@@ -167,7 +167,7 @@ def unite(
     Parameters
     ----------
     regions : Regions, or sequence of Regions
-        Of one mesh; several where there are several cameras.
+        Of one mesh; several for several cameras.
     views : int
         k: poses up to which they are counted.
     progress : callable

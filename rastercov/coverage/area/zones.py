@@ -194,11 +194,11 @@ def dead_zones(
     Parameters
     ----------
     covered : Covered
-        What `rastercov.unite` gives.
+        Result of `rastercov.unite`.
     views : int, or (F,) int array_like, optional
-        Cameras wanted, of all faces or of each, 1 ... k; k of `covered` unless given.
+        Cameras required, for all faces or for each, 1 to k; k of `covered` unless given.
     network : (Camera or Rig, Task, Poses), optional
-        What `covered` is of. Without it the reason is "too_few_views" or "unseeable".
+        Cameras of `covered`. Without them the reason is "too_few_views" or "unseeable".
 
     Raises
     ------
@@ -487,7 +487,7 @@ def summary_of(
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera of all cameras.
     places : Places, optional
-        Where cameras may be that advice names.
+        Places that advice may name for cameras.
     """
     n = zones.listed()
     why = _reasons(zones, Remedies(zones.mesh, camera, task, Poses.of(poses), None, places), n)
