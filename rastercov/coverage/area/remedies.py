@@ -3,7 +3,7 @@
 The nearest camera is one with a free line of sight to most of a zone where there is any, and of
 these the one that misses its criteria by the smallest factor. A change of it (rotated, refocused,
 with a longer lens, or moved) is tested against points of the zone, and reported if it covers `SURE`
-of them, enough to be sure of half of it. It takes the place of the camera where all cameras together
+of them, enough to be sure of half. It takes the place of the camera where all cameras together
 then cover no less, exactly; otherwise it is one of another camera of this kind.
 """
 

@@ -42,8 +42,8 @@ class KeepOut(Protocol):
 class KeepOutBox:
     """Box along the axes from corner `low` to corner `high`, metres."""
 
-    low: Annotated[tuple[float, float, float], Doc("Corner of a box, m.")]
-    high: Annotated[tuple[float, float, float], Doc("The opposite corner.")]
+    low: Annotated[tuple[float, float, float], Doc("Lowest corner of a box, m.")]
+    high: Annotated[tuple[float, float, float], Doc("Highest corner of a box, m.")]
     name: str = "box"
 
     def __post_init__(self) -> None:
@@ -66,8 +66,8 @@ class KeepOutBox:
 class KeepOutSphere:
     """Ball about `centre`, metres."""
 
-    centre: Annotated[tuple[float, float, float], Doc("Of a sphere, m.")]
-    radius: Annotated[float, Gt(0), Doc("Of a sphere, m.")]
+    centre: Annotated[tuple[float, float, float], Doc("Centre of a sphere, m.")]
+    radius: Annotated[float, Gt(0), Doc("Radius of a sphere, m.")]
     name: str = "sphere"
 
     def __post_init__(self) -> None:

@@ -52,7 +52,7 @@ class InstallationError:
 
     position_mm: Annotated[float, Ge(0), Doc("Error of the camera centre, mm.")] = 0.0
     angle_deg: Annotated[float, Ge(0), Doc("Error of the direction, degrees.")] = 0.0
-    distribution: Annotated[Literal["normal", "uniform"], Doc("Of the errors.")] = "normal"
+    distribution: Annotated[Literal["normal", "uniform"], Doc("Distribution of errors.")] = "normal"
 
     def __post_init__(self) -> None:
         check_limits(self)

@@ -246,16 +246,16 @@ def no_limit(pair: list[float] | None) -> tuple[float, float]:
 
 
 class BaseEntry(Entry):
-    """Place of a robot: turned about an axis through its origin, then moved."""
+    """Pose of a robot: rotation about an axis through its origin, then translation."""
 
     axis: Direction = [0.0, 0.0, 1.0]
     """Axis of the rotation, through the origin."""
     angle_deg: Number = 0.0
     """Angle of the rotation, counter-clockwise seen against the axis."""
     translation: Triple = [0.0, 0.0, 0.0]
-    """Metres, after the rotation."""
+    """Translation after the rotation, m."""
 
     def matrix(self) -> NDArray[np.float64]:
-        """(4, 4) rigid motion."""
+        """(4, 4) rigid transform."""
         turn = rotation_about(self.axis, math.radians(self.angle_deg))
         return matrices_of(turn, self.translation)

@@ -99,33 +99,33 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = None
-    """Camera file, ours or of another program, with the entries and the optics that it lacks."""
+    """Camera file, of rastercov or another program; other entries add what it lacks."""
     name: str | None = None
-    """Camera of a file with several."""
+    """Name of the camera in a file with several."""
     pixel_centre: float | None = None
     """Coordinate of the first pixel's centre in the file: 0 or 0.5."""
     lens_model: Literal["brown", "fisheye"] | None = None
-    """Model of four coefficients in the file."""
+    """Lens model of four coefficients in the file."""
     image_size: list[Count] | None = None
-    """[width, height], px, for a file without."""
+    """[width, height], px, for a file that lacks it."""
     preset: Name | None = None
     """Camera of the catalogue, NAME or NAME+LENS; other entries change it."""
     pixel_size: Number | list[Number] | None = None
-    """Metres, one or two."""
+    """Pixel pitch, m; one number or [x, y]."""
     principal_point: Pair | None = None
-    """Metres from the top-left corner."""
+    """[x, y] from the top-left corner, m."""
     f_number: Number | None = None
-    """f/N; with focus_distance, and pixel_size beside fx and fy."""
+    """N of f/N; with focus_distance, and with pixel_size if fx and fy are given."""
     hfov_deg: Number | None = None
-    """Angle between left and right, deg; instead of fx."""
+    """Horizontal field of view, deg; instead of fx."""
     vfov_deg: Number | None = None
-    """Angle between top and bottom, deg; instead of fy."""
+    """Vertical field of view, deg; instead of fy."""
     focus_range: list[float] | None = None
     """[near, far] depths in focus, m; instead of an aperture."""
     distortion: list[float] | None = None
-    """Coefficients of the model, in its order."""
+    """Coefficients of the lens model, in its order."""
     body: Name = "world"
-    """Body that carries it, where bodies move; candidates are poses at rest."""
+    """Body that carries it, if bodies move; candidates are poses at rest."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -161,7 +161,7 @@ class CameraType(CameraSection):
     """One of several types of cameras, by its name."""
 
     cost: NotNegative | None = None
-    """Of one of them, added to that of its place; the price of a preset, or 1, unless given."""
+    """Cost of one, added to that of its place; by default the price of a preset, or 1."""
 
     @model_validator(mode="after")
     def _with_price(self, info: ValidationInfo) -> Self:
@@ -179,7 +179,7 @@ class DeviceTask(fields_of(Task, is_optional=True, leave_out=OF_NO_DEVICE)):  # 
 
 
 class RigCamera(Entry):
-    """Place of a camera on a rig: turned about an axis through the origin of the rig, then moved.
+    """Pose of a camera on a rig: rotation about an axis through its origin, then translation.
 
     Axes of rig and camera: x right, y down, z forward. A fixed camera is placed in the world.
     """
@@ -189,17 +189,17 @@ class RigCamera(Entry):
     name: Name | None = None
     """Its name on the rig; that of the camera unless given."""
     axis: Direction = [0.0, 1.0, 0.0]
-    """Of the turn, in the rig's axes."""
+    """Axis of the rotation, in the axes of the rig."""
     angle_deg: Number = 0.0
-    """Of the turn, degrees."""
+    """Angle of the rotation, degrees."""
     translation: Triple = [0.0, 0.0, 0.0]
-    """Metres, after the turn."""
+    """Translation after the rotation, m."""
     fixed: bool = False
-    """Stays where it is as the rig moves, such as a projector of the cell."""
+    """True if it does not move with the rig, such as a projector of the work cell."""
     target: Triple | None = None
-    """Point that a fixed camera looks at, m; in place of axis and angle_deg."""
+    """Point that a fixed camera looks at, m; instead of axis and angle_deg."""
     task: DeviceTask | None = None
-    """Its thresholds, all in place of those of the task."""
+    """Thresholds of this camera, which replace all those of the task."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -227,25 +227,25 @@ OF_NO_GOAL = ("views", "min_angle_deg", *OF_LIGHT, *OF_A_FACE)
 
 
 class ExistingSection(Entry):
-    """Cameras that are there."""
+    """Existing cameras."""
 
     file: File
-    """Their poses, a file as of candidates."""
+    """Pose file, as for candidates."""
     move: list[Annotated[int, Field(ge=0)] | Name] = []
-    """Rows, or names of images, of those that leave their places; the others stay."""
+    """Rows, or names of images, of cameras that may move; the others stay."""
 
 
 class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # type: ignore[misc] # a base made of fields
-    """A goal of its own for some groups, with thresholds in place of those of the task."""
+    """Goal for some groups, with thresholds in place of those of the task."""
 
     groups: Some[Name] | None = None
-    """Groups that it is of, which are not of the task then; all of the task unless given."""
+    """Groups of the goal, which the task then leaves out; all of the task unless given."""
     coverage: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Share to cover at least."""
+    """Minimum share to cover."""
     at_most: Annotated[float, Field(ge=0, lt=1)] | None = None
-    """Share that may be covered at most, such as 0 of what must not be seen."""
+    """Maximum share that may be covered, such as 0 for what must not be seen."""
     views: Count | None = None
-    """Cameras that must cover a face; those of the task unless given."""
+    """Required number of cameras per point or face; by default that of the task."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -254,32 +254,32 @@ class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # t
 
 
 class RigSection(Entry):
-    """Cameras that move together: of the plan, all of a file with their places, or a preset."""
+    """Cameras that move together: of the plan, all of a file with their poses, or a preset."""
 
     cameras: Some[RigCamera] | None = None
-    """Cameras of the plan and their places."""
+    """Cameras of the plan with their poses on the rig."""
     file: File | None = None
-    """File of cameras with their places, such as a Kalibr camchain."""
+    """File of cameras with their poses, such as a Kalibr camchain."""
     preset: Name | None = None
     """Head of the catalogue, NAME:BASELINE or NAME:BASELINE:CAMERA, such as stereo:0.12."""
     cost: NotNegative | None = None
-    """Of the rig; that of its cameras together unless given."""
+    """Cost of the rig; by default that of its cameras together."""
     rule: Literal["any", "all", "at_least"] | None = None
-    """Cameras that must see a point together: all, at_least k, or any; of the file unless given."""
+    """Cameras that must see a point together: all, at_least k, or any; by default of the file."""
     k: Count | None = None
-    """Number of cameras of rule at_least."""
+    """Number of cameras, for rule at_least."""
     needs: Some[Name] | None = None
-    """Cameras without which nothing is measured, of rule at_least."""
+    """Cameras that must be among them, for rule at_least."""
     min_baseline_deg: Angle | None = None
-    """Least angle between the rays to some two cameras, degrees, of rule all."""
+    """Minimum angle between the rays to the widest pair of cameras, degrees, for rule all."""
     max_baseline_deg: Angle | None = None
-    """Greatest angle between the rays to any two cameras, degrees, of rule all."""
+    """Maximum angle between the rays to any two cameras, degrees, for rule all."""
     max_uncertainty: Positive | str | None = None
-    """Largest standard deviation of a point, m or such as "50 um", of rule all."""
+    """Maximum standard deviation of a point, m or text such as "50 um", for rule all."""
     noise_px: Positive | dict[str, Positive] | None = None
-    """Noise of positions in the images, px, of all cameras or a table by name; with the former."""
+    """Standard deviation of image positions, px, one or a table by camera; for max_uncertainty."""
     stripes: Some[Name] | None = None
-    """Cameras that know one coordinate, x: projectors of stripes along y, laser sheets."""
+    """Devices that measure x alone: projectors of stripes along y, laser sheets."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -324,7 +324,7 @@ class RigSection(Entry):
 class LampSection(Entry):
     """A lamp, or several of one kind at `positions`, that must light what cameras see.
 
-    Candidates may name one without a place, which are places to choose from.
+    Candidates that name a lamp without a position are places to choose from.
     """
 
     kind: Annotated[str, *among(LAMPS)] | None = None
@@ -334,27 +334,27 @@ class LampSection(Entry):
     power_w_sr: Positive | None = None
     """Radiant intensity on its axis, W/sr, for thresholds in W/m2."""
     half_angle_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    """Angle from its axis beyond which it sends nothing; of a spot."""
+    """Angle from its axis beyond which it emits nothing; for a spot."""
     exponent: NotNegative | None = None
-    """m of I cos^m of the angle from its axis: 0 the same everywhere, 1 a surface that shines."""
+    """m of I cos^m of the angle from its axis: 0 is isotropic, 1 Lambertian."""
     size: Positive | Pair | None = None
     """Length of a bar, diameter of a ring or dome, side or [width, height] of an area, m."""
     points: Count | None = None
-    """Points of a lamp of size, up to 36."""
+    """Sample points of a lamp with a size, up to 36."""
     share: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Part of its points that a place sees where it counts as lit."""
+    """Share of its sample points that a point must see to count as lit."""
     ies: File | None = None
-    """IES LM-63 file, in place of all above."""
+    """IES LM-63 file, instead of all entries above."""
     position: Triple | None = None
-    """Place, m; on the rig for a lamp of one."""
+    """Position, m; on the rig for a lamp that a rig carries."""
     positions: Some[Triple] | None = None
-    """Places, a lamp at each."""
+    """Positions, m; a lamp at each."""
     aim: Triple | None = None
-    """Point that it looks at; straight down unless given, or along the axis of its rig."""
+    """Point that it is aimed at; by default straight down, or along the axis of its rig."""
     rig: bool | Name = False
-    """The rig or camera that it rides on, true for each of them."""
+    """Rig or camera that carries it; true for a lamp on each of them."""
     cost: NotNegative | None = None
-    """Of one of them, added to that of its place, where candidates name it."""
+    """Cost of one, added to that of its place, for a lamp of candidates."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -397,14 +397,14 @@ BuiltIn = Annotated[str, *among(NAMES)]
 
 
 class TransformEntry(BaseEntry):
-    """Place of a mesh in the scene: scaled about its origin, then turned, then translated."""
+    """Pose of a mesh in the scene: scaled about its origin, rotated, then translated."""
 
     scale: Positive = 1.0
-    """Factor, after the unit."""
+    """Scale factor, after the unit."""
 
 
 class MeshEntry(Entry):
-    """A mesh of the scene: a file or a built-in part, and what it is for."""
+    """A mesh of the scene: a file or a built-in part, and its role."""
 
     path: MeshFile = None
     built_in: BuiltIn | None = None
@@ -413,13 +413,13 @@ class MeshEntry(Entry):
     transform: TransformEntry = TransformEntry()
     """Place of the mesh in the scene."""
     role: Literal["task", "occluder", "target"] = "task"
-    """Role: to be seen; to hide and not be scored; or to be seen and hide nothing."""
+    """task is to be covered, occluder occludes only, target is covered but occludes nothing."""
     groups: list[Name] = []
-    """Groups of this role, all if empty. Others are the task, or occluders if the role is task."""
+    """Groups with this role, all if empty. Others are the task, or occluders for role task."""
     two_sided: bool | list[Name] = False
-    """True if either side counts as covered, for all groups or those named."""
+    """True if either side may be covered, for all groups or those named."""
     drop_invalid: bool = False
-    """Drop faces that are not finite."""
+    """Drop faces with coordinates that are not finite."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -435,13 +435,13 @@ class RoomSection(Entry):
     """A part of a building: what a point reaches, a polygon with heights, or a space of IFC."""
 
     inside: Triple | None = None
-    """Point in the room, from which it is reached without crossing the mesh."""
+    """Point in the room; the room is all that it reaches without crossing the mesh."""
     opening: Positive = 1.0
-    """Width up to which openings between rooms are closed, m; of inside."""
+    """Width up to which openings between rooms are closed, m; with inside."""
     polygon: list[Pair] | None = None
     """Corners [x, y] of the room in order, m."""
     z: Pair | None = None
-    """[lowest, highest] z of the room, m; of polygon."""
+    """[lowest, highest] z of the room, m; with polygon."""
     space: Name | None = None
     """IfcSpace of a mesh: name, long name, both, each after "STOREY/", or GlobalId."""
 
@@ -461,35 +461,35 @@ class RoomSection(Entry):
 
 
 class TargetEntry(Entry):
-    """A surface to be seen that hides nothing: a sheet above a floor, a grid of boxes, or a file.
+    """A surface to be covered that occludes nothing: a sheet above a floor, boxes, or a file.
 
     Exactly one of above, box and file.
     """
 
     name: Name | None = None
-    """Name of its group; by default what it is made of."""
+    """Name of its group; by default made from the entry."""
     above: Name | None = None
-    """Group whose faces that face up are lifted to a sheet."""
+    """Group whose upward faces are lifted to a sheet."""
     height: NotNegative | None = None
-    """Of the sheet above it, m."""
+    """Height of the sheet above it, m."""
     room: Name | None = None
     """Room that the sheet is limited to."""
     near: list[Name] = []
-    """Groups that the sheet is limited to the surroundings of, such as doors."""
+    """Groups around which the sheet is cut out, such as doors."""
     within: Positive = 1.0
-    """Largest horizontal distance from the groups of near, m."""
+    """Maximum horizontal distance from the groups of near, m."""
     box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
     """Two corners of a volume with a grid of hollow boxes, m."""
     count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     """Boxes along x, y and z; 1 each by default."""
     spacing: Positive | None = None
-    """Distance between boxes at most, m, instead of count."""
+    """Maximum distance between boxes, m, instead of count."""
     size: Positive | None = None
-    """Edge of a cube, m; by default half of its cell."""
+    """Edge of each cube, m; by default half of its grid cell."""
     file: MeshFile = None
     unit: Unit = "m"
     two_sided: bool | None = None
-    """True if either side counts as covered; by default for boxes only."""
+    """True if either side may be covered; by default for boxes only."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -548,35 +548,35 @@ class BodyEntry(Entry):
 
 
 class Turned(Entry):
-    """A body that is turned in equal steps."""
+    """A body that is rotated in equal steps."""
 
     body: Name
     """Name of the body."""
     steps: Count
     """Frames; the first is the rest pose."""
     axis: Direction = [0.0, 0.0, 1.0]
-    """Direction, counter-clockwise seen against it."""
+    """Axis of the rotation, counter-clockwise seen against it."""
     centre: Triple = [0.0, 0.0, 0.0]
-    """Point of the axis, m."""
+    """Point on the axis, m."""
     degrees: Number = 360.0
-    """Angle of all steps together."""
+    """Total angle, degrees."""
 
 
 class Conveyed(Entry):
-    """A body that is moved in equal steps."""
+    """A body that is translated in equal steps."""
 
     body: Name
     """Name of the body."""
     steps: Count
     """Frames; the first is the rest pose, the last at the distance."""
     direction: Direction
-    """Of the way."""
+    """Direction of travel."""
     distance: Number
-    """Way, m."""
+    """Total distance, m."""
 
 
 class MotionSection(Entry):
-    """Poses of bodies, frame by frame; those of one frame stay as they are."""
+    """Poses of bodies, frame by frame; a single pose holds for all frames."""
 
     turntable: Turned | None = None
     """A body on a turntable."""
@@ -585,9 +585,9 @@ class MotionSection(Entry):
     poses: File | None = None
     """Table of poses: JSON or CSV."""
     joints: File | None = None
-    """Path of the joints of the one robot: CSV, a column a joint, and perhaps duration."""
+    """Joint path of the one robot: CSV with a column per joint, and optionally duration."""
     animation: str | None = None
-    """Animation of a glTF file of the plan, by its name; "" for the only one."""
+    """Animation of a glTF file of the plan, by name; "" for its only one."""
     steps: Count = 50
     """Frames of the animation, at equal steps of its time."""
 
@@ -679,21 +679,21 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Gloss of the surface: matt, satin or polished, in place of max_highlight_deg."""
 
     over: Over | None = None
-    """Time in which a point must be covered, where bodies move: some, all, or a share."""
+    """Time in which a point must be covered, if bodies move: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Several cameras cover it at one time, or each at whatever times."""
+    """Whether several cameras must cover it at one time, or each at any time."""
     views: Count | dict[str, Count] = 1
-    """Cameras that must cover a face; or a table by group, 1 for the others."""
+    """Required number of cameras per point or face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "seeable", "count"] = "area"
-    """Total of which shares are parts; seeable is the area without what no camera can ever see."""
+    """Total that shares refer to; seeable leaves out the area that is visible from nowhere."""
     by: Literal["area", "face"] | None = None
-    """Unit of results: exact area, or whole faces; area unless a threshold is of a face."""
+    """Unit of results: exact area, or whole faces; by default area, if all thresholds allow it."""
     resolution_of_result: Positive | None = None
-    """Longest side of the cells that cameras are chosen on, m; by area only."""
+    """Longest side of the patches on which cameras are chosen, m; by area only."""
     method: Literal["certified", "exact", "sampled"] = "certified"
-    """Method that finds occlusion."""
+    """Visibility method."""
     supersample: Count = 1
-    """S: S x S samples a pixel, for method sampled."""
+    """S: S x S samples per pixel, for method sampled."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -746,11 +746,11 @@ class Space(Entry):
     """A box of camera positions; flat ones are walls and ceilings."""
 
     name: Name = "space"
-    """For people."""
+    """Name in the report."""
     low: Triple
-    """Corner, m."""
+    """Lowest corner, m."""
     high: Triple
-    """The opposite corner."""
+    """Highest corner, m."""
     _check = model_validator(mode="after")(both_or_none)
 
 
@@ -760,18 +760,18 @@ class Constraints(Entry):
     stand_off: Limits | None = None
     """[least, greatest] distance to the nearest task face, m."""
     clearance: NotNegative = 0.0
-    """Least distance from any surface, m."""
+    """Minimum distance from any surface, m."""
     keep_out: list[KeepOut] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
-    """Boxes that may hold cameras; any place if empty."""
+    """Boxes that may hold cameras; anywhere if empty."""
 
 
 class Optimise(Entry):
-    """A search over free poses, which replace the selected cameras where they cover more."""
+    """A search over free poses, which replace the selected cameras if they cover more."""
 
     budget: Count = 5_000
-    """Poses to measure."""
+    """Number of poses to measure."""
 
     @model_validator(mode="before")
     @classmethod
@@ -788,26 +788,26 @@ class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
     """Installation errors, and the coverage they cost."""
 
     draws: Count = 200
-    """Installations to draw."""
+    """Number of installations to draw."""
 
 
 class SelectionBase(Entry):
     """Entries of every goal."""
 
     method: Literal["greedy", "integer"] = "greedy"
-    """Greedy with exchanges, or HiGHS started from it."""
+    """Greedy with exchanges, or integer programming (HiGHS) from that start."""
     time_limit: Positive = 60.0
-    """Of method integer, seconds."""
+    """Time limit of method integer, s."""
     refine: bool = False
-    """Move the selected cameras until no move gains."""
+    """Move the selected cameras until no move improves the result."""
     refine_budget: Count = BUDGET
-    """Poses that refinement measures or estimates."""
+    """Number of poses that refinement measures or estimates."""
     optimise: Optimise | None = None
-    """Search free poses, before refining."""
+    """Search over free poses, before refinement."""
     tolerance: ToleranceSection | None = None
-    """Installation errors to try."""
+    """Installation errors to simulate."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Of everything that is random."""
+    """Seed of all random numbers."""
 
 
 class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ignore[misc]
@@ -827,9 +827,9 @@ class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignor
 
     goal: Literal["best_coverage"]
     cameras: Count | None = None
-    """Cameras at most."""
+    """Maximum number of cameras."""
     lamps: Count | None = None
-    """Lamps at most, where candidates are of lamps."""
+    """Maximum number of lamps, if candidates name lamps."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -845,7 +845,7 @@ class Outputs(Entry):
     """Files that are written, and their folder."""
 
     folder: Name | None = None
-    """The plan file's name without .toml."""
+    """Folder of the results; by default the plan file's name without .toml."""
     page: bool = True
     """True to write the page with pictures."""
 
@@ -856,9 +856,9 @@ class SheetSection(Entry):
     project: Name | None = None
     """Name of the project."""
     customer: Name | None = None
-    """Person or company that it is for."""
+    """Person or company that the plan is for."""
     author: Name | None = None
-    """Person or company that it is by."""
+    """Person or company that made the plan."""
     revision: Name | None = None
     """Revision of the drawing."""
     date: Name | None = None
@@ -876,17 +876,17 @@ class PlanModel(Entry):
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
     meshes: Some[MeshEntry]
-    """The scene: surfaces to be seen, and those that hide them."""
+    """The scene: surfaces to be covered, and occluders."""
     rooms: dict[Name, RoomSection] = {}
     """Parts of a building by name: for candidates, targets and warnings."""
     targets: list[TargetEntry] = []
-    """Further surfaces to be seen, which hide nothing."""
+    """Further surfaces to be covered, which occlude nothing."""
     bodies: list[BodyEntry] = []
     """Groups that move together."""
     motion: MotionSection | None = None
     """Poses of the bodies, frame by frame."""
     catalogue: File | None = None
-    """Catalogue of cameras and lenses, beside that of the package, for presets."""
+    """Catalogue of cameras and lenses for presets, in addition to that of the package."""
     camera: CameraSection | None = None
     """The camera that all poses share."""
     cameras: dict[Name, CameraType] = {}
@@ -894,9 +894,9 @@ class PlanModel(Entry):
     rigs: dict[Name, RigSection] = {}
     """Cameras that move together, by the name of the rig."""
     lamps: dict[Name, LampSection] = {}
-    """Lamps by name, one of which must light what is covered."""
+    """Lamps by name; at least one must light what is covered."""
     ambient: Annotated[float, Field(ge=0, allow_inf_nan=False)] | str = 0.0
-    """Light that is everywhere, a number or text such as "50 lx"; with lamps."""
+    """Ambient illuminance, a number or text such as "50 lx"; with lamps."""
     exposure: ExposureSection | None = None
     """Sensor and time of the cameras: signal and saturation as a band of illuminance."""
     task: TaskSection = TaskSection()
@@ -904,14 +904,14 @@ class PlanModel(Entry):
     candidates: list[CandidateEntry] = []
     """Poses to choose from, of cameras or of lamps."""
     existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
-    """Cameras that stay, and cost nothing, while cameras or lamps are chosen: a table, or its
+    """Existing cameras, without cost, beside which cameras or lamps are chosen: a table, or its
     file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
     """Goal of the selection."""
     goals: dict[Name, GoalSection] = {}
-    """Goals with thresholds, groups and views of their own, by name."""
+    """Goals by name, with their own thresholds, groups and views."""
     outputs: Outputs = Outputs()
     """Files that are written, and their folder."""
     sheet: SheetSection = SheetSection()

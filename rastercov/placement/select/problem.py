@@ -72,11 +72,9 @@ class FewestCameras:
     """
 
     coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
-    groups: Annotated[Shares, Doc("Share to cover of single groups and parts.")] = field(
-        default_factory=dict
-    )
+    groups: Annotated[Shares, Doc("Share to cover by group or part.")] = field(default_factory=dict)
     of_reachable: Annotated[
-        bool, Doc("Whether shares are of what all candidates together cover.")
+        bool, Doc("True to take shares of what all candidates together cover.")
     ] = False
 
     def __post_init__(self) -> None:
@@ -103,7 +101,7 @@ class BestCoverage:
     """
 
     cameras: Annotated[int, Ge(0)] | None = None
-    budget: Annotated[float, Ge(0), Doc("Cost of all cameras at most.")] | None = None
+    budget: Annotated[float, Ge(0), Doc("Maximum total cost.")] | None = None
 
     def __post_init__(self) -> None:
         check_limits(self)
