@@ -1,4 +1,4 @@
-"""Visible polygons of faces by polygon Booleans: the authority, written to be read.
+"""Visible polygons of faces by polygon Booleans: a reference, written for clarity.
 
 Beyond the near plane and inside the image rectangle every face has a convex image. On it 1/depth,
 w, is affine, so where face M is nearer than face T is a half-plane of the image, and
@@ -12,15 +12,15 @@ or without area see and hide nothing.
 
 The Booleans are GEOS' by way of shapely, with corners rounded to a fine grid (2^-37 px in an image
 1280 px wide): then GEOS does them by snap rounding, at five times the cost. Without a grid it was
-wrong without a word in one of ten thousand intersections of triangles that share a corner or an
+wrong without an error in one of ten thousand intersections of triangles that share a corner or an
 edge, and gave one of them whole, or nothing; and a union can lose a piece. So each Boolean is
-checked: the union and the intersection of two images have the area of both, and the rest of a
-face is computed again by Clipper2, or piece by piece where that is not installed. What differs is
-an error.
+checked: the union and the intersection of two images have the area of both, and the rest of a face
+is computed again by Clipper2, or piece by piece where that is not installed. What differs is an
+error.
 
-Differs from exact arithmetic (`rastercov.reference.rational`) by less than 1e-7 px^2 a face and
+Differs from exact arithmetic (`rastercov.reference.rational`) by less than 1e-7 px^2 per face and
 megapixel, unless two faces are so nearly coplanar that floats cannot say where they cross. Under a
-millisecond a face. Shares nothing with the fast path but mesh, camera and near limit.
+millisecond per face. Shares nothing with the fast path but mesh, camera and near limit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -75,11 +75,11 @@ def visible_area(
     Parameters
     ----------
     mesh, camera, pose
-        What is seen, by what; world_from_camera, (4, 4).
+        Scene and camera; world_from_camera, (4, 4).
     faces : (N,) int, optional
-        The faces asked for; all unless given. All of them hide, always.
+        Faces to measure; all unless given. All faces of the mesh hide.
     cull : bool
-        Faces seen from behind are neither seen nor hide.
+        True to leave out back faces, which then do not hide either.
     near : float, optional
         Depth in metres below which nothing is seen; `near_plane.near_limit` unless given.
 

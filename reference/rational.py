@@ -1,4 +1,4 @@
-"""Visible area in exact rational arithmetic: no rounding anywhere, so nothing to tune or to doubt.
+"""Visible area in exact rational arithmetic: no rounding anywhere.
 
 Every float that goes in (vertices, K, pose, near limit) is taken as the binary fraction it is, and
 everything is kept in whole numbers. With K and the pose applied, a vertex is P = (U, V, W), which
@@ -21,7 +21,7 @@ common part, the lower index is in front there. Targets hide nothing, and nothin
 hides them. Faces seen edge-on or without area see and hide
 nothing.
 
-For tests, at about a millisecond a face; gmpy2, where installed, makes it two or three times as
+For tests, at about a millisecond per face; gmpy2, where installed, makes it two or three times as
 fast. Shares nothing with the fast path but mesh, camera, pose convention and near limit.
 """
 

@@ -32,7 +32,7 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
 BEYOND, OUTDOORS = (
-    "inside of a body, or beyond the walls of the room",
+    "inside a body, or outside the room",
     "in none of the spaces of the building",
 )
 MOST_OF_SOLIDS = 100_000
@@ -98,9 +98,11 @@ def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
 
 
 def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]:
-    """A line on those of (P, 3) camera centres that are somewhere, metres; often none."""
+    """A warning about those of (P, 3) camera centres that are somewhere, metres; often none."""
     rows = np.flatnonzero(is_there)
-    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]]
+    named = [
+        f"{row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]
+    ]
     more = ["..."] if len(rows) > MOST_NAMED else []
     line = f"{plural(len(rows), 'camera', 'are')} {where}: {', '.join(named + more)}"
     return [line] if named else []
@@ -174,6 +176,6 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{share:.0%} of the surface in view is back-facing: "
-        "normals point inwards, or the surface is open: use two_sided"
+        f"{share:.0%} of the surface in view is back-facing: its normals point inwards, or it is "
+        "open; use two_sided"
     ]

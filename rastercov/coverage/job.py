@@ -138,7 +138,7 @@ def evaluate(
     if size > EVALUATE_BUDGET:
         raise ResourceError(
             f"expected fields of {EVALUATE_BUDGET / 2**30:g} GiB at most, got {size / 2**30:.1f} "
-            f"GiB for {len(accepted)} poses x {mesh.n_faces} faces; name fewer, or none"
+            f"GiB for {len(accepted)} poses x {mesh.n_faces} faces; name fewer, or fields=()"
         )
     options = vars(engine) | {"by": by, "threads": None}
     with nullcontext() if folder is None else locked(Path(folder)) as above:

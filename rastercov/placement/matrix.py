@@ -270,7 +270,7 @@ def build_matrix(
         each of its cameras.
     workers : Workers, optional
         Processes that make the shards, in a folder that all of them share; this one unless given.
-        The bytes of the shards are the same. Poses that kill their process are left out, see
+        The bytes of the shards are the same. Poses that crash a worker are skipped, see
         `VisibilityMatrix.quarantined`.
     progress : callable
         Called with the poses done and the total.
@@ -283,10 +283,10 @@ def build_matrix(
     ------
     ConfigError
         When the folder holds a matrix of other inputs, or another process is writing to it; for
-        cells, also for a task with a threshold that is of a face, or method "sampled"; for workers
-        without a folder, and where workers fail.
+        cells, also for a task with a threshold that applies to faces, or method "sampled"; for
+        workers without a folder, and where workers fail.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     if workers is not None and folder is None:
         raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")

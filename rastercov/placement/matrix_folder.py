@@ -8,8 +8,8 @@ A shard is a file of `numpy.savez_compressed`: `counts` of the pairs of each pos
 `face_step`, the face less that of the pair before it, `coverage`, and of rigs `camera_on_rig`.
 
 Shards are made in this process or by workers (`make`). Of the shards, bits are derived, (C, W)
-uint64, one row a candidate. They are in one mapped file without a name, because a process has some
-thousand open files and mappings, and a matrix has more shards; it ends with the process.
+uint64, one row per candidate. They are in one mapped file without a name, because a process has
+some thousand open files and mappings, and a matrix has more shards; it ends with the process.
 """
 
 import json
@@ -65,13 +65,13 @@ PAIRS_A_SHARD = 1 << 22
 FUNCTION = "rastercov.placement.matrix_folder:make"
 """Function by which workers make a shard."""
 MOST_THREADS = 4
-"""Threads that read shards at a time; each takes some ten bytes a pair of one."""
+"""Threads that read shards at a time; each takes some ten bytes per pair of a shard."""
 FORMAT = 4
 LEVEL = 1
 """Of zlib: steps of faces and coverage are mostly 1, and compress at 0.2 GB/s."""
 COLUMNS = ("counts", "face_step", "coverage", "camera_on_rig")
 PAIRS, BOUNDS = "pairs", "bounds"
-"""Folders of the shards, and of bounds, a file a worker."""
+"""Folders of the shards, and of bounds, a file per worker."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",

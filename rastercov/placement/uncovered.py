@@ -330,7 +330,7 @@ def what_is_left(
     ConfigError
         For a mask of another mesh.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     network_poses, task = renumbered(poses), task or Task()
     others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)

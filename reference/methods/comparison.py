@@ -91,7 +91,7 @@ def compare(
         Engines; strings as for `Engine.parse`.
     against : {"exact", "polygons", "rational"}
         The reference: the analytic method; polygon Booleans or exact rational arithmetic, which
-        share no code with it and take milliseconds a face.
+        share no code with it and take milliseconds per face.
     worst : int
         Faces with the greatest errors to keep for each candidate.
     convergence : bool
@@ -105,7 +105,7 @@ def compare(
         For an unknown candidate or reference, a candidate that is the reference or comes twice, or
         an empty comparison.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     named = [Engine.parse(c) if isinstance(c, str) else c for c in candidates]
     matrices = valid_poses(poses)
@@ -213,9 +213,7 @@ def _converge(
 
 def _check_arguments(candidates: Sequence[Engine], against: str, poses: FloatArray) -> None:
     if against not in REFERENCES:
-        raise ConfigError(
-            f"expected {' or '.join(REFERENCES)} as reference, got {against!r}; use one"
-        )
+        raise ConfigError(f"expected a reference, got {against!r}; use {', '.join(REFERENCES)}")
     names = [str(engine) for engine in candidates]
     if not names:
         raise ConfigError("expected a method to compare, got none; name one")

@@ -143,9 +143,9 @@ def compare_models(
     ConfigError
         For an unknown model or one named twice, or without poses.
     CameraError
-        For a named model that wants a pinhole, and another lens.
+        For a named model that needs a pinhole, with another lens.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     task = task or Task()
     matrices = valid_poses(poses)

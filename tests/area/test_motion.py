@@ -106,7 +106,7 @@ def test_without_frames_at_rest_counts_of_an_icosahedron_would_be_wrong():
 
 def test_too_many_pictures_at_a_time_are_refused():
     motion = rc.Motion(ico(), {"mesh": rc.turntable(5001)})
-    with pytest.raises(ConfigError, match="pictures"):
+    with pytest.raises(ConfigError, match="10,000 images"):
         regions_over_time(motion, CAMERA, np.repeat(ABOVE, 2, axis=0), TASK)
 
 

@@ -286,10 +286,10 @@ def test_only_devices_that_see_a_piece_count():
     [
         ({"eyes": (0, 0, 0)}, "coordinates"),
         ({"limit": 0}, "above 0"),
-        ({"noise": 0}, "noise must be above 0"),
+        ({"noise": 0}, "expected noise above 0"),
         ({"ranges": -1}, "0 or more"),
         ({"along": "depth"}, "worst"),
-        ({"stripes": [(0, 0, 1)] * 2, "ranges": 1e-3}, "not both"),
+        ({"stripes": [(0, 0, 1)] * 2, "ranges": 1e-3}, "got both"),
         ({"stripes": [(0, 0, 1)] * 3}, "fit shape"),
         ({"eyes": np.zeros((65, 3))}, "1 to 64"),
     ],

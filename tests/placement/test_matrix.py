@@ -127,7 +127,7 @@ def test_matrices_that_are_joined_are_that_of_all_poses(tmp_path, lists):
     np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
     assert matrix.n_pairs == len(lists.face)
     other = build_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "other")
-    with pytest.raises(ConfigError, match="another task"):
+    with pytest.raises(ConfigError, match="one mesh and task"):
         matrix.joined(other)
 
 

@@ -207,7 +207,7 @@ def test_the_reason_why_an_arm_does_not_take_a_view_is_true(tmp_path, seed):
             assert 0 < lack <= 0.02
         else:
             is_kept_out = reason == "keep_out"
-            own, _, body = words.partition(" in " if is_kept_out else " meets ")
+            own, _, body = words.partition(" in " if is_kept_out else " collides with ")
             assert own in robot.links
             assert (
                 body == "keep-out press" if is_kept_out else body in {"table", "lamp", *robot.links}

@@ -493,7 +493,7 @@ def test_occluders_are_not_compared():
         ({"names": ["zhang", "li"]}, "expected a model, got 'li'; models are tarabanis, scott"),
         ({"names": []}, "expected a model, got none"),
         ({"names": ["zhang", "zhang"]}, "got zhang twice"),
-        ({"poses": np.empty((0, 4, 4))}, "there are no poses"),
+        ({"poses": np.empty((0, 4, 4))}, "expected poses, got none"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(changes, words):

@@ -144,8 +144,8 @@ class LaserLine(InOneLine):
     def __str__(self) -> str:
         change = self.doubled_percent - self.percent
         return (
-            f"{self.percent:.3f} % of the area by {self.stations} stations; "
-            f"at {2 * self.stations}: {change:+.3f} points"
+            f"{self.percent:.3f} % of the area by {self.stations} stations; at "
+            f"{2 * self.stations}: {change:+.3f} percentage points"
         )
 
 

@@ -344,15 +344,15 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f", of {plural(said['frames'], 'frame')}; ever {ever}, always {always}"
+    text += f" ({plural(said['frames'], 'frame')}); ever {ever}, always {always}"
     if said["half_the_frames_percent"] is not None:
-        text += f"; by every second frame {percent(said['half_the_frames_percent'] / 100)}"
+        text += f"; with every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
     if not hidden or said["over"] == "all":
         return [text]
     largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
     size = in_square_metres(largest["area_m2"])
-    return [text, f"not always: {size}, hidden most by {largest['hidden_by']}"]
+    return [text, f"not always covered: {size}, mostly occluded by {largest['hidden_by']}"]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:

@@ -196,9 +196,9 @@ class Arm:
                 new = Missed("keep_out", f"{each.link} in {each.body}", lack)
             elif each.distance > 0:
                 lack = self.clearance - each.distance
-                new = Missed("clearance", f"{each.link} too near to {each.body}", lack)
+                new = Missed("clearance", f"{each.link} too close to {each.body}", lack)
             else:
-                new = Missed("collision", f"{each.link} meets {each.body}", lack)
+                new = Missed("collision", f"{each.link} collides with {each.body}", lack)
             known = found.get(int(pose[row]))
             rank = (new.reason != "clearance", lack)
             if known is None or rank < (known.reason != "clearance", known.lack):

@@ -5,8 +5,7 @@ returns `Candidates`, poses with their sources; those of several generators are 
 framing of a target is stand-off, roll and up, (6.5)-(6.11).
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section
-6.3.2.
-W. R. Scott. Model-based View Planning. 2009 (one view a face).
+6.3.2. W. R. Scott. Model-based View Planning. 2009 (one view per face).
 """
 
 from dataclasses import dataclass, field, replace
@@ -232,7 +231,7 @@ class Candidates:
 
     @classmethod
     def of(cls, poses: FloatArray, source: str, index: ArrayLike = -1) -> "Candidates":
-        """Candidates of one source; `index` is one number, or one a pose."""
+        """Candidates of one source; `index` is one number, or one per pose."""
         count = len(poses)
         return cls(
             poses=frozen(np.array(poses, np.float64, order="C")),
@@ -327,7 +326,7 @@ def per_segment(
 def per_face(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, faces: ArrayLike | None = None
 ) -> Candidates:
-    """Views square to each face, as Scott: `per_segment` with one segment a face.
+    """Views square to each face, as Scott: `per_segment` with one segment per face.
 
     Parameters
     ----------

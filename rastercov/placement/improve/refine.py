@@ -313,7 +313,7 @@ class _Search:
         return int(gains[best]), best
 
     def _measure(self, chosen: dict[int, int], level: int) -> bool:
-        """Measure those of some trials that are estimates, one a camera; True where any was.
+        """Measure those of some trials that are estimates, one per camera; True where any was.
 
         Where the budget does not suffice they count as no gain.
         """

@@ -215,7 +215,7 @@ def tolerance(
     ConfigError
         For a number of draws below 1.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     check_seed(seed)
     if draws < 1:

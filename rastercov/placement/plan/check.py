@@ -81,7 +81,7 @@ class Checked(InOneLine, InNotebook):
         Share covered of every task group, with limit 0 where nothing is required of it; the least
         covered first.
     asked_views : int or None
-        Cameras a face that replace those of the plan.
+        Cameras per face that replace those of the plan.
     names : tuple of str
         Of the cameras, as of `names_of_poses`.
     against : Against or None
@@ -324,7 +324,7 @@ def check(
     limits : mapping of group name or None to share
         None is the whole task.
     views : int, optional
-        Cameras a face, instead of the plan's.
+        Cameras per face, instead of the plan's.
     step : callable
         As for `place`.
     poses : (P, 4, 4) array_like, Poses or Views, optional

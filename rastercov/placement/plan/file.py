@@ -2,8 +2,8 @@
 
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 
-Errors have a line each with their path, for example `task.min_pixels: wanted a number above 0, got
--3`.
+Errors have a line each with their path, for example `task.min_pixels: expected a number above 0,
+got -3`.
 """
 
 import json

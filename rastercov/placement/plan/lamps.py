@@ -146,10 +146,10 @@ class LampChoice:
             with_bound(each["percent"], each["bound_percent"])
             for each in (self.alone, self.together)
         )
-        how = "the best of all" if self.is_best else "no bound; the best of"
+        how = "the best of all" if self.is_best else "the best of"
         return [
             f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps: "
-            f"seen and lit as asked for by one of them {one} of the area, by all together {every} "
+            f"{every} of the area is visible and lit by all together, {one} by one at a time "
             f"({how} {plural(self.n_tried, 'set')} tried)",
             *found,
         ]

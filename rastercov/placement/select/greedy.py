@@ -1,7 +1,7 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
 The gains of all candidates are updated incrementally, see `native/placement/selection.cpp`, which
-makes lazy evaluation unnecessary where their lists fit into the memory. Where one view a face is
+makes lazy evaluation unnecessary where their lists fit into the memory. Where one view per face is
 enough, coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
 logarithmic factor of set cover. The local search only improves on it.
 

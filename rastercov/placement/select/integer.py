@@ -311,7 +311,7 @@ class _Program:
         return objective / max(1, self.reduced.n_faces) if self.is_best_coverage else objective
 
     def forbid(self, chosen: set[int], deadline: Deadline) -> int:
-        """Add the constraints that these cameras violate, one a face; their number.
+        """Add the constraints that these cameras violate, one per face; their number.
 
         Raises TimeUpError when the deadline passes before all faces are checked.
         """
@@ -348,12 +348,12 @@ class _Program:
         """Pass the program to HiGHS, row by row: faces, then the limits of the goal."""
         highspy, reduced = self.highspy, self.reduced
         goal, n_candidates, n_faces = reduced.problem.goal, reduced.n_candidates, reduced.n_faces
-        # One row a face: its candidates, times their cameras, and -views in its column z.
+        # One row per face: its candidates, times their cameras, and -views in its column z.
         counts, covering, times = _merged_pairs(reduced)
         ends = np.cumsum(counts)
         index, value = np.insert(covering, ends, self.columns), np.insert(times, ends, -self.views)
         starts = ends - counts + np.arange(n_faces)
-        # With one view a face, z is an integer wherever x is.
+        # With one view per face, z is an integer wherever x is.
         is_whole = np.append(np.ones(n_candidates, bool), (self.views > 1) | reduced.is_spread)
         kinds = int(highspy.HighsVarType.kContinuous), int(highspy.HighsVarType.kInteger)
         cost = np.append(reduced.costs, np.zeros(n_faces))

@@ -2,8 +2,8 @@
 
 A `Problem` is the plain value that every `select_*` takes, and a `Selection` the result. It comes
 from a visibility matrix (`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh
-and no camera. Covered pairs are bits, one row a camera; what needs lists of pairs makes them of the
-bits (`presolve`).
+and no camera. Covered pairs are bits, one row per camera; what needs lists of pairs makes them of
+the bits (`presolve`).
 
 Shares are of weight: faces count by number or by area. They are compared in integers
 (`Problem.integer_weights`), so that no requirement depends on the order of summation.
