@@ -1,4 +1,4 @@
-"""The authority: what the fast paths must agree with, written to be read and not to be fast."""
+"""Reference implementations that the fast paths must agree with, written for clarity."""
 
 from typing import Any
 

@@ -88,7 +88,7 @@ def occlusion(
         For a reading or a test that does not exist, or a mesh with targets.
     """
     if mesh.has_targets:
-        raise ValueError("Algorithm 1 has no targets: every face hides; pass mesh.opaque")
+        raise ValueError("expected a mesh without targets, got some; pass mesh.opaque")
     matrix = np.asarray(pose, dtype=np.float64)
     triangles = image_triangles(mesh, camera, matrix, clip=clip)
     is_back = self_occluding(mesh, matrix, self_occlusion)
@@ -98,7 +98,7 @@ def occlusion(
         return _each_once(triangles, lists, is_back)
     if reading in ("literal", "semi"):
         return _as_printed(triangles, lists, is_back, reading)
-    raise ValueError(f"reading must be literal, semi or charitable, got {reading!r}")
+    raise ValueError(f"expected reading literal, semi or charitable, got {reading!r}; use one")
 
 
 def self_occluding(
@@ -126,7 +126,7 @@ def self_occluding(
     elif test == "perspective":
         towards = ((mesh.vertices[mesh.faces[:, 0]] - matrix[:3, 3]) * mesh.normals).sum(axis=1)
     else:
-        raise ValueError(f"self_occlusion must be definition3, perspective or None, got {test!r}")
+        raise ValueError(f"expected definition3, perspective or None, got {test!r}; use one")
     return towards >= 0
 
 
@@ -136,7 +136,7 @@ def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool =
     With `clip`, faces are cut at the near plane and at the image border. Without, (3.2) is taken as
     printed: vertices behind the camera come out mirrored, and those at depth 0 void their face.
     """
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     matrix = np.asarray(pose, dtype=np.float64)
     corners = to_camera(mesh.vertices, matrix)[mesh.faces]
     counts = np.full(mesh.n_faces, 3)

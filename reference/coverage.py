@@ -75,7 +75,7 @@ def figures_of_pose(
 def pixels_per_m2(
     mesh: Mesh, camera: Camera, pose: FloatArray, geometry: FaceGeometry
 ) -> FloatArray:
-    """Pixels on a square metre of each face at its deepest vertex: fx fy h / z^3."""
+    """Pixels per square metre of each face at its deepest vertex: fx fy h / z^3."""
     away = mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3]
     height = np.abs(np.einsum("fi,fi->f", away, mesh.normals))
     z = geometry.depth.max(axis=1)

@@ -42,10 +42,10 @@ class FaceGeometry:
     perimeter : float64
         Length of its outline, px; inf where the near plane cuts the face.
     pixel_density : float64
-        Pixels a metre on the surface along its worst direction, at its worst vertex; 0 for faces
+        Pixels per metre on the surface along its worst direction, at its worst vertex; 0 for faces
         that are not front or not wholly beyond the near plane.
     facing_density : float64
-        Pixels a metre along the worst direction of a target that faces the camera at the deepest
+        Pixels per metre along the worst direction of a target that faces the camera at the deepest
         vertex, min(fx, fy) / z; 0 for faces not wholly beyond the near plane.
     depth : (F, 3) float64
         Camera z of the vertices, metres.
@@ -98,7 +98,7 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     points = _turned(mesh.vertices - pose[:3, 3], pose)
     ahead_points = points[:, 2] >= near
@@ -180,8 +180,8 @@ def _pixel_density(
 ) -> FloatArray:
     """Least singular value of the projection restricted to the face's plane, px/m.
 
-    With tangents e_1, e_2 of the face and p = (x, y, z) a vertex, column i of the Jacobian is
-    ((fx (e_ix - x/z e_iz))/z, (fy (e_iy - y/z e_iz))/z). Its singular values are the pixels a metre
+    With tangents e_1, e_2 of the face and p = (x, y, z) a vertex, column i of the Jacobian is ((fx
+    (e_ix - x/z e_iz))/z, (fy (e_iy - y/z e_iz))/z). Its singular values are the pixels per metre
     along the best and the worst direction on the surface.
     """
     # Two tangents of a unit normal without a branch (Duff et al. Building an Orthonormal Basis,
@@ -315,7 +315,7 @@ def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertic
     limits : (float, float)
         z_n and z_f of (3.10) and (3.11), metres.
     rule : {"vertices", "centroid"}
-        Definition 1 asks it of every vertex; (3.12) to the letter, of the centroid.
+        Definition 1 asks it of every vertex; (3.12), read exactly, of the centroid.
     """
     z_n, z_f = limits
     if rule == "centroid":

@@ -163,7 +163,9 @@ def opened(out: Path | ReportFolder, kind: ReportKind) -> AbstractContextManager
         Without matplotlib, which draws the plots at the end of the work.
     """
     if find_spec("matplotlib") is None:
-        raise ConfigError("plots need matplotlib; run: pip install 'rastercov[compare]'")
+        raise ConfigError(
+            "expected matplotlib for plots, got none; pip install 'rastercov[compare]'"
+        )
     return nullcontext(out) if isinstance(out, ReportFolder) else ReportFolder(out, kind)
 
 

@@ -1,4 +1,4 @@
-"""Visible polygons of faces by polygon Booleans: the authority, written to be read.
+"""Visible polygons of faces by polygon Booleans: a reference, written for clarity.
 
 Beyond the near plane and inside the image rectangle every face has a convex image. On it 1/depth,
 w, is affine, so where face M is nearer than face T is a half-plane of the image, and
@@ -12,15 +12,15 @@ or without area see and hide nothing.
 
 The Booleans are GEOS' by way of shapely, with corners rounded to a fine grid (2^-37 px in an image
 1280 px wide): then GEOS does them by snap rounding, at five times the cost. Without a grid it was
-wrong without a word in one of ten thousand intersections of triangles that share a corner or an
+wrong without an error in one of ten thousand intersections of triangles that share a corner or an
 edge, and gave one of them whole, or nothing; and a union can lose a piece. So each Boolean is
-checked: the union and the intersection of two images have the area of both, and the rest of a
-face is computed again by Clipper2, or piece by piece where that is not installed. What differs is
-an error.
+checked: the union and the intersection of two images have the area of both, and the rest of a face
+is computed again by Clipper2, or piece by piece where that is not installed. What differs is an
+error.
 
-Differs from exact arithmetic (`rastercov.reference.rational`) by less than 1e-7 px^2 a face and
+Differs from exact arithmetic (`rastercov.reference.rational`) by less than 1e-7 px^2 per face and
 megapixel, unless two faces are so nearly coplanar that floats cannot say where they cross. Under a
-millisecond a face. Shares nothing with the fast path but mesh, camera and near limit.
+millisecond per face. Shares nothing with the fast path but mesh, camera and near limit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -75,11 +75,11 @@ def visible_area(
     Parameters
     ----------
     mesh, camera, pose
-        What is seen, by what; world_from_camera, (4, 4).
+        Scene and camera; world_from_camera, (4, 4).
     faces : (N,) int, optional
-        The faces asked for; all unless given. All of them hide, always.
+        Faces to measure; all unless given. All faces of the mesh hide.
     cull : bool
-        Faces seen from behind are neither seen nor hide.
+        True to leave out back faces, which then do not hide either.
     near : float, optional
         Depth in metres below which nothing is seen; `near_plane.near_limit` unless given.
 
@@ -187,12 +187,12 @@ def seen_from(
     mesh: Mesh, camera: Camera, pose: ArrayLike, near: float | None
 ) -> tuple[FloatArray, float]:
     """Pose of a pinhole as a matrix, and the depth below which nothing is seen, metres."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     matrix = np.asarray(pose, dtype=np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
     if not near > 0:
-        raise ValueError(f"near must be a depth greater than 0 m, got {near}")
+        raise ValueError(f"expected near above 0 m, got {near}; give a depth")
     return matrix, near
 
 
@@ -340,7 +340,9 @@ def _intersection_of_pair(images: Images, i: int, j: int) -> BaseGeometry:
         if abs(excess) <= images.tolerance:
             return common
         reason = f"with the union it has {excess:.3g} px^2 too much"
-    raise PolygonError(f"no intersection of the images of faces {i} and {j}: {reason}")
+    raise PolygonError(
+        f"expected an intersection of the images of faces {i} and {j}, got none: {reason}"
+    )
 
 
 def _minus(
@@ -370,7 +372,9 @@ def _minus(
             if abs(apart) <= images.tolerance:
                 return left
         reason = f"GEOS leaves {apart:.3g} px^2 more than a second way"
-    raise PolygonError(f"no visible part of face {faces[0]} behind faces {faces[1:]}: {reason}")
+    raise PolygonError(
+        f"expected a visible part of face {faces[0]} behind {faces[1:]}, got none: {reason}"
+    )
 
 
 def _left_again(whole: BaseGeometry, pieces: list[BaseGeometry], images: Images) -> Iterator[float]:
@@ -424,7 +428,8 @@ def _and_repaired(
     for before, after, face in zip(polygons, repaired, faces, strict=True):
         if not abs(before.area - after.area) <= images.tolerance:
             raise PolygonError(
-                f"the image of face {face} keeps {after.area} of {before.area} px^2 when made valid"
+                f"expected an area of {before.area} px^2 of face {face} when made valid, got "
+                f"{after.area}"
             )
     yield repaired
 
@@ -435,5 +440,5 @@ def _asked(faces: ArrayLike | None, mesh: Mesh) -> IntArray:
         return np.arange(mesh.n_faces)
     indices = np.asarray(faces, dtype=np.int64).ravel()
     if ((indices < 0) | (indices >= mesh.n_faces)).any():
-        raise IndexError(f"faces must lie in 0 ... {mesh.n_faces - 1}, got {indices}")
+        raise IndexError(f"expected faces of 0 to {mesh.n_faces - 1}, got {indices}; correct them")
     return indices

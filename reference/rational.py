@@ -1,4 +1,4 @@
-"""Visible area in exact rational arithmetic: no rounding anywhere, so nothing to tune or to doubt.
+"""Visible area in exact rational arithmetic: no rounding anywhere.
 
 Every float that goes in (vertices, K, pose, near limit) is taken as the binary fraction it is, and
 everything is kept in whole numbers. With K and the pose applied, a vertex is P = (U, V, W), which
@@ -21,7 +21,7 @@ common part, the lower index is in front there. Targets hide nothing, and nothin
 hides them. Faces seen edge-on or without area see and hide
 nothing.
 
-For tests, at about a millisecond a face; gmpy2, where installed, makes it two or three times as
+For tests, at about a millisecond per face; gmpy2, where installed, makes it two or three times as
 fast. Shares nothing with the fast path but mesh, camera, pose convention and near limit.
 """
 
@@ -162,7 +162,9 @@ class View:
             return range(self.mesh.n_faces)
         indices = [int(face) for face in np.asarray(faces).ravel()]
         if any(not 0 <= face < self.mesh.n_faces for face in indices):
-            raise IndexError(f"faces must lie in 0 ... {self.mesh.n_faces - 1}, got {indices}")
+            raise IndexError(
+                f"expected faces of 0 to {self.mesh.n_faces - 1}, got {indices}; change it"
+            )
         return indices
 
     def face(self, index: int) -> Face | None:

@@ -1,6 +1,6 @@
 """Coverage of single points, by definition: the twin of `rastercov.coverage.area`.
 
-Each point is held against every triangle, and each criterion is evaluated from its formula. There
+Each point is tested against every triangle, and each criterion is evaluated from its formula. There
 are no polygons, planes in the image or event edges here. The near plane, ties at equal depth and
 the side that counts are those of docs/conventions.md.
 """
@@ -269,7 +269,7 @@ def meets_criteria(
 def _through_pinhole(
     camera: Camera, local: FloatArray, facing: FloatArray, near: float
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Points in the image, pixels on a m^2 of their planes, and pixels a metre facing the camera.
+    """Points in the image, pixels per m^2 of their planes, and pixels per metre facing the camera.
 
     The last is min(fx, fy) / z, the density of a target parallel to the image.
     """

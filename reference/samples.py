@@ -1,4 +1,4 @@
-"""The sampled answer by definition: one ray a sample, one test a face, in float64.
+"""The sampled result by definition: one ray per sample, one test per face, in float64.
 
 What a rasteriser must give, worked out another way: nothing is projected, clipped or rounded to a
 grid. A sample is the ray r = ((u - cx)/fx, (v - cy)/fy, 1) from the camera centre, so that t r has
@@ -69,7 +69,7 @@ def render(
     Parameters
     ----------
     mesh, camera, pose
-        What is seen, by what; world_from_camera, (4, 4).
+        Scene and camera; world_from_camera, (4, 4).
     supersample : int
         S: a pixel has S x S samples, in the middle of S x S equal squares.
     near : float, optional
@@ -103,7 +103,7 @@ def grid_points(
     roll: float = 0.0,
     box: tuple[float, float, float, float] | None = None,
 ) -> FloatArray:
-    """Points in the image of a square grid, S^2 a px^2, turned about the image centre, (N, 2).
+    """Points in the image of a square grid, S^2 per px^2, turned about the image centre, (N, 2).
 
     The grid has as many rows and columns as the turned image is high and wide, in whole spacings,
     and the same middle. Rows and columns are not distinguished: a quarter turn changes nothing.
@@ -133,7 +133,7 @@ def at_points(
     mesh: Mesh, camera: Camera, pose: ArrayLike, points: FloatArray, near: float | None = None
 ) -> SampledView:
     """Nearest face at points (..., 2) of the image, in pixels; other arguments as for `render`."""
-    camera.check_pinhole("a reference implementation wants a pinhole")
+    camera.check_pinhole("expected a pinhole for a reference")
     matrix = np.asarray(pose, dtype=np.float64)
     eye, rotation = matrix[:3, 3], matrix[:3, :3]
     if near is None:

@@ -129,7 +129,7 @@ def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys
     assert [plan.cost_of("a", None), plan.cost_of("b", 50)] == [450, 1100]
     assert plan.rig.cameras[0].fx == pytest.approx(6000)
     types["c"] = {"preset": "rpi-hq+fujinon-hf8xa-5m"}
-    with pytest.raises(PlanError, match=r"cameras\.c: there is no price, as of others"):
+    with pytest.raises(PlanError, match=r"cameras\.c: expected a cost, as of others"):
         plan_of(entries, tmp_path / "plan.toml")
     monkeypatch.setenv("RASTERCOV_CATALOGUE", str(tmp_path / "own.toml"))
     assert command(["cameras", "--hfov=35", "--max-price=500", "--min-pixels=5e6", "--json"]) == 0

@@ -35,7 +35,7 @@ def test_only_a_mesh_that_is_inside_out_has_a_line(name):
     mesh = shapes.by_name(name)
     assert lines(mesh, around(mesh)) == []
     (line,) = lines(turned(mesh), around(mesh))
-    assert "normals point inwards, or the surface is open: use two_sided" in line
+    assert "its normals point inwards, or it is open; use two_sided" in line
 
 
 def test_a_room_seen_from_inside_has_a_line_only_with_its_normals_outwards():
@@ -114,7 +114,7 @@ def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():
 def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
     poses = rc.look_at(np.array([(0, 0, 0.9), (9, 0, 1)]), (2, 1, 1.0))
     (line,) = lines(shapes.by_name("room"), poses)
-    assert line == f"1 camera is {BEYOND}: 1 at (9.0, 0.0, 1.0)"
+    assert line == f"1 camera is {BEYOND}: 2 at (9.0, 0.0, 1.0)"
     box = shapes.box((1.0, 1.0, 1.0), 1)
     (line,) = lines(box, rc.look_at(np.array([(0.1, 0, 0), (0, 0, 2), (2, 2, 2)]), (0, 0, 0.4)))
-    assert line.endswith(": 0 at (0.1, 0.0, 0.0)")
+    assert line.endswith(": 1 at (0.1, 0.0, 0.0)")

@@ -92,7 +92,7 @@ def test_evaluate_is_the_command(placed, by, fields, folder):
         exact = rc.unite(rc.regions(mesh, camera, poses, task), 2)
         np.testing.assert_allclose(found.covered.area, exact.area, atol=1e-9)
     else:
-        with pytest.raises(rc.ConfigError, match='give by="area" for covered areas'):
+        with pytest.raises(rc.ConfigError, match='give by="area"'):
             _ = found.covered
 
 
@@ -223,18 +223,21 @@ WITHOUT_UNIT = rc.Views(
     ("job", "words"),
     [
         (evaluated(method="sampled", by="area"), "method sampled counts whole faces"),
-        (evaluated(by="mesh"), "by must be one of area, face, got 'mesh'"),
+        (evaluated(by="mesh"), "expected by area or face, got 'mesh'"),
         (lambda: rc.check(PLAN, rc.Poses.of(POSES, camera=1)), "has camera 1, but there are 1"),
         (lambda: rc.check(PLAN, WITHOUT_UNIT), "the poses have no unit"),
-        (lambda: rc.audit(rc.Mesh.load("part.obj"), WITHOUT_UNIT, suggest=0), "suggest must be 1"),
-        (lambda: rc.place({}), "plan: meshes: missing; add it"),
+        (
+            lambda: rc.audit(rc.Mesh.load("part.obj"), WITHOUT_UNIT, suggest=0),
+            "expected 1 image or more",
+        ),
+        (lambda: rc.place({}), "plan: meshes: expected an entry, got none; add it"),
         (lambda: rc.place("gone.toml"), "gone.toml"),
         (lambda: rc.place(3), "plan must be a plan file, a mapping or a Plan, got 3"),
-        (lambda: rc.place({**PLAN, "camera": None}), "camera: missing"),
+        (lambda: rc.place({**PLAN, "camera": None}), "camera: expected an entry"),
         (lambda: rc.place(PLAN, camera="khepra"), "camera must be a Camera"),
         (
             lambda: rc.place(NAMED, camera=rc.Rig([rc.Camera(**CAMERA)], ["other"])),
-            r"candidates\[0\]: there is no camera 'camera'; cameras are other",
+            r"candidates\[0\]: expected a camera, got 'camera'; cameras are other",
         ),
         (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
         (lambda: rc.check(PLAN, POSES, baseline="part.obj"), "part.obj: "),

@@ -100,7 +100,7 @@ def test_arguments_that_do_not_fit_the_signature_are_refused_in_one_line(name):
         (lambda: rc.evaluate("part.stl", CAMERA, POSES), r"mesh must be a Mesh \(Mesh\.load"),
         (lambda: rc.evaluate(MESH, {"width": 3}, POSES), r"camera must be a Camera \(Camera\."),
         (lambda: rc.evaluate(MESH, CAMERA, "poses.npy"), "poses must be numbers"),
-        (lambda: evaluate_batches(MESH, POSES), "observer must be what open_observer gives"),
+        (lambda: evaluate_batches(MESH, POSES), "expected an observer of open_observer"),
         (lambda: rc.Mesh(MESH.vertices, MESH.faces, ["a"]), "groups must be Group values .* 'a'"),
         (lambda: rc.look_at((0, 0, 1e160), (0, 0, 0)), r"beyond ±1e\+30 m"),
         (lambda: rc.open_observer(MESH, CAMERA, threads=1.5), "threads must be 1 or more, got 1.5"),

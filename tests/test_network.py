@@ -242,7 +242,7 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
 def test_a_network_of_another_mesh_is_not_measured():
     with (
         open_observer(PART, CAMERA) as observer,
-        pytest.raises(ConfigError, match="one mesh and one task"),
+        pytest.raises(ConfigError, match="the mesh and task of the network"),
     ):
         Network(shapes.box(), Task()).judge(observer, Poses.of(np.eye(4)))
 

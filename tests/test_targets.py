@@ -127,7 +127,7 @@ def test_a_target_changes_no_model_of_any_other_face(name):
 
 
 def test_algorithm_1_refuses_targets():
-    with pytest.raises(ValueError, match=r"Algorithm 1 has no targets.*pass mesh\.opaque"):
+    with pytest.raises(ValueError, match=r"a mesh without targets.*pass mesh\.opaque"):
         occlusion(scene(), CAMERA, VIEWS[0])
     assert len(occlusion(scene().opaque, CAMERA, VIEWS[0])) == ROOM.n_faces
 

@@ -267,7 +267,7 @@ def test_what_is_closed_refuses_in_one_line_and_closes_again(kind):
         ask(thing)
     thing.close()
     for poses in (POSES, np.empty((0, 4, 4))):
-        with pytest.raises(DeviceError, match="is closed; open a new one") as caught:
+        with pytest.raises(DeviceError, match=r"closed( one)?; open a new one") as caught:
             ask(thing, poses)
         assert "\n" not in str(caught.value)
 
@@ -303,7 +303,7 @@ def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(
 def test_a_batch_of_a_closed_observer_is_refused():
     with OPENERS["certified"](MESH, CAMERA) as observer:
         batches = evaluate_batches(observer, POSES)
-    with pytest.raises(DeviceError, match="this observer is closed"):
+    with pytest.raises(DeviceError, match="expected an open observer"):
         next(batches)
 
 

@@ -159,5 +159,7 @@ def test_wide_lenses_have_a_cube_of_near_planes():
 def test_what_wants_a_pinhole_names_itself(camera):
     mesh, pose = shapes.torus(8, 6), np.eye(4)
     for function in (polygons.visible_area, rational.visible_area, samples.render):
-        with pytest.raises(CameraError, match=r"a reference .* wants a pinhole, got .* undistort"):
+        with pytest.raises(
+            CameraError, match=r"expected a pinhole for a reference, got .* undistort"
+        ):
             function(mesh, camera, pose)

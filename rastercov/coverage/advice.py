@@ -22,7 +22,7 @@ LIMITS = (
     ("facing_density", "min_facing_density", 1.0, "px/m"),
     ("pixels_per_m2", "min_pixels_per_m2", 0.5, "px/m²"),
 )
-"""Figure, least value of a task, power of nearness by which it grows, and unit."""
+"""Figure, minimum of a task, exponent by which it grows as the camera comes nearer, and unit."""
 STEP_REL = 1e-4
 """Step of a derivative of the image, relative to the distance of the point."""
 
@@ -33,15 +33,15 @@ GENERAL = {
     "too_coarse": "move the camera closer or use a longer lens",
     "too_oblique": "move the camera towards its normal",
 }
-"""Advice by reason where figures of a camera are in the usual one, and none are known."""
+"""Advice by reason where no figures of the camera are known."""
 
 
 SOMETHING = "the obstacle"
-"""Words on what hides, where it has no name."""
+"""Name of an occluder without a name."""
 
 
 class Short(NamedTuple):
-    """The least value that is missed by most: factor of nearness that is missing, found, wanted."""
+    """The minimum missed by the largest factor: that factor in distance, found, required."""
 
     factor: float
     found: str
@@ -49,7 +49,7 @@ class Short(NamedTuple):
 
 
 def short_of(figures: Mapping[str, Any], task: Task, unit: str = "m") -> Short | None:
-    """Least value of a task that figures miss by most; None where they miss none.
+    """Minimum of a task that figures miss by the largest factor; None if they meet all.
 
     `unit` is that of lengths, as of `rastercov.base.format.area`.
     """
@@ -94,7 +94,7 @@ def advice(
     task, camera
         Thresholds, and the camera that has these figures.
     hider : str
-        Name of what is before it.
+        Name of the occluder.
     unit : {"m", "unit"}
         Of lengths.
     """
@@ -180,13 +180,13 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "cap_resolution": lambda value: "with resolutions above 1",
     "min_coverage": lambda value: f"where the coverage of its face is {value:g} or more",
 }
-"""Thresholds other than the usual, in `task_in_words`."""
+"""Words for thresholds that differ from their defaults."""
 
 
 def task_in_words(task: Mapping[str, Any], views: Mapping[str, int] | None = None) -> str:
     """Sentence on what counts as covered by thresholds, those that `asdict` gives.
 
-    `views` are the cameras that some groups need, in place of those of the task.
+    `views` are the cameras required per group, in place of those of the task.
     """
     usual, wanted = asdict(Task()), task["views"] if views is None else views
     few = 2 if task["min_angle_deg"] else 1  # to have an angle between them

@@ -51,19 +51,19 @@ class Coverage(InNotebook):
     projected_area : float64
         (3.9), px^2, of the part beyond the near plane; computed, not counted.
     visible_pixels, drawn_pixels : float64
-        What the camera gets of the face inside the image, and would get were it alone, px^2:
-        computed, or counted as samples over S^2.
+        Area of the face that the camera sees inside the image, and would see without occlusion,
+        px^2: computed, or counted as samples over S^2.
     resolution : float64
         (3.8): drawn_pixels / R_min, not capped; times `visibility` it is visible_pixels / R_min
         for faces seen from the front.
     pixel_density : float64
-        Pixels a metre on the surface along its worst direction.
+        Pixels per metre on the surface along its worst direction.
     facing_density : float64
-        Pixels a metre of a target that faces the camera at the deepest vertex.
+        Pixels per metre of a target that faces the camera at the deepest vertex.
     in_focus : bool
         (3.12).
     visibility, visibility_bound : float64
-        (3.14), and how far it may be off.
+        (3.14), and the bound of its error.
     visibility_kind : uint8
         `rastercov.BoundKind` of each bound.
     incidence : float64
@@ -75,7 +75,7 @@ class Coverage(InNotebook):
     clipped : (P,) bool
         Whether the near plane cut away a surface in view.
     pose_ids : (P,) int64
-        Row of each pose in the input; they skip poses that were at fault.
+        Row of each pose in the input; invalid poses are skipped.
     eyes : (P, 3) float64
         Centre of each camera, metres.
 
@@ -119,7 +119,9 @@ class Coverage(InNotebook):
     def __post_init__(self) -> None:
         check_kind("mesh", self.mesh, Mesh, "a Mesh", ConfigError)
         if np.ndim(self.pose_ids) != 1:
-            raise ConfigError(f"pose_ids must be (P,) numbers, got {shown(self.pose_ids)}")
+            raise ConfigError(
+                f"expected pose_ids (P,), got {shown(self.pose_ids)}; give one per pose"
+            )
         for name in FIGURES:
             if vars(self)[name] is None:  # not asked for
                 object.__delattr__(self, name)
@@ -134,7 +136,7 @@ class Coverage(InNotebook):
         def __getattr__(self, name: str) -> Any:
             if name in FIGURES:
                 raise ConfigError(
-                    f"this coverage has no {name}, which was not asked for; add it to fields"
+                    f"expected {name} among the fields of this coverage, got none; add it to fields"
                 )
             raise AttributeError(f"Coverage has no attribute {name!r}")
 
@@ -157,8 +159,8 @@ def evaluate_batches(
     """Coverage a few poses at a time, for runs of any length; at least one batch, maybe empty.
 
     The observer is open; the other arguments are those of `rastercov.evaluate`, and checked at
-    once. Each batch, of `batch_size` consecutive poses, is measured when it is asked for. Any
-    number of threads may have an iterator each over one observer, but not share an iterator.
+    once. Each batch, of `batch_size` consecutive poses, is measured on demand. Any number of
+    threads may have an iterator each over one observer, but not share an iterator.
     """
     accepted, names = Poses.of(poses), checked_fields(fields)
     check_observer(observer)
@@ -169,11 +171,9 @@ def evaluate_batches(
 
 
 def check_observer(observer: object) -> None:
-    """Raise `ConfigError` for what cannot observe."""
+    """Raise `ConfigError` unless it is an observer."""
     if not isinstance(observer, Observer):
-        raise ConfigError(
-            f"observer must be what open_observer gives, got {shown(observer)}; open one"
-        )
+        raise ConfigError(f"expected an observer of open_observer, got {shown(observer)}; open one")
 
 
 def measurements(
@@ -240,5 +240,5 @@ def checked_fields(names: Sequence[str] | None) -> list[str]:
         return list(FIGURES)
     known = isinstance(names, list | tuple | set | frozenset | dict)
     if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
-        raise ConfigError(f"fields must be a sequence of {', '.join(FIGURES)}, got {shown(names)}")
+        raise ConfigError(f"expected fields, got {shown(names)}; name some of {', '.join(FIGURES)}")
     return [name for name in FIGURES if name in names]

@@ -11,6 +11,7 @@ import re
 from rastercov.base.arguments import Reads
 from rastercov.base.checks import shown
 from rastercov.base.format import number
+from rastercov.mesh.groups import listed
 
 EDITIONS = {
     "EN 62676-4:2015": {
@@ -31,28 +32,28 @@ EDITIONS = {
         "scrutinise": 1500.0,
     },
 }
-"""Least pixels a metre of each level, of a target that faces the camera. No name is of both."""
+"""Least pixels per metre of each level, on a target that faces the camera; names differ."""
 _AMERICAN = ("recognize", "characterize", "scrutinize")
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254}
 """Metres in the unit of "px/UNIT"."""
 LEVELS = {name: value for levels in EDITIONS.values() for name, value in levels.items()}
-"""Pixels a metre of every name."""
+"""Pixels per metre of every level."""
 DORI_EDITION = "EN 62676-4:2015"
 DORI = {
     name: EDITIONS[DORI_EDITION][name] for name in ("detect", "observe", "recognise", "identify")
 }
-"""Levels of plans of cameras: in the legends of pictures, and offered as thresholds."""
+"""Levels for camera plans: in legends of images, and offered as thresholds."""
 _BY_NAME = LEVELS | {name: LEVELS[name.replace("ize", "ise")] for name in _AMERICAN}
 _QUANTITY = re.compile(r"([-+]?[0-9.]+(?:e[-+]?[0-9]+)?)\s*(?:px\s*/\s*(\w+))?")
 
 
 def pixels_per_metre(text: str) -> float:
-    """Pixels a metre of a name of `EDITIONS`, or of text such as "250", "250 px/m", "0.25 px/mm".
+    """Pixels per metre of a level of `EDITIONS`, or of text such as "250 px/m" or "0.25 px/mm".
 
     Raises
     ------
     ValueError
-        For other text; the message names what is wanted and all names with their figures.
+        For other text; the message names similar levels.
     """
     words = text.strip().lower()
     if words in _BY_NAME:
@@ -63,13 +64,9 @@ def pixels_per_metre(text: str) -> float:
             return float(found[1]) / _LENGTHS[found[2] or "m"]
     except ValueError:  # several points
         pass
-    names = "; ".join(
-        f"{', '.join(f'{name} {value:g}' for name, value in levels.items())} ({edition})"
-        for edition, levels in EDITIONS.items()
-    )
     raise ValueError(
-        f"px/m, a number with a unit of {', '.join(f'px/{unit}' for unit in _LENGTHS)}, or a name: "
-        f"{names}; got {shown(text)}"
+        f"px/{', px/'.join(_LENGTHS)} or a level, got {shown(text)}; levels are "
+        f"{listed(LEVELS, words)}"
     )
 
 

@@ -1,7 +1,7 @@
-"""Lines about a result that is probably not meant: a wrong unit, faces that are turned around.
+"""Warnings about results that are probably mistakes: a wrong unit, inverted faces.
 
-Between a finished network and the commands that print it. Every line is a guess by figures of the
-scene, says so by the figure, and names what to try.
+Between a finished network and the commands that print it. Every line is a heuristic, states the
+figure that it is based on, and names what to try.
 """
 
 import math
@@ -26,13 +26,13 @@ from rastercov.mesh import Mesh
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
 LEAST_SHARE_FROM_BEHIND = 0.8
-"""Share seen from behind, of all area that is seen, above which there is a line about normals."""
+"""Back-facing share of the visible area above which there is a line about normals."""
 LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
 BEYOND, OUTDOORS = (
-    "inside of a body, or beyond the walls of the room",
+    "inside a body, or outside the room",
     "in none of the spaces of the building",
 )
 MOST_OF_SOLIDS = 100_000
@@ -98,9 +98,11 @@ def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
 
 
 def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]:
-    """A line on those of (P, 3) camera centres that are somewhere, metres; often none."""
+    """A warning about those of (P, 3) camera centres that are somewhere, metres; often none."""
     rows = np.flatnonzero(is_there)
-    named = [f"{row} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]]
+    named = [
+        f"{row + 1} at ({', '.join(f'{x:.1f}' for x in eyes[row])})" for row in rows[:MOST_NAMED]
+    ]
     more = ["..."] if len(rows) > MOST_NAMED else []
     line = f"{plural(len(rows), 'camera', 'are')} {where}: {', '.join(named + more)}"
     return [line] if named else []
@@ -146,7 +148,7 @@ def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
 
 
 def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[str]:
-    """A line where most of what the cameras look at is seen from behind.
+    """A warning if most of the surface in view is back-facing.
 
     The reasons of the faces do not tell it: a closed surface that is inside out is back-facing on
     the near side and occluded on the far one. So the lines of sight to some centroids are traced.
@@ -174,6 +176,6 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{share:.0%} of the surface in view is back-facing: "
-        "normals point inwards, or the surface is open: use two_sided"
+        f"{share:.0%} of the surface in view is back-facing: its normals point inwards, or it is "
+        "open; use two_sided"
     ]

@@ -31,14 +31,14 @@ class Engine:
         For method "sampled" and for pictures: "auto", "cpu", "gl", or an OpenGL device by its name
         (`rastercov doctor` lists them).
     supersample : int
-        S: S x S samples a pixel, for method "sampled".
+        S: S x S samples per pixel, for method "sampled".
     threads : int, optional
-        Threads on the CPU; one a core unless given.
+        Threads on the CPU; one per core unless given.
 
     Raises
     ------
     ConfigError
-        For a method that does not exist, or samples of a method that has none.
+        For an unknown method, or for samples with a method that has none.
 
     Examples
     --------
@@ -63,13 +63,13 @@ class Engine:
         scale = finite_number(self.supersample)
         if self.method != "sampled" and scale != 1:
             raise ConfigError(
-                f"method {self.method} has no samples, so supersample must be 1, "
-                f"got {shown(self.supersample)}; use method sampled"
+                f"expected supersample 1 with method {self.method}, got {shown(self.supersample)}; "
+                "use method sampled"
             )
         if scale not in range(1, MAX_SUPERSAMPLE + 1):
             raise ConfigError(
-                f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, "
-                f"got {shown(self.supersample)}"
+                f"expected supersample of 1 to {MAX_SUPERSAMPLE}, got {shown(self.supersample)}; "
+                "give a whole number"
             )
         object.__setattr__(self, "supersample", int(scale))
         if self.threads is not None:
@@ -83,12 +83,12 @@ class Engine:
         Raises
         ------
         ConfigError
-            For a method that does not exist, or samples of one that has none.
+            For an unknown method, or for samples with a method that has none.
         """
         form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
         if form is None:
             raise ConfigError(
-                f"method takes a device and samples a side, as in sampled:cpu@4; got {shown(text)}"
+                f"expected a method such as sampled:cpu@4, got {shown(text)}; correct it"
             )
         method, device, scale = form.groups()
         return cls(method, device or "auto", int(scale or 1))

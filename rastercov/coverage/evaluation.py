@@ -50,7 +50,7 @@ from rastercov.mesh.motion import Motion
 from rastercov.shards import Staff
 
 Moving = Motion | MotionQuery
-"""Bodies that move, and perhaps for how long of it a point must be covered."""
+"""Bodies that move, and perhaps the share of time in which a point must be covered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,9 @@ class Query:
             asked = self.__dict__["asked"] = query_of(self.motion, self.mesh)
             carriers(asked, self.camera, self.poses[:0])  # refuses bodies
             if not self.by_area:
-                raise ConfigError(f"figures over time are by area; {why or 'leave out by face'}")
+                raise ConfigError(
+                    f"expected a result by area over time, got by face; {why or 'leave out by'}"
+                )
 
     @property
     def is_long(self) -> bool:
@@ -136,7 +138,7 @@ class Evaluation(Coverage):
     is_kept : bool
         True where shards of the run are left in a folder.
     quarantined : dict of int to str
-        Poses that were left out because they kill their process.
+        Poses that were skipped because they crash a worker.
     seconds : float
         Time that measuring took, without that of compiling loops in this process.
     interrupted : bool
@@ -178,7 +180,7 @@ class Evaluation(Coverage):
 
     @property
     def covered(self) -> Covered:
-        """Exact area of each face that 1 to k cameras cover; ConfigError by face.
+        """Exact area of each face that 1 to k cameras cover; ConfigError for a result by face.
 
         Examples
         --------
@@ -190,12 +192,12 @@ class Evaluation(Coverage):
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
         """
         if self.areas is None:
-            raise ConfigError('this evaluation is by face; give by="area" for covered areas')
+            raise ConfigError('expected an evaluation by area, got one by face; give by="area"')
         return self.areas.covered
 
     @property
     def over_time(self) -> OverTime:
-        """Coverage over time, where bodies move; ConfigError where none does.
+        """Coverage over time, if bodies move; ConfigError for a still scene.
 
         Examples
         --------
@@ -208,7 +210,7 @@ class Evaluation(Coverage):
         0.667
         """
         if not isinstance(self.areas, TimeAreas):
-            raise ConfigError("nothing moves in this evaluation; give motion= for areas over time")
+            raise ConfigError("expected an evaluation over time, got a still scene; give motion=")
         return self.areas.over_time
 
     def group_views(self) -> GroupViews:
@@ -297,19 +299,19 @@ def regions(
 ) -> Regions:
     """Parts of the task faces that each pose covers, as convex polygons in their planes.
 
-    Parameters are those of `evaluate`. Of a `Rig` with a rule, a row of the result is a pose of the
-    rig, and has what its cameras cover together. Of a motion of T frames, row t R + r is row r of R
-    in frame t, on the mesh at rest; `pose_ids` are those of each frame, and bodies that are absent
-    have no regions. Thresholds of a face must have their defaults: `min_pixels`, `min_visibility`,
-    `min_coverage`, `focus_rule`, `cap_resolution`; `views` and `min_angle_deg` are of several
-    poses, and left out here.
+    Parameters are those of `evaluate`. For a `Rig` with a rule, a row of the result is a pose of
+    the rig, with the parts that its cameras cover together. Of a motion of T frames, row t R + r is
+    row r of R in frame t, on the mesh at rest; `pose_ids` are those of each frame, and bodies that
+    are absent have no regions. Thresholds of a face must have their defaults: `min_pixels`,
+    `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`; `views` and `min_angle_deg`
+    apply to several poses, and are ignored here.
 
     Raises
     ------
     ConfigError
-        For a threshold that is of a face, method "sampled", and a motion of another mesh.
+        For a threshold that applies to faces, method "sampled", and a motion of another mesh.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
 
     Examples
     --------

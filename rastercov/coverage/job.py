@@ -65,40 +65,41 @@ def evaluate(
     Parameters
     ----------
     mesh : Mesh
-        What is looked at.
+        The scene.
     camera : Camera, Rig or sequence of Camera
-        What looks; where there are several, `Poses.camera` says which of them is in each pose.
+        The cameras; for several, `Poses.camera` has the index of the camera of each pose.
     poses, task : (P, 4, 4) array_like, or Poses; Task, optional
         world_from_camera, and thresholds, `Task()` unless given.
     by : {"area", "face"}, optional
         Unit of the result: exact area, with the unions and dead zones of docs/area.md, or whole
-        faces as in the thesis. Area unless given, or face where a threshold is of a face or the
+        faces as in the thesis. Area unless given, or face if a threshold applies to faces or the
         method counts samples.
     lamps : Lamps, optional
         Lamps that must light what is covered, by area; see docs/light.md.
     motion : Motion or MotionQuery, optional
-        Frames of the mesh, and for how long of them a point must be covered: in some frame, unless
-        a `MotionQuery` says more. Areas are over time then, see `Evaluation.over_time`; figures of
-        faces and of single poses are those of the mesh at rest.
+        Frames of the mesh, and the share of them in which a point must be covered: some frame,
+        unless a `MotionQuery` is given. Areas are over time then, see `Evaluation.over_time`;
+        figures of faces and of single poses are those of the mesh at rest.
     method, threads
         As for `open_observer`.
     skip_bad_poses : bool
-        Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
+        Skip poses that are not rigid transforms instead of raising; see `Coverage.pose_ids`.
     fields : sequence of str, optional
         Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
         none for () or with a folder. Any other array raises `ConfigError` when it is read.
     folder : path, optional
-        Where shards of some poses or frames each are kept, so that a run that was ended continues
-        there, and any number of frames is taken: docs/scale.md.
+        Folder for shards of some poses or frames each, so that an interrupted run continues there,
+        with any number of frames: docs/scale.md.
     workers : Workers, optional
         Processes that make the shards.
 
     Raises
     ------
     ConfigError
-        For a field that does not exist, by area where that cannot be, and a motion of another mesh.
+        For an unknown field, a result by area where that is impossible, and a motion of another
+        mesh.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     ResourceError
         When the arrays would exceed `EVALUATE_BUDGET`.
 
@@ -125,10 +126,10 @@ def evaluate(
     query = Query(mesh, camera, accepted, task, engine, motion, by)
     if folder is not None:
         if fields:
-            raise ConfigError("shards have no figures of pairs; leave out fields, or the folder")
+            raise ConfigError("expected fields or a folder for shards, got both; leave one out")
         fields = ()
     elif workers is not None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     elif query.asked is not None:
         query.asked._check_held(accepted)
     names = checked_fields(fields)
@@ -136,8 +137,8 @@ def evaluate(
     size = each * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
         raise ResourceError(
-            f"{len(accepted)} poses x {mesh.n_faces} faces would take {size / 2**30:.1f} GiB; "
-            "name fewer fields, or fields=() for the sums of all poses"
+            f"expected fields of {EVALUATE_BUDGET / 2**30:g} GiB at most, got {size / 2**30:.1f} "
+            f"GiB for {len(accepted)} poses x {mesh.n_faces} faces; name fewer, or fields=()"
         )
     options = vars(engine) | {"by": by, "threads": None}
     with nullcontext() if folder is None else locked(Path(folder)) as above:

@@ -83,7 +83,7 @@ class JudgedPoses:
         return cls(poses, measured.clipped, rows, measured, sums, found, leads)
 
 
-OF_PARTS = "rules of rigs and lamps are of parts of faces; give by area"
+OF_PARTS = "expected a result by area with lamps or the rule of a rig, got by face; leave out by"
 """Reason why these are refused by face."""
 RESULT = -1
 """Camera by which sums of all poses, or of rigs with a rule, are kept."""

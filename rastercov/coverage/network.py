@@ -30,7 +30,8 @@ from rastercov.native.coverage_spread import add_rays
 from rastercov.raster.observation import BoundKind
 
 UNSEEABLE_WORDS = "inside closed bodies of the mesh or in full contact with them (proved)"
-"""Reason of faces that no camera outside the bodies can ever see."""
+"""Reason of faces that no camera outside the bodies can see."""
+OF_ONE_TASK = "expected coverage of the mesh and task of the network, got others; make a new one"
 
 
 def least_cosine(min_angle: float) -> float:
@@ -117,7 +118,7 @@ class Network(InNotebook):
     best_pose : (F,) int64
         The pose that gives it, the first of equals; -1 where `best` is 0.
     reason : (F,) uint8
-        `Reason` of the camera that came nearest to covering the face.
+        `Reason` of the camera that comes nearest to covering the face.
     pose_ids : list of int
         The poses so far.
     covered_faces, mean_coverage : list
@@ -161,7 +162,7 @@ class Network(InNotebook):
         self._spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
 
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
-        """Take in the next poses; ConfigError when they are of another mesh or task.
+        """Add further poses; ConfigError for those of another mesh or task.
 
         With `camera`, an index, only those of one camera, of poses that were judged apart.
         """
@@ -169,7 +170,7 @@ class Network(InNotebook):
             self._add_judged(coverage, camera)
             return
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
-            raise ConfigError("a network adds up coverage of one mesh and one task")
+            raise ConfigError(OF_ONE_TASK)
         if len(coverage.pose_ids):
             if self.task.min_angle_deg > 0:
                 for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
@@ -212,7 +213,7 @@ class Network(InNotebook):
         if pairs == "none" and self.task.min_angle_deg > 0:
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
-            raise ConfigError("a network adds up coverage of one mesh and one task")
+            raise ConfigError(OF_ONE_TASK)
         return judge(self.mesh, self.task, observer, poses, pairs=pairs, apart=apart)
 
     def _add_judged(self, batch: JudgedPoses, camera: int | None) -> None:
@@ -320,7 +321,7 @@ class Network(InNotebook):
 
     @property
     def unseeable_areas(self) -> FloatArray:
-        """(F,) area that no camera can ever see: proved, m^2; see `rastercov.mesh.unseeable`."""
+        """(F,) area visible from nowhere (proved), m^2; see `rastercov.mesh.unseeable`."""
         from rastercov.mesh.unseeable import unseeable_where_seen
 
         return unseeable_where_seen(self.mesh, self.best)
@@ -334,7 +335,7 @@ def reasons_of(network: Network, covered: BoolArray) -> NDArray[np.uint8]:
 
 
 def percent_of_seeable(covered_m2: float, entry: Mapping[str, float]) -> float | None:
-    """Covered percentage of the area that can be seen; None where none can be."""
+    """Covered percentage of the coverable area; None if there is none."""
     seeable = entry["area_m2"] - entry["unseeable_m2"]
     return min(100 * covered_m2 / seeable, 100.0) if seeable > 0 else None
 

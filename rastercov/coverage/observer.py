@@ -38,8 +38,8 @@ OBSERVED = 3 * 8 + 1
 class Observer(Closing, ABC):
     """Areas of one mesh that one camera sees; open it with `open_observer`, use it in a `with`.
 
-    Any number of threads may use one observer at once, except method "sampled" on OpenGL: that
-    one belongs to the thread that opened it, and says so in any other.
+    Any number of threads may use one observer at once, except method "sampled" on OpenGL: that one
+    belongs to the thread that opened it, and raises `DeviceError` in any other.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Observer(Closing, ABC):
         Raises
         ------
         PoseError
-            For a pose that is no rigid motion.
+            For a pose that is not a rigid transform.
         ResourceError
             Where the arrays take more memory than is free, before any is taken.
         DeviceError
@@ -90,15 +90,15 @@ class Observer(Closing, ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Give back what it holds: later calls raise `DeviceError`; again it does nothing.
+        """Release its memory: later calls raise `DeviceError`; a second `close` does nothing.
 
-        A call that another thread is in ends as ever.
+        Calls running in other threads complete normally.
         """
 
     def _accepted(self, poses: ArrayLike | Poses) -> Poses:
         """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
-            raise DeviceError("this observer is closed; open a new one")
+            raise DeviceError("expected an open observer, got a closed one; open a new one")
         accepted = Poses.of(poses)
         accepted.check_cameras(len(cameras_of(self.camera)))
         check_memory(
@@ -169,16 +169,16 @@ def open_observer(
     mesh : Mesh
         The scene.
     camera : Camera, Rig or sequence of Camera
-        Where there are several, `Poses.camera` says which of them is in each pose.
+        For several, `Poses.camera` has the index of the camera of each pose.
     method : {"certified", "exact", "sampled"}, or Engine
         Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4".
     threads : int, optional
-        Threads on the CPU; those of the engine, or one a core, unless given.
+        Threads on the CPU; those of the engine, or one per core, unless given.
 
     Raises
     ------
     ConfigError
-        For a method that does not exist.
+        For an unknown method.
 
     Examples
     --------

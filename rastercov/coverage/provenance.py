@@ -35,7 +35,7 @@ def provenance_of(
     mesh, camera
         The scene, and the camera that sees it, or several.
     poses : (P, 4, 4) float64
-        world_from_camera, those that were rejected included.
+        world_from_camera, with those that were rejected.
     task : Task, optional
         Thresholds, where the result has any.
     options : mapping, optional

@@ -31,12 +31,12 @@ class Reason(IntEnum):
     OUT_OF_FOCUS = 3
     """It is not within the depth of field."""
     UNSAMPLED = 4
-    """It is in view but so small or thin that no sample falls on it, or that it has no image to
-    within rounding; occlusion is unknown."""
+    """It is in view but too small or thin for a sample, or for an image beyond rounding; occlusion
+    is unknown."""
     TOO_COARSE = 5
-    """Too few pixels, or too few a metre."""
+    """Too few pixels, or too few per metre."""
     OCCLUDED = 6
-    """Too much of it is hidden."""
+    """Too much of it is occluded."""
     TOO_OBLIQUE = 7
     """Its angle of incidence is too large."""
     COVERED = 8

@@ -1,4 +1,4 @@
-"""Silhouettes of groups in each image: what is hidden of them, and what the border cuts off.
+"""Silhouettes of groups in each image: occluded and truncated shares.
 
     visible share = visible / silhouette,   truncated share = 1 - inside / silhouette,
 
@@ -43,8 +43,8 @@ class GroupViews(InOneLine):
     pose_ids : (P,) int64
         Row of each pose in the input.
     visible, inside, silhouette : (P, G) float64
-        What is seen of the group in the image; its silhouette alone, in the image and in one of
-        three times its width and height around it, as far as a lens maps rays to pixels.
+        Visible area of the group in the image; area of its silhouette alone, in the image and in
+        one of three times its width and height around it, as far as a lens maps rays to pixels.
     bound : (P, G) float64
         Largest error of any of the three.
     """

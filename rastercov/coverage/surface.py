@@ -1,4 +1,4 @@
-"""Criteria of the surface itself, whatever looks at it, such as how steep it is.
+"""Criteria of the surface itself, independent of cameras, such as its slope.
 
 A camera covers no part of a face that fails one. A criterion is a function here, whose reason has
 its words in `rastercov.coverage.reasons`, and its entry in `CRITERIA`; its threshold is a field of

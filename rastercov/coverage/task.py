@@ -64,7 +64,7 @@ Density = Annotated[float, Ge(0), PX_PER_M]
 class Task:
     """Thresholds that a face must meet to be covered.
 
-    Each is declared here alone: numbers are options of the command line, and all are keys of the
+    Each is declared only here: numbers are options of the command line, and all are keys of the
     [task] section of plan files and of the task in every report.
 
     Parameters
@@ -78,13 +78,14 @@ class Task:
     max_incidence_deg : float
         Largest angle between normal and ray, degrees, (0, 90].
     min_pixel_density : float
-        Least pixels a metre on the surface, along its worst direction; this and the next are a
-        number of px/m, text with a unit, or a name: see `rastercov.coverage.densities`.
+        Minimum pixels per metre on the surface, along its worst direction; this and the next are a
+        number of px/m, text with a unit, or the name of a level: see
+        `rastercov.coverage.densities`.
     min_facing_density : float
-        Least pixels a metre of a target that faces the camera at the place of the surface,
+        Minimum pixels per metre of a target that faces the camera at the place of the surface,
         min(fx, fy) / z: at the deepest vertex of a face, or at each point by area.
     min_pixels_per_m2 : float
-        Least pixels on a square metre of the surface, fx fy h / z^3 with h the distance of the
+        Minimum pixels per square metre of the surface, fx fy h / z^3 with h the distance of the
         camera from the plane of the face: at its deepest vertex, or at each point by area.
     min_illuminance, max_illuminance : float
         Least and greatest illuminance, in the unit of the lamps, or text such as "300 lx"; with
@@ -164,13 +165,13 @@ class Task:
         check_limits(self)
         if self.max_illuminance is not None and self.max_illuminance <= self.min_illuminance:
             raise ConfigError(
-                f"max_illuminance must be above min_illuminance {self.min_illuminance:g}, "
-                f"got {self.max_illuminance:g}"
+                f"expected max_illuminance above min_illuminance {self.min_illuminance:g}, got "
+                f"{self.max_illuminance:g}; increase it"
             )
 
     @property
     def asks_for_light(self) -> bool:
-        """True where a threshold is of light, beyond that some lamp reaches a part."""
+        """True if a threshold applies to light, other than that some lamp reaches a part."""
         return (
             self.max_illuminance is not None
             or max(self.min_illuminance, self.max_highlight_deg) > 0
@@ -179,7 +180,7 @@ class Task:
     def exposed(self, exposure: Exposure, unit: str = "lx") -> Self:
         """The same task within the band of illuminance of an exposure, too; in "lx" or "W/m2".
 
-        ConfigError where the band and the limits of the task have nothing in common.
+        ConfigError if the band and the limits of the task do not overlap.
         """
         least, most = exposure.band(unit)
         upper = most if self.max_illuminance is None else min(most, self.max_illuminance)
@@ -188,7 +189,7 @@ class Task:
 
     @classmethod
     def thesis(cls, **changes: float | str | bool | None) -> Self:
-        """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts.
+        """Exactly (3.6): resolution uncapped, focus of the centroid, any coverage counts.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Visible fraction of each face in each pose, for those who ask for nothing else."""
+"""Visible fraction of each face in each pose, without other figures."""
 
 from dataclasses import dataclass
 
@@ -26,9 +26,9 @@ class Visibility(InOneLine):
     Attributes
     ----------
     value : (P, F) float64
-        1 - occlusion, in [0, 1]; of the part inside the image. 0 for faces seen from behind, and
-        for faces whose image rounds to nothing or owns no sample (`bound` is 1 there: nothing is
-        known).
+        1 - occlusion, in [0, 1]; of the part inside the image. 0 for back-facing faces, and for
+        faces whose image is empty to rounding or has no sample (`bound` is 1 there: visibility is
+        unknown).
     bound : (P, F) float64
         Largest error of `value`.
     kind : (P, F) uint8

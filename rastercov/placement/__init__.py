@@ -119,14 +119,16 @@ _guard(__name__)
 
 
 _RETIRED = {
-    "BitMatrix": "VisibilityMatrix leaves the pairs of a folder on the disk",
-    "measure_matrix": "build_matrix with a folder leaves the pairs on the disk",
-    "read_spaces": "Mesh.load(path).spaces has them",
+    "BitMatrix": "use VisibilityMatrix, which leaves the pairs of a folder on disk",
+    "measure_matrix": "use build_matrix with a folder, which leaves the pairs on disk",
+    "read_spaces": "use Mesh.load(path).spaces",
 }
 """Names of the last version, and what to call instead."""
 
 
 def __getattr__(name: str) -> object:
     if name in _RETIRED:
-        raise ImportError(f"rastercov.placement.{name} is retired: {_RETIRED[name]}")
+        raise ImportError(
+            f"expected a name of rastercov.placement, got {name}, retired; {_RETIRED[name]}"
+        )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

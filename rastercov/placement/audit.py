@@ -192,7 +192,7 @@ class Audit(Groups, InOneLine):
     by : {"area", "face"}
         Unit of the result; the elements are cells or faces.
     poses : Poses
-        The cameras, those without fault.
+        The cameras, those with valid poses.
     cells : Cells or None
         The elements, where the result is by area.
     problem : Problem
@@ -324,31 +324,31 @@ def audit(
     watch: Callable[[Made], None] = lambda made: None,
     note: Callable[[str], None] = LOG.warning,
 ) -> Audit:
-    """Coverage of a surface by existing cameras, and what each of them adds.
+    """Coverage of a surface by existing cameras, and the contribution of each.
 
     Parameters
     ----------
     mesh : Mesh
         The surface.
     camera : Camera, Rig or sequence of Camera
-        The cameras; where there are several, `Poses.camera` says which is in each pose.
+        The cameras; for several, `Poses.camera` has the index of the camera of each pose.
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera.
     task : Task, optional
         Thresholds; `Task()` unless given.
     names : sequence of str, optional
-        Name of each pose, such as of its image, or of each without fault; "0", "1", ... unless
+        Name of each pose, such as that of its image, or of each valid one; "0", "1", ... unless
         given.
     frames : sequence of str, optional
-        Name of the frame of each pose, as for `names`: poses of one frame were at the same instant.
+        Name of the frame of each pose, as for `names`: poses of one frame are simultaneous.
     by : {"area", "face"}, optional
-        Unit of the result; "area" unless a threshold is of a face or the method counts samples.
+        Unit of the result; "area" unless a threshold applies to faces or the method counts samples.
     resolution_of_result : float, optional
         Longest side of the cells, metres; `rastercov.coverage.area.cells.usual_size` unless given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
-        Leave out poses that are no rigid motion instead of raising.
+        Skip poses that are not rigid transforms instead of raising.
     progress : callable
         Called with the poses done and the total.
     folder : path, optional
@@ -359,7 +359,7 @@ def audit(
     watch : callable
         Called with each shard that a worker made.
     note : callable
-        Called with a line on what went wrong and was mended; logs it as a warning unless given.
+        Called with a line on what was repaired; logs it as a warning unless given.
 
     Raises
     ------
@@ -367,13 +367,15 @@ def audit(
         For workers without a folder, names or frames of another number than the poses, and where
         workers fail.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     check_scene(mesh, camera)
     if gates_of(camera):
-        raise ConfigError("an audit takes images one by one; give the cameras without their rule")
+        raise ConfigError(
+            "expected images of single cameras, got a rig with a rule; leave the rule out"
+        )
     if workers is not None and folder is None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     task = Task() if task is None else task
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _texts("names", names, accepted)
@@ -511,7 +513,7 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
         return found
     if len(found) != len(poses.given):
         raise ConfigError(
-            f"{what} must have one text for each of {len(poses.given)} poses, got {len(found)}"
+            f"expected {what} for {len(poses.given)} poses, got {len(found)}; give a text for each"
         )
     return tuple(found[row] for row in poses.ids)
 

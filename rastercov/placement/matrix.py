@@ -205,7 +205,9 @@ class VisibilityMatrix:
     def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
         if self.n_faces != other.n_faces or self.task != other.task:
-            raise ConfigError("matrices of other faces or another task cannot be joined")
+            raise ConfigError(
+                "expected matrices of one mesh and task, got others; build them alike"
+            )
         poses = np.concatenate((self.poses, other.poses))
         placed = Poses.of(poses, camera=np.concatenate((self.camera, other.camera)))
         return replace(self, placed=placed, parts=(*self.parts, *other.parts))
@@ -268,7 +270,7 @@ def build_matrix(
         each of its cameras.
     workers : Workers, optional
         Processes that make the shards, in a folder that all of them share; this one unless given.
-        The bytes of the shards are the same. Poses that kill their process are left out, see
+        The bytes of the shards are the same. Poses that crash a worker are skipped, see
         `VisibilityMatrix.quarantined`.
     progress : callable
         Called with the poses done and the total.
@@ -281,13 +283,13 @@ def build_matrix(
     ------
     ConfigError
         When the folder holds a matrix of other inputs, or another process is writing to it; for
-        cells, also for a task with a threshold that is of a face, or method "sampled"; for workers
-        without a folder, and where workers fail.
+        cells, also for a task with a threshold that applies to faces, or method "sampled"; for
+        workers without a folder, and where workers fail.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     if workers is not None and folder is None:
-        raise ConfigError("workers make shards in a folder; name one, or leave out workers")
+        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)

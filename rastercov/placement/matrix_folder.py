@@ -8,8 +8,8 @@ A shard is a file of `numpy.savez_compressed`: `counts` of the pairs of each pos
 `face_step`, the face less that of the pair before it, `coverage`, and of rigs `camera_on_rig`.
 
 Shards are made in this process or by workers (`make`). Of the shards, bits are derived, (C, W)
-uint64, one row a candidate. They are in one mapped file without a name, because a process has some
-thousand open files and mappings, and a matrix has more shards; it ends with the process.
+uint64, one row per candidate. They are in one mapped file without a name, because a process has
+some thousand open files and mappings, and a matrix has more shards; it ends with the process.
 """
 
 import json
@@ -65,18 +65,18 @@ PAIRS_A_SHARD = 1 << 22
 FUNCTION = "rastercov.placement.matrix_folder:make"
 """Function by which workers make a shard."""
 MOST_THREADS = 4
-"""Threads that read shards at a time; each takes some ten bytes a pair of one."""
+"""Threads that read shards at a time; each takes some ten bytes per pair of a shard."""
 FORMAT = 4
 LEVEL = 1
 """Of zlib: steps of faces and coverage are mostly 1, and compress at 0.2 GB/s."""
 COLUMNS = ("counts", "face_step", "coverage", "camera_on_rig")
 PAIRS, BOUNDS = "pairs", "bounds"
-"""Folders of the shards, and of bounds, a file a worker."""
+"""Folders of the shards, and of bounds, a file per worker."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
     "mesh": "from another mesh",
-    "cells": "for faces, or for cells of another size",
+    "cells": "for faces, or for patches of another size",
     "camera": "for another camera",
     "poses": "from other poses, or for other cameras of them",
     "mounts": "for other rigs",
@@ -219,7 +219,7 @@ def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObser
     """Observer of the regions in the mesh of some cells, by the method of another one."""
     check_same_mesh(cells.mesh, observer.mesh)
     if not isinstance(observer, ExactObserver):
-        raise ConfigError("cells need method certified or exact, got sampled")
+        raise ConfigError("expected method certified or exact for patches, got sampled; change it")
     engine = Engine(observer.info.plan, threads=observer.threads)
     return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
 
@@ -258,7 +258,9 @@ def describe(
     n_mounts = len(cameras) if mounts is None else len(mounts)
     poses.check_cameras(n_mounts)
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
-        raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
+        raise ConfigError(
+            f"expected poses_a_shard of 1 or more, got {poses_a_shard!r}; increase it"
+        )
     n_faces = mesh.n_faces if cells is None else len(cells)
     header = inputs_of(observer, poses, task, n_faces, PAIRS_A_SHARD) | {
         "format": FORMAT,
@@ -306,13 +308,15 @@ class MatrixFolder:
         with _remade_by_build():
             header = read_header(folder)
             if header is None:
-                raise ConfigError(f"{folder}: there is no matrix in this folder")
+                raise ConfigError(
+                    f"{folder}: expected a visibility matrix, got none; call build_matrix"
+                )
             found = cls(folder, header)
             n_shards = len(found.store)
             if missing := found.store.missing():
                 raise ConfigError(
-                    f"{folder}: {len(missing)} of {n_shards} shards are missing; "
-                    "call build_matrix with the same inputs to make them"
+                    f"{folder}: expected {n_shards} shards, got {n_shards - len(missing)}; call "
+                    "build_matrix with the same inputs to make the others"
                 )
             return replace(found, n_pairs=sum(map(found.rows_in, range(n_shards))))
 
@@ -446,8 +450,8 @@ class MatrixFolder:
                     os.posix_fallocate(file.fileno(), 0, size)
             except OSError as error:
                 raise ResourceError(
-                    f"{self.path}: {size:,} bytes cannot be reserved ({error.strerror}); "
-                    "make room on the disk, or use fewer candidates"
+                    f"{self.path}: expected room for {size:,} bytes, got: {error.strerror}; free "
+                    "some disk space, or use fewer candidates"
                 ) from None
 
             def work(part: slice) -> None:
@@ -511,8 +515,8 @@ def claim(
 
 def _made(folder: Path, words: str) -> str:
     return (
-        f"{folder}: the matrix in this folder was made {words}; "
-        "name another folder, or delete this one to start again"
+        f"{folder}: expected a matrix of the same inputs, got one made {words}; name another "
+        "folder, or delete this one"
     )
 
 
@@ -528,7 +532,7 @@ def read_header(folder: Path) -> dict[str, Any] | None:
         a checksum.
     """
     if not (folder / SUMS).is_dir() and ((folder / HEADER).exists() or (folder / PAIRS).exists()):
-        raise ConfigError(f"{folder}: files that are no matrix; name another folder")
+        raise ConfigError(f"{folder}: expected a matrix, got other files; name another folder")
     data = contents(folder, HEADER)
     header: dict[str, Any] | None = None if data is None else json.loads(data)
     if header is not None and header["format"] != FORMAT:
@@ -586,8 +590,8 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
             opened.callback(observer.close)
         if asdict(observer.info) != header["measured_by"]:
             raise ConfigError(
-                f"{folder}: a worker measures by {observer.info.renderer}, and the run by "
-                f"{header['measured_by']['renderer']}; use the same versions and devices"
+                f"{folder}: expected a worker with {header['measured_by']['renderer']}, as the "
+                f"run, got {observer.info.renderer}; use the same versions and devices"
             )
         opened.pop_all()
     mounts = None

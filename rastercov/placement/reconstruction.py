@@ -160,7 +160,9 @@ def reconstruction(
         Number of images to take next, from 1.
     """
     if suggested is not None and not (is_number(suggested) and suggested >= 1):
-        raise ConfigError(f"suggest must be 1 image or more, got {shown(suggested)}")
+        raise ConfigError(
+            f"expected 1 image or more to suggest, got {shown(suggested)}; increase it"
+        )
     found, more = audit(*scene, **options), None
     if suggested is not None:
         how = {name: options[name] for name in ("method", "progress") if name in options}
@@ -390,8 +392,10 @@ def suggest(
         For a negative count, and an audit whose images see nothing.
     """
     if not found.views.any():
-        words = f"and none of {len(found.poses)} images does; check the poses and their unit"
-        raise ConfigError(f"suggested images go on from images that see the surface, {words}")
+        raise ConfigError(
+            f"expected images that see the surface, got none of {len(found.poses)}; check the "
+            "poses and their unit"
+        )
     zones, problem, n = weak(found), strict(found.problem), len(found.poses)
     task = replace(found.task, min_angle_deg=0.0)
     sharp = max(task.min_pixel_density, coarse_density(found))

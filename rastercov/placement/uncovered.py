@@ -330,7 +330,7 @@ def what_is_left(
     ConfigError
         For a mask of another mesh.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     network_poses, task = renumbered(poses), task or Task()
     others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
@@ -370,7 +370,8 @@ def left_by(
     mesh, task = observer.mesh, network.task
     if covered.shape != (mesh.n_faces,) or covered.dtype != np.bool_:
         raise ConfigError(
-            f"covered must be a mask of {mesh.n_faces} faces, got {covered.dtype} {covered.shape}"
+            f"expected covered as a mask of {mesh.n_faces} faces, got {covered.dtype} "
+            f"{covered.shape}; give a bool per face"
         )
     left = mesh.task_mask & ~covered
     hidden = np.flatnonzero(left & (network.reason == Reason.OCCLUDED))

@@ -27,12 +27,12 @@ def opencv() -> Any:
         import cv2
     except ImportError as error:
         raise DeviceError(
-            f"OpenCV is not there ({error}); pip install 'rastercov[markers]'"
+            f"expected OpenCV, got none ({error}); pip install 'rastercov[markers]'"
         ) from None
     if not hasattr(cv2, "aruco") or not hasattr(cv2.aruco, "ArucoDetector"):
         raise DeviceError(
-            f"OpenCV {cv2.__version__} has no marker detector; 4.7 or newer is needed: "
-            "pip install -U opencv-python-headless"
+            f"expected OpenCV 4.7 or newer, which detects markers, got {cv2.__version__}; pip "
+            "install -U opencv-python-headless"
         )
     return cv2
 

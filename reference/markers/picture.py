@@ -40,7 +40,7 @@ def reflected(
     images : int
         Points of the lens.
     """
-    camera.check_pinhole("images of plates are drawn through pinholes")
+    camera.check_pinhole("expected a pinhole for images of plates")
     drawn = sorted(plates, key=lambda plate: -plate.centre[2])
     boards = [np.pad(patterns[plate.marker], 1, constant_values=1) for plate in drawn]
     blur = blur_circle(camera, np.array([plate.centre[2] for plate in drawn]))

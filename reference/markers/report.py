@@ -50,9 +50,9 @@ def passed(experiments: Sequence[Experiment]) -> bool:
 
 
 def verdict_lines(experiments: Sequence[Experiment]) -> list[str]:
-    """The verdict, one line a check."""
+    """The verdict, one line per check."""
     verdict = "holds" if passed(experiments) else "FAILS"
-    last = f"{verdict}: {100 * MIN_ACCURACY:g} % right by the detector requirement"
+    last = f"{verdict}: {100 * MIN_ACCURACY:g} % correct by the detector requirement"
     return [*map(experiment_line, experiments), last]
 
 
@@ -86,7 +86,7 @@ def write_validation(folder: ReportFolder, experiments: Sequence[Experiment]) ->
     """Write the page, the JSON and the pictures; returns the path of the page."""
     pictures = {
         f"experiment_{each.name.replace(' ', '_')}": Picture.of(
-            f"{each.title}: the photograph, what was found in green", experiment_picture(each)
+            f"{each.title}: the photograph, detections in green", experiment_picture(each)
         )
         for each in experiments
     }
@@ -95,7 +95,7 @@ def write_validation(folder: ReportFolder, experiments: Sequence[Experiment]) ->
         "markers.html",
         "rastercov.reference",
         title=f"rastercov validate markers: {answer.lower()}",
-        heading="Does the coverage model foretell what a detector finds?",
+        heading="Does the coverage model predict what a detector finds?",
         answer=answer,
         lines=verdict_lines(experiments),
         passed=passed(experiments),
@@ -127,8 +127,8 @@ def experiment_line(experiment: Experiment) -> str:
     """Result of an experiment, in one line."""
     count = len(experiment.rows)
     return (
-        f"{experiment.title}: {experiment.right} of {count} as the model predicts, "
-        f"{experiment.as_printed} of {count} found as printed"
+        f"{experiment.title}: {experiment.right} of {count} as predicted by the model, "
+        f"{experiment.as_printed} of {count} detected as printed"
     )
 
 

@@ -46,7 +46,7 @@ class Requirement:
 
 
 THESIS = Requirement(name="thesis", min_pixels=1024.0, max_blur=5.755, min_visibility=1.0)
-"""Table 5.1 to the letter."""
+"""Exactly Table 5.1."""
 DETECTOR = Requirement(
     name="detector",
     min_contour=132.0,

@@ -91,7 +91,7 @@ def compare(
         Engines; strings as for `Engine.parse`.
     against : {"exact", "polygons", "rational"}
         The reference: the analytic method; polygon Booleans or exact rational arithmetic, which
-        share no code with it and take milliseconds a face.
+        share no code with it and take milliseconds per face.
     worst : int
         Faces with the greatest errors to keep for each candidate.
     convergence : bool
@@ -105,7 +105,7 @@ def compare(
         For an unknown candidate or reference, a candidate that is the reference or comes twice, or
         an empty comparison.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     named = [Engine.parse(c) if isinstance(c, str) else c for c in candidates]
     matrices = valid_poses(poses)
@@ -132,7 +132,7 @@ def compare(
     interrupted = interrupted or _converge(sweeps, mesh, camera, known, step, found)
     scores = tuple(contender.score() for contender in contenders)
     if not any(score.all_sizes.figures for score in scores):
-        raise ConfigError("no face is in view from the front in any pose: nothing to compare")
+        raise ConfigError("expected a face in view from the front, got none; change the poses")
     checks = [check for score in scores for check in _checks(score)]
     return Comparison(
         against=against,
@@ -213,16 +213,18 @@ def _converge(
 
 def _check_arguments(candidates: Sequence[Engine], against: str, poses: FloatArray) -> None:
     if against not in REFERENCES:
-        raise ConfigError(f"the truth must be {', '.join(REFERENCES)}, got {against!r}")
+        raise ConfigError(f"expected a reference, got {against!r}; use {', '.join(REFERENCES)}")
     names = [str(engine) for engine in candidates]
     if not names:
-        raise ConfigError("name at least one method to compare")
+        raise ConfigError("expected a method to compare, got none; name one")
     if twice := sorted(name for name in set(names) if names.count(name) > 1):
-        raise ConfigError(f"{twice[0]} is named twice; once is enough")
+        raise ConfigError(f"expected each method once, got {twice[0]} twice; leave one out")
     if against in names:
-        raise ConfigError(f"{against} is the truth here; compare it against polygons")
+        raise ConfigError(
+            f"expected a method other than the reference {against}, got it; use polygons"
+        )
     if not len(poses):
-        raise ConfigError("there are no poses, so there is nothing to compare")
+        raise ConfigError("expected poses, got none; give some")
 
 
 def _checks(score: Score) -> Iterator[Check]:

@@ -1,8 +1,8 @@
 """Convergence of counted figures: their error over the density of samples.
 
-The same partly hidden faces are counted with more samples a pixel and in larger images. The error
+The same partly hidden faces are counted with more samples per pixel and in larger images. The error
 of a count along an edge at an irrational slope is random, so that of a fraction falls as the power
-1.5 of the samples a side: a face of n samples a side has n^2 of them, of which the n along its
+1.5 of the samples per side: a face of n samples per side has n^2 of them, of which the n along its
 edges are uncertain, sqrt(n) / n^2.
 
 D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948.
@@ -25,7 +25,7 @@ from rastercov.coverage.observer import Observer
 from rastercov.mesh import Mesh
 
 SWEEPS = {"supersampling": (1.0, 2.0, 4.0, 8.0), "resolution": (0.5, 1.0, 2.0, 4.0)}
-"""Samples a side of a pixel of the camera: S, or the scale of its width and height."""
+"""Samples along a side of a camera pixel: S, or the scale of its width and height."""
 MAX_SAMPLES = 1 << 27
 """Largest number of samples of an image; denser levels are left out."""
 N_POSES = 8

@@ -122,15 +122,17 @@ class Check:
         """The check as a sentence."""
         broken = self.figures - self.held
         if self.kind != "statistical":
-            what = f"{self.figures:,} {self.kind} figures"
-            wrong = f"{broken:,} of {what} are wrong"
-            return f"{self.candidate}: " + (wrong if broken else f"all {what} are right")
+            what = f"{self.figures:,} {self.kind} values"
+            wrong = f"{broken:,} of {what} violate their bounds"
+            return f"{self.candidate}: " + (
+                wrong if broken else f"all {what} are within their bounds"
+            )
         if not self.figures:
             return f"{self.candidate}: no face is partly hidden"
         # Never rounded up to all of them.
         share = math.floor(100_000 * self.held / self.figures) / 1000
-        few = "; too few to tell" if self.passed is None else ""
-        what = f"{self.figures:,} partly hidden faces (must be {100 * self.must:g} %{few})"
+        few = "; too few to decide" if self.passed is None else ""
+        what = f"{self.figures:,} partly hidden faces ({100 * self.must:g} % required{few})"
         return f"{self.candidate}: bound held for {share:g} % of {what}"
 
 

@@ -93,9 +93,9 @@ def face_picture(
         return None
     error = fraction(abs(of_face.value - of_face.truth))
     title = (
-        f"{method}: face {of_face.face} in pose {of_face.pose}, {of_face.area:.3g} px²"
-        f"{'' if of_face.held else ', BOUND BROKEN'}\nsays {fraction(of_face.value)} ± "
-        f"{fraction(of_face.bound)}, truth {fraction(of_face.truth)}, error {error}"
+        f"{method}: face {of_face.face} in pose {of_face.pose}, {of_face.area:.3g} "
+        f"px²{'' if of_face.held else ', BOUND VIOLATED'}\n{fraction(of_face.value)} ± "
+        f"{fraction(of_face.bound)}, reference {fraction(of_face.truth)}, error {error}"
     )
     left, top, side = square(around.image.bounds)
     figure, axes = new_axes(title, LIGHT, HEIGHT)

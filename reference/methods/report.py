@@ -72,21 +72,21 @@ TRUTH = {
     "rational": "exact rational arithmetic: no rounding anywhere",
 }
 SCORE_HEADINGS = (
-    *("method", "faces", "partly hidden", "rms error, partly hidden", "greatest error"),
+    *("method", "faces", "partly hidden", "rms error, partly hidden", "largest error"),
     *("missed", "bound held", "error / bound", "time per pose"),
 )
 KIND_HEADINGS = (
-    *("kind of figure", "figures", "bound held", "partly hidden", "bound held"),
-    *("error / bound, median", "greatest"),
+    *("kind of value", "values", "bound held", "partly hidden", "bound held"),
+    *("error / bound, median", "largest"),
 )
 SIZE_HEADINGS = (
-    *("px^2", "faces", "partly hidden", "median error", "99 % below", "greatest error"),
+    *("px^2", "faces", "partly hidden", "median error", "99 % below", "largest error"),
     *("rms error, partly hidden", "mean bound, partly hidden", "missed", "bound held"),
 )
-PASSED = "Passed: certain figures are right, and statistical bounds hold as often as they must."
+PASSED = "Passed: certified and exact values are correct, and statistical bounds hold as required."
 FACE_TITLES = {
-    "worst": "Greatest errors: broken bounds first, then figures with a bound below 1",
-    "missed": "Missed: of what it calls hidden, the faces of which most is seen",
+    "worst": "Largest errors: violated bounds first, then values with a bound below 1",
+    "missed": "Missed: faces classified as hidden that have the largest visible areas",
 }
 MIN_FACES = 5
 """Partly hidden faces of a size class that has a point in a plot."""
@@ -146,8 +146,8 @@ def _draw(
         )
         if image:
             alt = (
-                f"Face {face.face} in pose {face.pose}: says {fraction(face.value)} ± "
-                f"{fraction(face.bound)}, truth {fraction(face.truth)}"
+                f"Face {face.face} in pose {face.pose}: {fraction(face.value)} ± "
+                f"{fraction(face.bound)}, reference {fraction(face.truth)}"
             )
             pictures[name] = Picture.of(alt, image_of(image))
     progress(len(wanted), len(wanted))
@@ -167,7 +167,7 @@ def _shown(score: Score) -> dict[str, FaceError]:
 def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
     """HTML of a comparison; pictures by name: `plot_*`, `worst_*`, `missed_*`, as far as drawn."""
     passed, done = comparison.passed, f"{comparison.poses_done:,}"
-    interrupted = f"{done} of {plural(comparison.poses, 'pose')} (it was interrupted)"
+    interrupted = f"{done} of {plural(comparison.poses, 'pose')} (interrupted)"
     sections = [
         (
             score,
@@ -182,8 +182,8 @@ def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
         "methods.html",
         "rastercov.reference",
         title=f"rastercov compare: {'passed' if passed else 'failed'}",
-        heading="Visibility of faces: computed and counted, beside the truth",
-        answer=PASSED if passed else "Failed: a bound does not hold.",
+        heading="Visibility of faces: computed and sampled, against a reference",
+        answer=PASSED if passed else "Failed: a bound is violated.",
         comparison=comparison,
         poses=interrupted
         if comparison.poses_done < comparison.poses
@@ -266,20 +266,20 @@ def _optional(value: float | None) -> str:
 def score_text(score: Score) -> str:
     """Sentences about a method that no table has."""
     text = [
-        f"The visible area is off by {number(score.rms_pixels)} px^2 rms, "
+        f"The error of the visible area is {number(score.rms_pixels)} px^2 rms, "
         f"{number(score.greatest_pixels)} px^2 at most."
     ]
     if score.missed:
         unsaid = f"all but {score.missed_unsaid:,}" if score.missed_unsaid else "all"
         text.append(
-            f"It misses {score.missed:,} faces, of which {score.missed_area:,.3g} px^2 are seen in "
-            f"all; its bound allows for that in {unsaid} of them."
+            f"It misses {score.missed:,} faces with {score.missed_area:,.3g} px^2 of visible area "
+            f"in total; its bound covers {unsaid} of them."
         )
     if score.phantoms:
-        text.append(f"It calls {score.phantoms:,} hidden faces seen.")
+        text.append(f"It classifies {score.phantoms:,} hidden faces as visible.")
     if score.unjudged:
         text.append(
-            f"{plural(score.unjudged, 'face', 'are')} too small in the image for a judgement."
+            f"{plural(score.unjudged, 'face', 'are')} too small in the image to be compared."
         )
     return " ".join(text)
 
@@ -299,12 +299,12 @@ def comparison_table(comparison: Comparison) -> Table:
         time = row[8].removesuffix(" ms")
         table.add_row(Text(score.name), *row[1:6], row[6].removesuffix(" %"), time)
     seconds = milliseconds(comparison.truth_seconds_per_pose).removesuffix(" ms")
-    table.add_row(f"truth: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
+    table.add_row(f"reference: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
     return table
 
 
 def check_lines(checks: Sequence[Check]) -> list[str]:
-    """The verdict, one line a check."""
+    """The verdict, one line per check."""
     results = {True: "holds ", False: "FAILS ", None: "      "}
     return [results[check.passed] + str(check) for check in checks]
 
@@ -411,7 +411,7 @@ def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
 def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":
     """Time per pose of each method and of the reference, on a logarithmic scale."""
     times = {s.name: 1e3 * s.seconds_per_pose for s in comparison.scores}
-    times[f"truth: {comparison.against}"] = 1e3 * comparison.truth_seconds_per_pose
+    times[f"reference: {comparison.against}"] = 1e3 * comparison.truth_seconds_per_pose
     title = "Time per pose, ms, on a logarithmic scale"
     figure, axes = new_axes(title, theme, 1.1 + 0.38 * len(times))
     axes.set(xscale="log", xlim=(min(times.values()) / 3, max(times.values()) * 3))

@@ -96,7 +96,7 @@ class CoverageModel:
     strength: Callable[[View], FloatArray]
     criteria: Criteria
     pinhole_because: str
-    """Reason why it wants pinholes, or ""."""
+    """Reason why it needs a pinhole, or ""."""
 
     def __call__(
         self, mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task | None = None
@@ -106,7 +106,7 @@ class CoverageModel:
         Parameters
         ----------
         mesh, camera
-            What is seen, by what.
+            Scene and camera.
         poses : (P, 4, 4) array_like
             world_from_camera.
         task : Task, optional
@@ -115,16 +115,16 @@ class CoverageModel:
         Raises
         ------
         CameraError
-            For a lens where the model wants a pinhole.
+            For another lens if the model needs a pinhole.
         PoseError
-            For a pose that is no rigid motion.
+            For a pose that is not a rigid transform.
         ResourceError
             Where the result takes more memory than is free.
         """
         if self.pinhole_because and isinstance(camera, Camera):
             camera.check_pinhole(
-                f"the model {self.name} wants a pinhole, because {self.pinhole_because}",
-                "take image_space, scott or mavrinac",
+                f"expected a pinhole for model {self.name}, because {self.pinhole_because}",
+                "use image_space, scott or mavrinac",
             )
         return each_view(mesh, camera, poses, task or Task(), self.strength)
 
@@ -153,7 +153,7 @@ def each_view(
     check_memory(
         f"answers of {len(matrices):,} poses x {mesh.n_faces:,} faces",
         8 * len(matrices) * mesh.n_faces,
-        "take fewer poses at a time",
+        "use fewer poses at a time",
     )
     near = near_limit(camera, mesh.opaque.bounds, matrices)
     sight = LineOfSight(mesh)
@@ -164,7 +164,7 @@ def each_view(
 
 
 def required_density(mesh: Mesh, task: Task) -> FloatArray:
-    """Pixels a metre that give a face resolution 1, (F,); inf for faces without area.
+    """Pixels per metre that give a face resolution 1, (F,); inf for faces without area.
 
     The density at which a face seen head-on gets the R_min pixels of (3.8), sqrt(R_min / area), and
     at least `Task.min_pixel_density`.
@@ -175,7 +175,7 @@ def required_density(mesh: Mesh, task: Task) -> FloatArray:
 
 
 def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
-    """(...) pixels a metre along the worst direction of a surface that faces the camera.
+    """(...) pixels per metre along the worst direction of a surface that faces the camera.
 
     At points (..., 3) in camera axes: min(fx, fy) / z of a pinhole, and of other lenses the least
     singular value of the derivative of the image; 0 behind a pinhole, and outside the valid region.

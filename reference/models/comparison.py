@@ -143,9 +143,9 @@ def compare_models(
     ConfigError
         For an unknown model or one named twice, or without poses.
     CameraError
-        For a named model that wants a pinhole, and another lens.
+        For a named model that needs a pinhole, with another lens.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     task = task or Task()
     matrices = valid_poses(poses)
@@ -196,13 +196,13 @@ def covers(coverage: FloatArray, task: Task) -> BoolArray:
 
 def _check(names: Sequence[str], n_poses: int) -> None:
     if unknown := [name for name in names if name not in MODELS]:
-        raise ConfigError(f"there is no model {unknown[0]!r}; there are {', '.join(MODELS)}")
+        raise ConfigError(f"expected a model, got {unknown[0]!r}; models are {', '.join(MODELS)}")
     if not names:
-        raise ConfigError(f"name at least one model of {', '.join(MODELS)}")
+        raise ConfigError(f"expected a model, got none; name one of {', '.join(MODELS)}")
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ConfigError(f"{twice[0]} is named twice; once is enough")
+        raise ConfigError(f"expected each model once, got {twice[0]} twice; leave one out")
     if not n_poses:
-        raise ConfigError("there are no poses, so there is nothing to compare")
+        raise ConfigError("expected poses, got none; give some")
 
 
 class _Statistics:

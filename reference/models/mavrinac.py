@@ -63,7 +63,7 @@ from rastercov.reference.models.base import (
 @coverage_model(
     Criteria(
         field_of_view="yes",
-        resolution="mm a px",
+        resolution="mm per px",
         focus="graded",
         occlusion="vertices",
         angle="graded",

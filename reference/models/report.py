@@ -58,17 +58,17 @@ MISSED, FALSELY_SEEN = (232, 92, 16), (24, 88, 214)
 OF_TARGETS = 0.4
 """Strength of colours on targets, relative to surfaces."""
 POSES_DRAWN = 3
-"""Poses with pictures, at most: those in which the bivalent test misjudges most."""
+"""Maximum number of poses with images: those with the largest errors of the bivalent test."""
 CRITERIA_HEADINGS = (
     "model",
     *(field.name.replace("_", " ") for field in fields(Criteria)),
 )
 SCORE_HEADINGS = (
-    *("model", "covers", "of all faces", "of these really seen", "between 0 and 1", "mean"),
+    *("model", "covers", "of all faces", "of these visible", "between 0 and 1", "mean"),
     "time per pose",
 )
-DETAIL_HEADINGS = ("covers", "faces", "hidden", "partly", "whole", "px^2", "px^2 seen")
-WORST_HEADINGS = ("pose", "face", "px^2", "really seen", "kind", "bivalent")
+DETAIL_HEADINGS = ("covers", "faces", "hidden", "partly", "whole", "px^2", "px^2 visible")
+WORST_HEADINGS = ("pose", "face", "px^2", "visible", "kind", "bivalent")
 PICTURES = {"occlusion": "Bivalent and graded occlusion", "models": "Coverage by every model"}
 """Descriptions of the pictures, by the start of their names."""
 WIDTH = 720
@@ -180,15 +180,15 @@ def bivalence_lines(comparison: ModelComparison) -> list[str]:
     ]
     if found.called_hidden:
         lines.append(
-            f"the bivalent test calls {found.called_hidden:,} faces hidden of which "
-            f"{100 * found.called_hidden_visibility:.0f} % is seen on average, "
-            f"{found.called_hidden_pixels:,.0f} px^2 in all"
+            f"the bivalent test classifies {found.called_hidden:,} faces as hidden of which "
+            f"{100 * found.called_hidden_visibility:.0f} % is visible on average, "
+            f"{found.called_hidden_pixels:,.0f} px^2 in total"
         )
     if found.called_seen:
         lines.append(
-            f"it calls {found.called_seen:,} faces seen of which "
+            f"it classifies {found.called_seen:,} faces as visible of which "
             f"{100 * (1 - found.called_seen_visibility):.0f} % is hidden on average, "
-            f"{found.called_seen_pixels:,.0f} px^2 in all"
+            f"{found.called_seen_pixels:,.0f} px^2 in total"
         )
     return lines
 
@@ -340,8 +340,8 @@ def difference_picture(look: Scene, bivalent: FloatArray, graded: FloatArray) ->
             strength = opacity * (0.35 + 0.65 * np.abs(off[rows])[:, None])
             pixels[rows] = (1 - strength) * pixels[rows] + strength * np.array(colour)
     keys = [
-        Key("seen, but called hidden", _swatch(MISSED), "0", "1"),
-        Key("hidden, but called seen", _swatch(FALSELY_SEEN), "0", "1"),
+        Key("visible, classified hidden", _swatch(MISSED), "0", "1"),
+        Key("hidden, classified visible", _swatch(FALSELY_SEEN), "0", "1"),
     ]
     return framed(pixels.astype(np.uint8), "", keys)
 

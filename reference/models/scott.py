@@ -5,7 +5,7 @@
     R = f cos(theta) / z at the centroid, theta between the normal and the ray to the camera centre
     C = V F min(1, R / R_req)
 
-with f the smaller of fx and fy, and R_req in pixels a metre, see `base.required_density`. Through
+with f the smaller of fx and fy, and R_req in pixels per metre, see `base.required_density`. Through
 other lenses f / z is `base.facing_density`.
 
 W. R. Scott. Model-based view planning. Machine Vision and Applications 20(1), 47-69, 2009.

@@ -7,8 +7,8 @@
     C = V F O min(1, R / R_req)
 
 with z the depth of a vertex, theta the angle between the normal and the reversed optical axis, f
-the focal length and rho the larger side of a pixel: R is in pixels per length. R_req is in pixels a
-metre, see `base.required_density`.
+the focal length and rho the larger side of a pixel: R is in pixels per length. R_req is in pixels
+per metre, see `base.required_density`.
 
 X. Zhang et al. Coverage optimization of visual sensor networks for observing 3-D objects: survey
 and comparison. International Journal of Intelligent Robotics and Applications, 2019. doi

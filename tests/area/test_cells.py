@@ -84,5 +84,5 @@ def test_too_small_cells_are_refused_with_a_size_that_fits():
     with pytest.raises(ResourceError, match="; use "):
         rc.cells(mesh, 1e-300)
     for size in (0, -1, float("nan"), "small"):
-        with pytest.raises(ConfigError, match="size must be a positive number"):
+        with pytest.raises(ConfigError, match="expected size above 0 m"):
             rc.cells(mesh, size)

@@ -39,8 +39,8 @@ def test_stations_are_near_rays_and_say_how_near(path, moments, first):
         off[n] = abs(found.percent - truth)
         assert found.stations == n
         assert str(found) == (
-            f"{found.percent:.3f} % of the area by {n} stations; "
-            f"at {2 * n}: {found.doubled_percent - found.percent:+.3f} points"
+            f"{found.percent:.3f} % of the area by {n} stations; at {2 * n}: "
+            f"{found.doubled_percent - found.percent:+.3f} percentage points"
         )
     assert off[32] <= 0.05
     assert off[16] <= 0.05
@@ -148,12 +148,12 @@ TURNS[1, :3, :3] = rotation_about((0, 0, 1), 2.0)
         ({"rig": bad(tasks={})}, "max_incidence_deg below 90"),
         ({"rig": bad(tasks={"laser": rc.Task()})}, "max_incidence_deg below 90"),
         ({"rig": bad(tasks={"laser": rc.Task(max_incidence_deg=70, min_pixels_per_m2=1)})},
-         "has no pixels"),
+         "expected no pixel density"),
         ({"rig": bad(rule=rc.Any())}, "with a rule"),
-        ({"rig": CAMERA}, "a laser line is a Rig"),
-        ({"laser": "sheet"}, "has no 'sheet'"),
+        ({"rig": CAMERA}, "expected a Rig"),
+        ({"laser": "sheet"}, "got 'sheet'"),
         ({"rig": bad(cameras=[rc.Camera.preset("vlp16"), CAMERA])}, "pinhole"),
-        ({"path": straight(1)[:1]}, "2 to 4097 poses, got 1"),
+        ({"path": straight(1)[:1]}, "2 to 4097 poses of the rig, got 1"),
         ({"path": TURNS}, "90 degrees"),
         ({"path": np.full((3, 4, 4), np.nan)}, "finite"),
         ({"method": "sampled"}, "sampled"),

@@ -209,7 +209,7 @@ def test_light_that_cannot_be_is_refused_in_one_line():
     rig = rc.Rig([CAMERA] * 2, ["left", "right"])
     rides = rc.Lamps([rc.Lamp.point(intensity=1)], rides=[True])
     poses = rig.poses(TWO_CAMERAS)
-    with pytest.raises(ConfigError, match="on one body, got box, plate; place it") as error:
+    with pytest.raises(ConfigError, match="on one body, got box, plate; place") as error:
         regions_over_time(motion, rig, poses, body=["box", "plate"], lamps=rides)
     assert "\n" not in str(error.value)
     regions_over_time(motion, rig, poses, body=["box", "box"], lamps=rides)

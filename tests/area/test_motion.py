@@ -106,7 +106,7 @@ def test_without_frames_at_rest_counts_of_an_icosahedron_would_be_wrong():
 
 def test_too_many_pictures_at_a_time_are_refused():
     motion = rc.Motion(ico(), {"mesh": rc.turntable(5001)})
-    with pytest.raises(ConfigError, match="pictures"):
+    with pytest.raises(ConfigError, match="10,000 images"):
         regions_over_time(motion, CAMERA, np.repeat(ABOVE, 2, axis=0), TASK)
 
 
@@ -202,7 +202,7 @@ def test_times_that_cannot_be_are_refused():
             over_time(found, motion, over)
     with pytest.raises(ConfigError, match="no body"):
         regions_over_time(motion, CAMERA, ABOVE, TASK, body="tool")
-    with pytest.raises(ConfigError, match="different"):
+    with pytest.raises(ConfigError, match="got those of another"):
         over_time(rc.regions(ico(), CAMERA, ABOVE), motion)
 
 
@@ -211,23 +211,38 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
     mesh, many = motion.mesh, rc.Motion(motion.mesh, {"plate": rc.turntable(5001)})
     monkeypatch.setattr("rastercov.coverage.job.open_for", lambda *_: pytest.fail("opened"))
     for mesh_of, asked, task, by, words in (
-        (ico(), motion, TASK, None, "mesh must be that of the motion, at rest; give motion.mesh"),
-        (mesh, motion, rc.Task(min_pixels=3), None, "over time are by area; min_pixels applies"),
-        (mesh, motion, rc.Task(min_angle_deg=5), None, "min_angle_deg is of cameras at one time"),
-        (mesh, motion, TASK, "face", "figures over time are by area; leave out by face"),
+        (
+            ico(),
+            motion,
+            TASK,
+            None,
+            "the mesh of the motion, at rest, got another; give motion.mesh",
+        ),
+        (
+            mesh,
+            motion,
+            rc.Task(min_pixels=3),
+            None,
+            "by area over time, got by face; min_pixels applies",
+        ),
+        (mesh, motion, rc.Task(min_angle_deg=5), None, "views over time, got min_angle_deg"),
+        (mesh, motion, TASK, "face", "by area over time, got by face; leave out by"),
         (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "there is no body 'plat'"),
-        (mesh, rc.MotionQuery(motion, body=["plate"] * 2), TASK, None, "one of each of 1 camera"),
-        (mesh, many, TASK, None, r"5,001 frames of 2 cameras .* evaluate with a folder"),
+        (mesh, rc.MotionQuery(motion, body=["plate"] * 2), TASK, None, "one for each of 1 camera"),
+        (mesh, many, TASK, None, r"5,001 frames of 2 cameras; .* evaluate with a folder"),
     ):
         with pytest.raises(ConfigError, match=words):
             rc.evaluate(mesh_of, CAMERA, np.repeat(ABOVE, 2, axis=0), task, motion=asked, by=by)
     for options, words in (
         ({"motion": 3}, "motion must be a Motion, got 3"),
-        ({"motion": motion, "method": "sampled:cpu"}, "over time are by area; method sampled"),
+        (
+            {"motion": motion, "method": "sampled:cpu"},
+            "by area over time, got by face; method sampled",
+        ),
     ):
         with pytest.raises(ConfigError, match=words):
             rc.evaluate(mesh, CAMERA, ABOVE, TASK, **options)
-    with pytest.raises(ConfigError, match="mesh must be that of the motion"):
+    with pytest.raises(ConfigError, match="expected the mesh of the motion"):
         rc.regions(ico(), CAMERA, ABOVE, TASK, motion=motion)
     for over, views_at in ((0, "one time"), ("always", "one time"), ("some", "now")):
         with pytest.raises(ConfigError, match=r"over must be|views_at must be"):
@@ -242,5 +257,5 @@ def test_a_motion_in_which_nothing_moves_has_the_areas_of_none():
     assert np.abs(found.covered.area - still.covered.area).max() <= 1e-12
     assert found.over_time.share() == pytest.approx(still.areas.summary()["percent"] / 100)
     assert np.array_equal(found.reason, still.reason)  # of the mesh at rest
-    with pytest.raises(ConfigError, match="nothing moves in this evaluation; give motion="):
+    with pytest.raises(ConfigError, match="got a still scene; give motion="):
         _ = still.over_time

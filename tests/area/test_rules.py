@@ -116,7 +116,7 @@ def test_devices_on_both_sides_of_a_sheet_do_not_count_together():
     assert found.at_least(3).area.sum() == 0
     rig = rc.Rig([CAMERA] * 3, list("abc"), poses, rule=rc.AtLeast(2, needs=["b"]))
     assert rc.regions(sheet(), rig, rig.poses(np.eye(4))).area.sum() == 0
-    with pytest.raises(ConfigError, match="no side"):
+    with pytest.raises(ConfigError, match="single cameras"):
         found.at_least(2).at_least(2, [0])
 
 
@@ -185,7 +185,7 @@ def test_rigs_of_several_rules_keep_the_order_of_their_rows():
         ({"task": rc.Task(min_pixels=4)}, "min_pixels applies to faces"),
         ({"task": rc.Task(min_visibility=0.9)}, "min_visibility applies to faces"),
         ({"task": rc.Task(min_coverage=0.9)}, "min_coverage applies to faces"),
-        ({"tasks": {"left": rc.Task(views=2)}}, "is one camera"),
+        ({"tasks": {"left": rc.Task(views=2)}}, "expected one view"),
         ({"tasks": {"left": {"min_pixels": 3}}}, "min_pixels applies to faces"),
         ({"tasks": {"left": {"lux": 3}}}, "'left'"),
     ],
@@ -227,7 +227,7 @@ def test_poses_of_some_devices_alone_are_refused(index):
 
 @pytest.mark.parametrize(
     ("own", "words"),
-    [({"views": 2}, "one camera"), (5, "must have a Task"), ({"sharp": 1}, "sharp")],
+    [({"views": 2}, "one view"), (5, "expected a Task"), ({"sharp": 1}, "sharp")],
 )
 def test_thresholds_that_no_device_can_have_are_refused(own, words):
     with pytest.raises(ConfigError, match=words):

@@ -109,13 +109,13 @@ def test_by_area_is_up_to_50_poses():
     mesh, camera, _ = room()
     task = rc.Task(min_angle_deg=10)
     many = np.repeat(np.eye(4)[None], 51, axis=0)
-    with pytest.raises(ConfigError, match="up to 50 poses, got 51"):
+    with pytest.raises(ConfigError, match=r"at most 50 poses .*, got 51"):
         rc.evaluate(mesh, camera, many, task, by="area")
     union = SpreadUnion(mesh, 2, 10)
-    with pytest.raises(ConfigError, match="up to 50 poses"):
+    with pytest.raises(ConfigError, match="at most 50 poses"):
         union.add(rc.regions(mesh, camera, many))
     unit, reason = unit_of_result(None, task, rc.Engine())
-    assert (unit, "ask for by area" in reason) == ("face", True)
+    assert (unit, "give by area" in reason) == ("face", True)
     assert unit_of_result("area", task, rc.Engine(), camera, 50) == ("area", "")
 
 

@@ -145,11 +145,11 @@ def test_no_cameras_cover_nothing():
 def test_regions_of_another_mesh_and_no_regions_are_refused():
     mesh, camera, poses = room()
     other = rc.regions(square(1, 2), CAMERA, np.eye(4))
-    with pytest.raises(ConfigError, match="regions of one mesh of 48 faces and one of 2"):
+    with pytest.raises(ConfigError, match="got 48 and 2 faces"):
         rc.unite([rc.regions(mesh, camera, poses), other])
     with pytest.raises(ConfigError, match="got none"):
         rc.unite([])
-    with pytest.raises(ConfigError, match="views must be a whole number"):
+    with pytest.raises(ConfigError, match=r"views of 1 to .*; give a whole number"):
         rc.unite(other, 0)
-    with pytest.raises(ConfigError, match=r"views must be 1 \.\.\. 1"):
+    with pytest.raises(ConfigError, match=r"views of 1 to 1"):
         rc.unite(other).share(2)

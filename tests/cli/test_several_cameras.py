@@ -140,11 +140,19 @@ def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys, camer
 @pytest.mark.parametrize(
     ("cameras", "line", "words"),
     [
-        ("", "-p bare.json", "camera: missing; add it, or cameras by name"),
-        ("[camera]\n" + WIDE_ENTRIES, "-p rig.json", "the poses are of 2 cameras, wide, long"),
-        ("[camera]\n" + WIDE_ENTRIES, "-p named.json", "and plan.toml has one: name them as"),
+        ("", "-p bare.json", "camera: expected an entry, got none; add it, or"),
+        (
+            "[camera]\n" + WIDE_ENTRIES,
+            "-p rig.json",
+            "expected poses of one camera, as plan.toml, got 2: wide, long",
+        ),
+        (
+            "[camera]\n" + WIDE_ENTRIES,
+            "-p named.json",
+            "as plan.toml, got 2: wide, long; name them as",
+        ),
         (TYPES.replace("wide", "fish"), "-p named.json", "the poses are of a camera 'wide'"),
-        ("[camera]\n" + WIDE_ENTRIES + TYPES, "-p named.json", "camera and cameras exclude"),
+        ("[camera]\n" + WIDE_ENTRIES + TYPES, "-p named.json", "expected camera or cameras"),
     ],
 )
 def test_check_names_what_does_not_match(capsys, cameras, line, words):

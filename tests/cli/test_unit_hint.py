@@ -51,7 +51,7 @@ def test_a_plan_whose_candidates_are_all_rejected_asks_too(capsys, limits):
     Path("plan.toml").write_text(PLAN + limits)
     code, _, err = call(capsys, "place plan.toml")
     assert code == 2
-    assert "no candidate is left" in err
+    assert "expected candidates, got none" in err
     assert "unit of [[meshes]] mm?" in err
 
 

@@ -170,7 +170,7 @@ def test_workers_audit_like_one_process(tmp_path, by):
             np.testing.assert_array_equal(one, other)
         np.testing.assert_array_equal(alone.subset.chosen, found.subset.chosen)
         np.testing.assert_array_equal(alone.lost_m2, found.lost_m2)
-    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+    with pytest.raises(ConfigError, match="expected a folder for workers"):
         audit(MESH, CAMERAS, PLACED, workers=Workers(1))
 
 

@@ -103,7 +103,7 @@ def test_poses_are_kept_in_shards_and_taken_from_there(tmp_path, monkeypatch):
     assert first.covered.area.tobytes() == second.covered.area.tobytes()
     assert np.abs(first.covered.area - plain.covered.area).max() <= 1e-12
     assert first.network.summary() == second.network.summary() == plain.network.summary()
-    with pytest.raises(ConfigError, match="no reason, which was not asked for"):
+    with pytest.raises(ConfigError, match="expected reason among the fields"):
         _ = first.reason
 
 
@@ -158,17 +158,17 @@ def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
 
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     motion = motion_of()
-    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+    with pytest.raises(ConfigError, match="expected a folder for workers"):
         evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
-    with pytest.raises(ConfigError, match="shards have no figures of pairs; leave out fields"):
+    with pytest.raises(ConfigError, match="fields or a folder for shards, got both"):
         rc.evaluate(MESH, CAMERA, CAMERAS, TASK, fields=["reason"], folder=tmp_path)
     many = rc.Motion(MESH, {"link1": rc.turntable(5001)})
-    with pytest.raises(ConfigError, match=r"10,000 pictures.*folder") as error:
+    with pytest.raises(ConfigError, match=r"10,000 images.*folder") as error:
         evaluate_over_time(many, CAMERA, CAMERAS[:2], TASK)
     assert "\n" not in str(error.value)
     for frame in (1, 4):
         noted = {frame: "was killed by SIGKILL"}
         monkeypatch.setattr(shards.ShardStore, "quarantined", lambda self, noted=noted: noted)
-        with pytest.raises(ConfigError, match=f"frame {frame} of the motion: its") as error:
+        with pytest.raises(ConfigError, match=f"a result of frame {frame}, got none: its") as error:
             evaluate_over_time(motion, CAMERA, CAMERAS, TASK, folder=tmp_path)
         assert "\n" not in str(error.value)

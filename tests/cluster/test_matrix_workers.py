@@ -148,5 +148,5 @@ def test_workers_find_the_pose_again_whose_note_was_damaged(tmp_path, with_note)
 
 
 def test_workers_need_a_folder():
-    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+    with pytest.raises(ConfigError, match="expected a folder for workers"):
         build_matrix((MESH, CAMERA), POSES, workers=Workers(1))

@@ -123,8 +123,8 @@ def test_the_end_of_a_bent_channel_is_closed_to_cameras_outside_and_reached_from
 @pytest.mark.parametrize(
     ("framing", "limits", "words"),
     [
-        (FAR, {}, "cameras stand 6 m away or more"),
-        (Framing(), {"clearance": 1.6}, "3 m wide or less, and cameras keep 1.6 m"),
+        (FAR, {}, "cameras are at least 6 m away"),
+        (Framing(), {"clearance": 1.6}, "at most 3 m wide, and cameras keep a clearance of 1.6 m"),
         (Framing(), {"keep_out": [KeepOutBox((0.5, 0.5, 0.5), (4.5, 4.5, 4.5), "core")]}, "core"),
         (Framing(), {"keep_out": [KeepOutSphere((2.5, 2.5, 2.5), 2.7, "ball")]}, "ball"),
     ],
@@ -172,7 +172,7 @@ def test_a_face_on_which_matter_lies_as_a_whole_is_out_of_reach(n, height, x, n_
     assert (under.sum(), len(found.face)) == (n_shut, 2 * n**2)
     assert ((found.access == Access.ENCLOSED) == under).all()
     assert n == 1 or (found.access[~under] == Access.REACHED).all()
-    assert all("matter lies on it" in found.words(int(row)) for row in np.flatnonzero(under))
+    assert all("solid material covers it" in found.words(int(row)) for row in np.flatnonzero(under))
 
 
 @pytest.mark.slow

@@ -104,11 +104,11 @@ def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path
     for name, own, others in (("cells", cells, (None, larger)), ("faces", None, (cells,))):
         made[name] = build_matrix((MESH, CAMERA), poses, TASK, tmp_path / name, cells=own)
         for other in others:
-            with pytest.raises(ConfigError, match="for faces, or for cells of another size"):
+            with pytest.raises(ConfigError, match="for faces, or for patches of another size"):
                 build_matrix((MESH, CAMERA), poses, TASK, tmp_path / name, cells=other)
     for name, elements, words in (
-        ("cells", MESH, "the matrix is of cells, got a mesh"),
-        ("faces", cells, "the matrix is of faces, got cells"),
+        ("cells", MESH, "expected patches, got a mesh"),
+        ("faces", cells, "expected a mesh, got patches"),
         ("cells", larger, "faces, got one of"),
     ):
         with pytest.raises(ConfigError, match=words):
@@ -118,7 +118,7 @@ def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path
 @pytest.mark.parametrize(
     ("mesh", "method", "task", "words"),
     [
-        (room()[0], "certified", None, "compute all of them with the same Mesh"),
+        (room()[0], "certified", None, "use the same Mesh"),
         (MESH, "sampled:cpu", None, "got sampled"),
         (MESH, "certified", rc.Task(min_pixels=3), "min_pixels applies to faces"),
     ],

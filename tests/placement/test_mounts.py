@@ -171,7 +171,7 @@ def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path, of_rigs):
     np.testing.assert_allclose(bits.mean_coverage, lists.mean_coverage, rtol=1e-12)
     one, other = (select_greedy(problem_of(each, MESH, goal)) for each in (lists, bits))
     assert one.share == pytest.approx(other.share)
-    with pytest.raises(rc.ConfigError, match="the matrix is of rigs; give their mounts"):
+    with pytest.raises(rc.ConfigError, match="expected the mounts of the rigs"):
         problem_of(lists, MESH, goal, views=2)
     assert problem_of(lists, MESH, goal, views=2, mounts=mounts).has_rigs
     assert not problem_of(lists, MESH, goal).has_rigs

@@ -289,7 +289,7 @@ def test_a_missing_solver_and_a_program_too_large_are_refused(monkeypatch):
     problem = problem_of_matrix(steiner(9))
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "highspy", None)
-        with pytest.raises(ConfigError, match="needs highspy; pip install"):
+        with pytest.raises(ConfigError, match="expected highspy, got none; pip install"):
             select_integer(problem)
     monkeypatch.setattr(integer_module, "MOST_PAIRS", 10)
     with pytest.raises(ResourceError, match="use select_greedy"):

@@ -207,7 +207,7 @@ def test_the_reason_why_an_arm_does_not_take_a_view_is_true(tmp_path, seed):
             assert 0 < lack <= 0.02
         else:
             is_kept_out = reason == "keep_out"
-            own, _, body = words.partition(" in " if is_kept_out else " meets ")
+            own, _, body = words.partition(" in " if is_kept_out else " collides with ")
             assert own in robot.links
             assert (
                 body == "keep-out press" if is_kept_out else body in {"table", "lamp", *robot.links}
@@ -341,31 +341,32 @@ def test_a_turntable_of_the_motion_is_an_axis_of_the_arm():
             "transform": {"scale": 0.1, "translation": [0, 1, 0]},
         }
     ]
-    with pytest.raises(rc.RastercovError, match="group box stands beside the turntable"):
+    with pytest.raises(rc.RastercovError, match="expected group box on the turntable"):
         rc.place(plan | {"motion": {"turntable": table}, "meshes": beside})
-    with pytest.raises(rc.RastercovError, match="no motion but a turntable"):
+    with pytest.raises(rc.RastercovError, match="a turntable alone with on_arm"):
         rc.place(plan | {"motion": {"turntable": table, "poses": "arm.urdf"}})
 
 
 REFUSED = {
-    "others": ({"candidates": [CANDIDATES, AROUND]}, "on_arm goes with no other entry"),
-    "no robot": ({"bodies": []}, "needs one body with urdf, of name 'arm'"),
+    "others": ({"candidates": [CANDIDATES, AROUND]}, "expected on_arm alone"),
+    "no robot": ({"bodies": []}, "expected 'arm' as the one body with urdf"),
     "link": ({"candidates": [CANDIDATES | {"body": "arm/hand"}]}, "there is no link 'hand'"),
-    "fixed": ({"candidates": [CANDIDATES | {"body": "arm/base"}]}, "one that a joint moves"),
+    "fixed": ({"candidates": [CANDIDATES | {"body": "arm/base"}]}, "a link that a joint moves"),
     "rolls": (
         {"candidates": [CANDIDATES | {"of": AROUND | {"rolls_deg": [1]}}]},
-        "rolls_deg is of on_arm"),
+        "expected rolls_deg in on_arm"),
     "cavities": (
         {"candidates": [CANDIDATES | {"of": {"generator": "per_cavity"}}]}, "got 'per_cavity'"),
     "search": (
         {"selection": {"goal": "best_coverage", "cameras": 1, "optimise": {}}}, "optimise"),
-    "faces": ({"task": {"by": "face"}}, "measured by area"),
+    "faces": ({"task": {"by": "face"}}, "result by area"),
     "groups": (
-        {"bodies": [{"name": "arm", "urdf": "arm.urdf", "groups": ["a"]}]}, "leave out groups"),
-    "base": ({"bodies": [{"name": "arm", "base": {"angle_deg": 1}}]}, "base is of a robot"),
+        {"bodies": [{"name": "arm", "urdf": "arm.urdf", "groups": ["a"]}]}, "urdf or groups"),
+    "base": ({"bodies": [{"name": "arm", "base": {"angle_deg": 1}}]}, "expected urdf with base"),
     "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "there is no"),
     "out of reach": (
-        {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]}, "no candidate is left"),
+        {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]},
+        "expected candidates, got none"),
 }  # fmt: skip
 
 
@@ -396,7 +397,7 @@ def test_a_robot_that_moves_by_a_path_is_in_front_of_cameras():
     shown, lamps = scene_of_place(Path("out"))
     assert np.array_equal(shown.motion.mesh.vertices, mesh.vertices)
     assert lamps is None
-    with pytest.raises(rc.RastercovError, match="joints are of one body with urdf, got 0"):
+    with pytest.raises(rc.RastercovError, match="one body with urdf for joints, got 0"):
         rc.place(plan | {"bodies": [{"name": "icosahedron"}]})
     Path("path.csv").write_text("a\n1\n")
     with pytest.raises(rc.RastercovError, match="columns pan"):

@@ -211,7 +211,9 @@ def test_one_that_moves_leaves_its_place(room):
     placed = rc.place(asked)
     assert len(placed.origin) == 3
     assert {"existing 0", "existing 2"} < set(placed.origin)
-    with pytest.raises(PlanError, match=r"existing\.move\[0\]: there is no 7 among 3 cameras"):
+    with pytest.raises(
+        PlanError, match=r"existing\.move\[0\]: expected one of 3 cameras .*, got 7"
+    ):
         rc.place(asked | {"existing": {"file": str(path), "move": [7]}})
 
 
@@ -236,7 +238,7 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
     asked = {OF_TASK: shares[0], f"{OF_GOALS}/a": shares[1], f"{OF_GOALS}/b": shares[2]}
     problem = _stacked(own[0], [("a", own[1]), ("b", own[2])])
     if not reached(range(n)):
-        with pytest.raises(ConfigError, match="cannot be reached"):
+        with pytest.raises(ConfigError, match="reach"):
             grouped(problem, FewestCameras(0.0, asked))
         return
     found = select_integer(grouped(problem, FewestCameras(0.0, asked)), time_limit=10)
@@ -252,8 +254,8 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
         ({"goals": {"a": DOORS | {"at_most": 0.0}}}, "got coverage and at_most; give exactly one"),
         ({"goals": {"a": DOORS | {"at_most": 1.0}}}, "goals.a.at_most: expected a number below 1"),
         ({"goals": {"a": PRIVATE | {"groups": ["wets"]}}}, "a.groups: there is no group 'wets'"),
-        ({"goals": {"a": PRIVATE | {"groups": list(QUADS)}}}, "goals: all groups have one; leave"),
-        ({"goals": {"a": DOORS}}, "goals.a.coverage: it needs a selection with goal ="),
+        ({"goals": {"a": PRIVATE | {"groups": list(QUADS)}}}, "goals: expected a group"),
+        ({"goals": {"a": DOORS}}, "goals.a.coverage: expected goal ="),
     ],
 )  # fmt: skip
 def test_wrong_goals_are_refused_in_one_line(room, entries, line):

@@ -125,9 +125,11 @@ def test_wrong_lamps_of_a_plan_are_one_line(change, words, capsys):
 
 def test_thresholds_of_light_without_lamps_are_refused():
     plan = {"meshes": [{"built_in": "box"}], "task": {"min_illuminance": 300}}
-    with pytest.raises(PlanError, match=r"task.min_illuminance needs lamps; add them as"):
+    with pytest.raises(
+        PlanError, match="expected lamps for min_illuminance, got none; add them as"
+    ):
         plan_of(plan)
-    with pytest.raises(PlanError, match="ambient needs lamps; add them"):
+    with pytest.raises(PlanError, match="expected lamps for ambient, got none; add them"):
         plan_of({"meshes": [{"built_in": "box"}], "ambient": 3})
 
 

@@ -146,9 +146,12 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
 @pytest.mark.parametrize(
     ("sections", "words"),
     [
-        ({"motion": {}}, "no body moves"),
+        ({"motion": {}}, "expected a body that moves"),
         ({"motion": {"conveyor": BELT | {"body": "lid"}}}, "lid"),
-        ({"motion": {"conveyor": BELT, "turntable": {"body": "plate", "steps": 5}}}, "two ways"),
+        (
+            {"motion": {"conveyor": BELT, "turntable": {"body": "plate", "steps": 5}}},
+            "one motion of body",
+        ),
         ({"motion": {"conveyor": BELT, "turntable": {"body": "part", "steps": 4}}}, "as many"),
         ({"motion": {"conveyor": BELT, "animation": ""}}, "one glTF file"),
         ({"motion": {"poses": "none.json"}}, "expected a file"),
@@ -159,7 +162,7 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
         ({"task": {"over": 0.9, "min_pixels": 40.0}}, "by area"),
         ({"task": {"over": 0.9, "method": "sampled"}}, "by area"),
         ({"task": {"over": 0.9, "views": {"part": 2}}}, "one number"),
-        ({"selection": PLAN["selection"] | {"refine": True}}, "not moved"),
+        ({"selection": PLAN["selection"] | {"refine": True}}, "expected none over time"),
         (
             {
                 "task": {"over": 0.9, "views": 2},
@@ -167,7 +170,7 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
             },
             "one view",
         ),
-        ({"candidates": [{"generator": "per_cavity"}]}, "still scene"),
+        ({"candidates": [{"generator": "per_cavity"}]}, "no per_cavity over time"),
     ],
 )
 def test_plans_that_cannot_be_over_time_are_refused_in_one_line(sections, words):
@@ -178,7 +181,7 @@ def test_plans_that_cannot_be_over_time_are_refused_in_one_line(sections, words)
 
 def test_over_without_a_motion_is_refused():
     still = {name: value for name, value in PLAN.items() if name != "motion"}
-    with pytest.raises(PlanError, match="of a motion"):
+    with pytest.raises(PlanError, match="expected a motion for"):
         rc.place(still)
 
 
@@ -228,7 +231,7 @@ def test_the_command_evaluates_light_over_time(capsys):
 def test_the_command_evaluates_over_time_and_leaves_its_files(capsys):
     Path("m.toml").write_text(TOML)
     out, _ = done(capsys, evaluated("m.toml"))
-    assert "for at least 50 % of the time, of 5 frames; ever" in out
+    assert "for at least 50 % of the time (5 frames); ever" in out
     summary = json.loads(Path("report/summary.json").read_text())
     said = summary["over_time"]
     assert said["frames"] == 5
@@ -261,8 +264,8 @@ def test_the_command_evaluates_over_time_and_leaves_its_files(capsys):
     ("name", "text", "more", "words"),
     [
         ("m.toml", "over = 2\n[motion]\n", (), "over"),
-        ("m.toml", "[motion]\nspin = 1\n", (), "no such entry"),
-        ("m.toml", "[motion]\n", (), "no body moves"),
+        ("m.toml", "[motion]\nspin = 1\n", (), "got 'spin'"),
+        ("m.toml", "[motion]\n", (), "expected a body that moves"),
         ("m.toml", "[motion\n", (), "TOML"),
         ("m.json", '{"bodies": {"plate": {}}, "times": [1, 0]}', (), "must"),
         ("m.toml", TOML, ("--by", "face"), "by area"),
@@ -366,7 +369,7 @@ SPOILT = {
     "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "a cycle of joints"),
     "column": ("path.csv", "elbow", "knee", "columns pan, lift, elbow"),
     "time": ("path.csv", "3.0", "0.5", "times must be strictly increasing"),
-    "two": ("m.toml", "[motion]", OTHER, "one body with urdf, got 2"),
+    "two": ("m.toml", "[motion]", OTHER, "one body with urdf for joints, got 2"),
     "no body": ("m.toml", "arm/head", "arm/foot", "no body 'arm/foot'"),
     "no robot": ("m.toml", 'urdf = "arm.urdf"', 'groups = ["plate"]', "urdf"),
 }

@@ -273,7 +273,9 @@ def test_only_what_lies_in_the_image_counts():
 
 def test_unknown_names_are_refused():
     mesh = scene(CHAIN["A"])
-    with pytest.raises(ValueError, match="reading must be literal, semi or charitable, got 'good'"):
+    with pytest.raises(
+        ValueError, match="expected reading literal, semi or charitable, got 'good'"
+    ):
         occlusion(mesh, CAMERA, ORIGIN, "good")
-    with pytest.raises(ValueError, match="self_occlusion must be definition3, perspective or None"):
+    with pytest.raises(ValueError, match="expected definition3, perspective or None"):
         self_occluding(mesh, ORIGIN, "always")

@@ -37,8 +37,8 @@ def test_the_others_refuse_in_one_line_with_the_reason(name):
     with pytest.raises(CameraError) as caught:
         MODELS[name](mesh, ZERO, AHEAD)
     assert str(caught.value) == (
-        f"the model {name} wants a pinhole, because {because}, got a lens of model pinhole; "
-        "take image_space, scott or mavrinac"
+        f"expected a pinhole for model {name}, because {because}, got a lens of model pinhole; use "
+        "image_space, scott or mavrinac"
     )
 
 
@@ -105,5 +105,5 @@ def test_a_comparison_leaves_out_models_that_want_pinholes():
     poses = sphere_of_poses((0, 0, 0), 4.0, 2)
     result = compare_models(mesh, ZERO, poses)
     assert [score.name for score in result.models] == ["scott", "mavrinac", "image_space"]
-    with pytest.raises(CameraError, match="the model zhang wants a pinhole"):
+    with pytest.raises(CameraError, match="expected a pinhole for model zhang"):
         compare_models(mesh, ZERO, poses, names=["zhang"])

@@ -490,10 +490,10 @@ def test_occluders_are_not_compared():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"names": ["zhang", "li"]}, "there is no model 'li'; there are tarabanis, scott"),
-        ({"names": []}, "name at least one model"),
-        ({"names": ["zhang", "zhang"]}, "zhang is named twice"),
-        ({"poses": np.empty((0, 4, 4))}, "there are no poses"),
+        ({"names": ["zhang", "li"]}, "expected a model, got 'li'; models are tarabanis, scott"),
+        ({"names": []}, "expected a model, got none"),
+        ({"names": ["zhang", "zhang"]}, "got zhang twice"),
+        ({"poses": np.empty((0, 4, 4))}, "expected poses, got none"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(changes, words):

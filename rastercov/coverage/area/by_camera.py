@@ -1,7 +1,7 @@
 """Figures of each camera of a network, and those of features, such as of each device of rigs.
 
-A point counts for a camera where any of its poses covers it, whatever number of views the task
-wants of all cameras together.
+A point counts for a camera where any of its poses covers it, however many views the task requires
+of all cameras together.
 """
 
 from collections.abc import Mapping
@@ -26,11 +26,11 @@ from rastercov.mesh import Mesh
 FIGURES: tuple[type[Figures], ...] = (RigFigures, LightFigures)
 """Further figures, of features."""
 MOST_CAMERAS = 64
-"""Cameras with figures of their own, which take 50 bytes a face and camera."""
+"""Cameras with figures of their own; they take 50 bytes per face and camera."""
 
 
 def cameras_apart(camera: Cameras, poses: Poses) -> list[int]:
-    """Indices of the cameras with figures of their own: none where there is one, or too many."""
+    """Indices of the cameras with figures of their own: none for one camera, or too many."""
     if len(cameras_of(camera)) == 1:
         return []
     used: list[int] = np.unique(poses.camera).tolist()
@@ -38,10 +38,10 @@ def cameras_apart(camera: Cameras, poses: Poses) -> list[int]:
 
 
 class ByCamera:
-    """Figures of each camera alone; of no camera where there is one, or too many.
+    """Figures of each camera alone; of none if there is one camera, or too many.
 
-    A point, or a face, counts for a camera where any of its poses covers it, whatever number of
-    views the task wants of all cameras together.
+    A point, or a face, counts for a camera where any of its poses covers it, however many views the
+    task requires of all cameras together.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class ByCamera:
 
     @property
     def is_asked(self) -> bool:
-        """True where there are figures of faces by camera."""
+        """True if faces have figures by camera."""
         return bool(self._networks)
 
     def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -89,7 +89,7 @@ class ByCamera:
         return closed
 
     def add(self, regions: Regions, poses: Poses) -> None:
-        """Take in the regions of further poses."""
+        """Add the regions of further poses."""
         camera = poses.camera
         for index, areas in self._areas.items():
             if (own := camera == index).any():
@@ -98,7 +98,7 @@ class ByCamera:
             each.add(regions, self._camera, poses)
 
     def add_batch(self, batch: JudgedPoses) -> None:
-        """Take in a batch of poses, and their regions where the result is by area."""
+        """Add a batch of poses, with their regions if the result is by area."""
         for index, network in self._networks.items():
             network.add(batch, index)
         if batch.regions is not None:
@@ -140,5 +140,5 @@ def lines_of(summary: Mapping[str, Any]) -> list[str]:
 
 
 def doubts_of(summary: Mapping[str, Any]) -> list[str]:
-    """Lines on further figures that are likely to be mistakes."""
+    """Warnings about further figures."""
     return [line for each in FIGURES for line in each.doubts(summary)]

@@ -25,7 +25,7 @@ from rastercov.native import area_cell
 MOST_CELLS = 5_000_000
 """Cells of a mesh."""
 USUAL_CELLS = 10_000
-"""Cells of `usual_size`, besides two a face."""
+"""Cells of `usual_size`, beyond two per face."""
 FINEST_REL = 1 / 500
 """Least size of `usual_size`, relative to the diagonal of the task faces."""
 
@@ -54,7 +54,7 @@ class Trees(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CellShares(InOneLine):
-    """Shares of cells that P poses cover: M pairs of a pose and a cell.
+    """Covered shares of cells by P poses: M pairs of a pose and a cell.
 
     Attributes
     ----------
@@ -86,9 +86,9 @@ class CellShares(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cells(InOneLine):
-    """Triangles that divide the task faces of a mesh, none with a side longer than `size`.
+    """Triangles that divide the task faces of a mesh, with sides up to `size`.
 
-    Cells of a face follow one another, halves of halves of it. They share no vertices.
+    The cells of a face are consecutive, and made by repeated bisection. They share no vertices.
 
     Attributes
     ----------
@@ -181,9 +181,9 @@ def cells(mesh: Mesh, size: float) -> Cells:
     Raises
     ------
     ConfigError
-        For a size that is no positive number.
+        For a size that is not a positive number.
     ResourceError
-        For more than `MOST_CELLS` cells; the message has a size that fits.
+        For more than `MOST_CELLS` cells; the message names a size that fits.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
     """
     longest = finite_number(size)
     if not longest > 0:
-        raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
+        raise ConfigError(f"expected size above 0 m, got {shown(size)}; give metres")
     counter = _Counter(mesh)
     # A triangle without a longer side has at most this times the square of it as area.
     least = math.sqrt(counter.area / (math.sqrt(3) / 4 * MOST_CELLS))
@@ -222,9 +222,9 @@ def cells(mesh: Mesh, size: float) -> Cells:
 
 
 def usual_size(mesh: Mesh) -> float:
-    """Size of cells that suits a mesh, metres, two digits: 5,000 to 10,000 cells of large faces.
+    """Default size of cells, metres, two digits: 5,000 to 10,000 cells of large faces.
 
-    The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two a face, and not below
+    The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two per face, not below
     `FINEST_REL` of the diagonal of the task faces.
     """
     counter = _Counter(mesh)
@@ -250,7 +250,7 @@ class _Counter:
         self.counts = np.zeros(mesh.n_faces, np.int64)
 
     def count(self, side: float, most: int = MOST_CELLS) -> int:
-        """Cells with no side longer than this; some number above `most` for more."""
+        """Number of cells with sides up to this; any number above `most` if there are more."""
         return area_cell.count_cells(self.corners, self.is_asked, side, most, self.counts)
 
 

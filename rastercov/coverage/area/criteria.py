@@ -1,9 +1,9 @@
 """Smooth criteria of points of a surface, by which `Regions.where` cuts.
 
-A criterion is a function g of the points of a face, with its slope and a bound of what is not
-linear in it, see `rastercov/native/area/criteria.hpp`; it holds where g >= 0. Those of several
+A criterion is a function g of the points of a face, with its gradient and a bound of its
+nonlinearity, see `rastercov/native/area/criteria.hpp`; it holds where g >= 0. Those of several
 devices take the devices that see each piece from `Regions.devices`, and all of them where it has
-none. Devices of which a point is behind, or hidden, are not looked for: cut regions that they see.
+none. Occlusion is not tested: give regions that the devices see.
 """
 
 import math
@@ -51,12 +51,12 @@ class RayAngle(InOneLine):
     degrees : float
         Limit, [0, 180].
     is_least : bool
-        True where the angle is to be at least the limit, False where at most.
+        True if the angle must be at least the limit, False if at most.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -111,12 +111,12 @@ class Illuminance(InOneLine):
     table : int, or (n,) or (P, n) int64
         Table of each lamp, -1 for its exponent.
     is_least : bool
-        True where the illuminance is to be at least the limit, False where at most.
+        True if the illuminance must be at least the limit, False if at most.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -145,16 +145,23 @@ class Illuminance(InOneLine):
         intensities = _like("intensities", self.intensities, shape[:-1])
         exponents = _like("exponents", self.exponents, shape[:-1])
         if not (intensities >= 0).all():
-            raise ConfigError(f"intensities must be 0 or more, got {shown(self.intensities)}")
+            raise ConfigError(
+                f"expected intensities of 0 or more, got {shown(self.intensities)}; 0 is no light"
+            )
         if not ((exponents == 0) | ((exponents >= 1) & (exponents <= 1000))).all():
-            raise ConfigError(f"exponents must be 0, or 1 to 1000, got {shown(self.exponents)}")
+            raise ConfigError(
+                f"expected exponents of 0, or 1 to 1000, got {shown(self.exponents)}; 0 is "
+                "isotropic"
+            )
         with suppress(TypeError):  # of no length
             if (n := len(self.tables)) > MOST_DEVICES:
-                raise ConfigError(f"tables must be at most {MOST_DEVICES}, got {n:,}")
+                raise ConfigError(f"expected at most {MOST_DEVICES} tables, got {n:,}; share some")
         tables = tuple(map(_table, members("tables", self.tables, object, "tables", ConfigError)))
         table = _like("table", self.table, shape[:-1])
         if not np.isin(table, np.arange(-1, len(tables))).all():
-            raise ConfigError(f"table must be a row of {len(tables)} tables, or -1, got {table}")
+            raise ConfigError(
+                f"expected table of -1 to {len(tables) - 1}, got {shown(self.table)}; -1 is none"
+            )
         _set(self, axes=axes, intensities=intensities, exponents=exponents)
         _set(self, tables=tables, table=table.astype(np.int64), is_least=_is_least(self))
         _set(self, limit=_positive("limit", self.limit))
@@ -173,7 +180,7 @@ class Illuminance(InOneLine):
 class Highlight(InOneLine):
     """Angle between the normal and the half vector of the rays to a camera and to a lamp.
 
-    It is 0 where a mirror would show the lamp. On the side of the face that the camera is on.
+    It is 0 where a mirror would show the lamp, on the side of the face that the camera is on.
 
     Attributes
     ----------
@@ -184,12 +191,13 @@ class Highlight(InOneLine):
     degrees : float
         Limit, [0, 90].
     is_least : bool
-        True where angles are to be at least the limit: no highlight; False where at most.
+        True if the angles must be at least the limit, so that there is no highlight; False if at
+        most.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -225,7 +233,7 @@ class Highlight(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BeamDensity(InOneLine):
-    """Beams a m^2 of a scanner that turns by equal steps about an axis, and in elevation.
+    """Beams per m^2 of a scanner with equal steps in azimuth and elevation.
 
     h / (d^2 rho D^2) for the step D and the distance rho from the axis.
 
@@ -236,12 +244,12 @@ class BeamDensity(InOneLine):
     step_deg : float
         Between two beams, (0, 90].
     limit : float
-        Least beams a m^2, above 0.
+        Minimum beams per m^2, above 0.
 
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -300,7 +308,7 @@ class Uncertainty(InOneLine):
     Raises
     ------
     ConfigError
-        For values that are none of these.
+        For a value outside these limits.
 
     Examples
     --------
@@ -330,11 +338,13 @@ class Uncertainty(InOneLine):
             _like(name, getattr(self, name), eyes.shape[:-1]) for name in ("noise", "ranges")
         )
         if not (noise > 0).all() or not (ranges >= 0).all():
-            raise ConfigError("noise must be above 0, and ranges 0 or more")
+            raise ConfigError(
+                "expected noise above 0 and ranges of 0 or more, got others; give rad and m"
+            )
         stripes = _like("stripes", self.stripes, eyes.shape)
         lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
         if ((lengths[..., 0] > 0) & (ranges > 0)).any():
-            raise ConfigError("a device measures stripes or ranges, not both")
+            raise ConfigError("expected stripes or ranges of a device, got both; leave one out")
         check_choice("along", self.along, ("worst", "normal"))
         _set(self, eyes=eyes, noise=noise, ranges=ranges, limit=_positive("limit", self.limit))
         _set(self, stripes=stripes / np.where(lengths > 0, lengths, 1.0))
@@ -346,14 +356,14 @@ class Uncertainty(InOneLine):
 
 
 class PixelDensity(NamedTuple):
-    """Pixels a m^2 of lenses with a closed form, of each row of regions: h / (d^2 rho) and h / d^3.
+    """Pixels per m^2 of lenses with a closed form, by row of regions: h / (d^2 rho) and h / d^3.
 
     Attributes
     ----------
     centres, axes : (P, 3) float64
         Of the panorama; (0, 0, 0) for a lens of equal area.
     scales, limits : (P,) float64
-        Pixels a steradian at the horizon; least pixels a m^2, 0 where there is no limit.
+        Pixels per steradian at the horizon; minimum pixels per m^2, 0 for no limit.
     """
 
     centres: FloatArray
@@ -378,14 +388,14 @@ def _is_least(criterion: "RayAngle | Illuminance | Highlight") -> bool:
 def _positive(name: str, value: object) -> float:
     number = finite_number(value)
     if not number > 0:
-        raise ConfigError(f"{name} must be above 0, got {shown(value)}")
+        raise ConfigError(f"expected {name} above 0, got {shown(value)}; give a number")
     return number
 
 
 def _angle(name: str, value: object, most: float) -> float:
     number = finite_number(value)
     if not 0 <= number <= most:
-        raise ConfigError(f"{name} must be 0 to {most}, got {shown(value)}")
+        raise ConfigError(f"expected {name} of 0 to {most}, got {shown(value)}; give degrees")
     return number
 
 
@@ -401,14 +411,16 @@ def _devices(name: str, values: ArrayLike, noun: str) -> FloatArray:
     """Places of devices of which a set has a bit each."""
     found = _points(name, values, (-1, 3))
     if not 1 <= found.shape[-2] <= MOST_DEVICES:
-        raise ConfigError(f"{name} must be of 1 to {MOST_DEVICES} {noun}, got {found.shape[-2]}")
+        raise ConfigError(
+            f"expected 1 to {MOST_DEVICES} {noun} in {name}, got {found.shape[-2]}; leave some out"
+        )
     return found
 
 
 def _directions(axes: FloatArray) -> FloatArray:
     lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
     if not (lengths > 0).all():
-        raise ConfigError("axes must be directions, got one of length 0")
+        raise ConfigError("expected axes longer than 0, got one of length 0; give a direction")
     return axes / lengths
 
 
@@ -420,7 +432,9 @@ def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     try:
         return np.broadcast_to(found, shape)
     except ValueError:
-        raise ConfigError(f"{name} must be {words}, got shape {found.shape}") from None
+        raise ConfigError(
+            f"expected {name} as {words}, got shape {found.shape}; give one, or one for each"
+        ) from None
 
 
 def _rows(name: str, values: ArrayLike, n_rows: int, ndim: int = 2) -> Any:
@@ -430,7 +444,7 @@ def _rows(name: str, values: ArrayLike, n_rows: int, ndim: int = 2) -> Any:
         array = np.broadcast_to(array, (n_rows, *array.shape))
     if len(array) != n_rows:
         raise ConfigError(
-            f"{name} must have one row for each of {n_rows} rows of regions, got {len(array)}"
+            f"expected {name} of 1 or {n_rows} rows, as the regions, got {len(array)}; change it"
         )
     return np.ascontiguousarray(array)
 
@@ -443,11 +457,13 @@ def _arrays(criterion: object, n_rows: int, **ndims: int) -> tuple[Any, ...]:
 
 
 def _table(values: ArrayLike) -> FloatArray:
-    words = "rows of cosine, value, slope before and slope after, cosines ascending from -1 to 1"
+    words = "rows of cosine, value, slope before and slope after"
     table = finite_points("tables", values, (-1, 4), words)
     cosines = table[:, 0]
     if len(table) < 2 or not (np.diff(cosines) > 0).all() or cosines[[0, -1]].tolist() != [-1, 1]:
-        raise ConfigError(f"tables must have {words}, got cosines {shown(cosines)}")
+        raise ConfigError(
+            f"expected cosines from -1 up to 1 in tables, got {shown(cosines)}; sort the rows"
+        )
     if not (table[:, 1] >= 0).all():
-        raise ConfigError("tables must have values of 0 or more")
+        raise ConfigError("expected values of 0 or more in tables, got one below; 0 is no light")
     return table

@@ -25,7 +25,7 @@ def in_words(figures: Mapping[str, Any]) -> str:
     """Covered area with its bound, in words."""
     text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
     if "doubtful_percent" in figures:
-        text += f", up to {percent(figures['doubtful_percent'] / 100)} more is seen edge-on"
+        text += f", up to {percent(figures['doubtful_percent'] / 100)} more is visible edge-on"
     if isinstance(figures["views"], int) and figures["views"] > 1:
         fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]
         text += f", by {plural(figures['views'], 'camera')} or more; "

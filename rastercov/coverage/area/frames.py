@@ -168,8 +168,7 @@ def check_same_mesh(first: Mesh, second: Mesh) -> None:
     # A copy may have other flags of its groups.
     if first.vertices is not second.vertices or first.faces is not second.faces:
         raise ConfigError(
-            f"regions of one mesh of {first.n_faces} faces and one of {second.n_faces}; "
-            "compute all of them with the same Mesh"
+            f"expected one mesh, got {first.n_faces} and {second.n_faces} faces; use the same Mesh"
         )
 
 

@@ -1,9 +1,10 @@
 """Area that a laser line measures as its sheet is swept over a surface, or the part is turned.
 
-A point is measured at the moment when the sheet is on it, from where laser and camera are then:
-that is no perspective, and shadows are bounded by curves. So the sweep is N stations, each with the
-regions of laser and camera from its middle, within what its sheet passes: there two heights over
-planes have other signs. Stations add up; the error falls with their width, see `LaserLine`.
+A point is measured when the sheet crosses it, from the positions of laser and camera at that time:
+this is not a perspective view, and shadows are bounded by curves. So the sweep is N stations, each
+with the regions of laser and camera from its middle, within what its sheet passes: there two
+heights over planes have other signs. Stations add up; the error falls with their width, see
+`LaserLine`.
 
 F. Blais. Review of 20 years of range sensor development. 2004.
 """
@@ -39,7 +40,7 @@ AT_A_TIME = 8
 ACROSS = 1.7320508075688772
 """Tangent of 60 degrees: of the laser, to both sides of its sheet, so that it lights a station."""
 MOST_TURN = 0.0
-"""Cosine of the angle by which poses that follow one another differ at most."""
+"""Cosine of the largest rotation between successive poses."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,12 +50,12 @@ class LaserLine(InOneLine):
     Attributes
     ----------
     regions : Regions
-        Measured by N stations; one row. Its bound is of them, and not of their width.
+        Measured by N stations; one row. The bound does not include the error by their width.
     stations : int
         N.
     percent, doubled_percent : float
-        Part of the area of the task by N stations, and by 2 N: the difference says whether N is
-        enough. No bound is claimed.
+        Percentage of the task area by N stations, and by 2 N: their difference shows whether N is
+        enough. It is not a bound.
 
     Examples
     --------
@@ -93,7 +94,7 @@ class LaserLine(InOneLine):
         method: str | Engine = "certified",
         threads: int | None = None,
     ) -> "LaserLine":
-        """Area that a laser line and its cameras measure on their way, by the rule of their rig.
+        """Area that a laser line and its cameras measure along a path, by the rule of their rig.
 
         Parameters
         ----------
@@ -102,11 +103,11 @@ class LaserLine(InOneLine):
         rig : Rig
             Laser and cameras with a rule. The sheet of the laser is the plane of its x and z axes,
             between the sides of its image; its height does not matter. It has thresholds of its own
-            in `tasks`, among them `max_incidence_deg`: without, faces along the sheet would count
-            in half.
+            in `tasks`, among them `max_incidence_deg`, without which faces along the sheet would
+            count by half of their area.
         world_from_rig : (N + 1, 4, 4) array_like
-            Poses between which the N stations are, in their order: `conveyor` or `turntable` before
-            a pose. A part that turns on a table is a rig that turns the other way.
+            Poses that bound the N stations, in order: `conveyor` or `turntable` before a pose. A
+            part that rotates on a table is a rig that rotates the other way.
         task : Task, optional
             As for `rastercov.regions`.
         laser : str
@@ -117,7 +118,7 @@ class LaserLine(InOneLine):
         Raises
         ------
         CameraError
-            For a rig without a rule, and a laser that it does not have or that is no pinhole.
+            For a rig without a rule, and for a laser that is not in it or not a pinhole.
         ConfigError
             For a laser without its own thresholds, with pixel densities, or without an incidence
             limit.
@@ -128,7 +129,7 @@ class LaserLine(InOneLine):
         poses = valid_poses(world_from_rig)
         if not 2 <= len(poses) <= MOST_STATIONS + 1:
             raise PoseError(
-                f"world_from_rig must be 2 to {MOST_STATIONS + 1} poses, got {len(poses)}"
+                f"expected 2 to {MOST_STATIONS + 1} poses of the rig, got {len(poses)}; change them"
             )
         middle = _between(poses)
         doubled = np.empty((2 * len(poses) - 1, 4, 4))
@@ -143,38 +144,44 @@ class LaserLine(InOneLine):
     def __str__(self) -> str:
         change = self.doubled_percent - self.percent
         return (
-            f"{self.percent:.3f} % of the area by {self.stations} stations; "
-            f"at {2 * self.stations}: {change:+.3f} points"
+            f"{self.percent:.3f} % of the area by {self.stations} stations; at "
+            f"{2 * self.stations}: {change:+.3f} percentage points"
         )
 
 
 def _with_sheet(rig: Rig, laser: str, task: Task) -> Rig:
     """The rig, whose laser reaches to both sides of its sheet; see `LaserLine.of` for errors."""
     if not isinstance(rig, Rig) or not rig.is_one:
-        raise CameraError(f"a laser line is a Rig with a rule, such as All(), got {shown(rig)}")
+        raise CameraError(
+            f"expected a Rig with a rule, got {shown(rig)}; give it one, such as All()"
+        )
     if laser not in rig.names:
-        raise CameraError(f"the rig has no {shown(laser)}; name its laser by laser=")
+        raise CameraError(f"expected a camera of the rig as laser, got {shown(laser)}; name it")
     row = rig.names.index(laser)
     own, sheet = tasks_of(rig, task)[row], rig.cameras[row]
-    sheet.check_pinhole("the laser is a pinhole of its fan", "give Camera.from_fov")
+    sheet.check_pinhole("expected a pinhole as laser", "make it by Camera.from_fov")
     if laser not in rig.tasks or own.max_incidence_deg >= 90:
         raise ConfigError(
-            f"{shown(laser)} needs max_incidence_deg below 90 in tasks of the rig: faces along the "
-            "sheet would count in half"
+            f"expected max_incidence_deg below 90 for {shown(laser)}, got "
+            f"{own.max_incidence_deg:g}; set it in tasks of the rig"
         )
     if own.min_pixels_per_m2 or own.min_pixel_density or own.min_facing_density:
-        raise ConfigError(f"{shown(laser)} has no pixels; leave pixel densities out of its tasks")
+        raise ConfigError(
+            f"expected no pixel density for {shown(laser)}, got one; leave it out of its task"
+        )
     side = sheet.width
     wide = replace(sheet, height=side, cy=side / 2, fy=side / 2 / ACROSS)
     return rig._with(cameras=(*rig.cameras[:row], wide, *rig.cameras[row + 1 :]))
 
 
 def _between(poses: FloatArray) -> FloatArray:
-    """(N, 4, 4) poses half way, along a screw, between N + 1 that follow one another."""
+    """(N, 4, 4) poses half way between successive ones of N + 1, along screw motions."""
     step = np.linalg.inv(poses[:-1]) @ poses[1:]
     turn, moved = step[:, :3, :3], step[:, :3, 3]
     if (np.trace(turn, axis1=1, axis2=2) < 1 + 2 * MOST_TURN).any():
-        raise PoseError("poses that follow one another must differ by 90 degrees at most; add some")
+        raise PoseError(
+            "expected rotations of at most 90 degrees between poses, got more; add poses"
+        )
     # R^1/2 is the rotation nearest to I + R, and (I + R^1/2) t' = t.
     u, _, vt = np.linalg.svd(np.eye(3) + turn)
     half = u @ vt

@@ -335,14 +335,16 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
     if lamps is None:
         for name in OF_LIGHT:
             if getattr(task, name):
-                raise ConfigError(f"{name} needs lamps; give lamps, or leave it out")
+                raise ConfigError(
+                    f"expected lamps for {name}, got none; give lamps, or leave it out"
+                )
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)
     if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
         raise ConfigError(
-            f"max_illuminance {task.max_illuminance:g} is not above the ambient light, "
-            f"{lamps.ambient:g} {lamps.unit}, so nothing is covered"
+            f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
+            f"{task.max_illuminance:g}; increase it, or nothing is covered"
         )
 
 

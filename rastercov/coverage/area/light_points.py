@@ -159,8 +159,8 @@ class OfLamps(Feature):
         for own in () if lamps is None else lamps.carried_by(names_of(camera)):
             if len(used := {bodies[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
                 raise ConfigError(
-                    f"a lamp that rides on cameras needs these on one body, got {', '.join(used)}; "
-                    "place it in the world"
+                    f"expected the cameras of a lamp on one body, got {', '.join(used)}; place the "
+                    "lamp in the world"
                 )
 
     def condition(

@@ -51,28 +51,29 @@ FAR = 1e3
 POSES_A_TURN = 64
 """Poses whose keys are made at a time."""
 MOST_OF_LAMPS = 1024
-"""Pictures of points of lamps that are kept for later frames."""
+"""Images from points of lamps that are kept for later frames."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionQuery(InOneLine):
-    """Motion of a scene, and for how long of it a point must be covered.
+    """Motion of a scene, and the share of its time in which a point must be covered.
 
     Parameters
     ----------
     motion : Motion
         T frames.
     over : {"some", "all"} or float
-        Time: some frame; all in which the body of the face is there; or a share of these, (0, 1].
+        Time: some frame; all frames in which the body of the face is present; or a share of these,
+        (0, 1].
     views_at : {"one time", "any time"}
-        Whether several cameras cover it at the same time, or each for so long at whatever times.
+        Whether several cameras must cover it simultaneously, or each for that long at any times.
     body : str, or sequence of str
         Body to which the cameras are fixed, all or each of several; their poses are those at rest.
 
     Raises
     ------
     ConfigError
-        For what is none of these.
+        For other values.
 
     Examples
     --------
@@ -111,13 +112,12 @@ class MotionQuery(InOneLine):
         return self._alone(regions).at_least(views, one_side=False)
 
     def _check_held(self, placed: Poses) -> None:
-        """Raise `ConfigError` for regions of more pictures than are held at once."""
+        """Raise `ConfigError` for regions of more images than are held at once."""
         n_frames = len(self.motion)
         if n_frames * len(placed) > MOST_PICTURES:
             raise ConfigError(
-                f"{n_frames:,} frames of {len(placed):,} cameras are more than {MOST_PICTURES:,} "
-                "pictures; take fewer frames, some cameras at a time, or evaluate with a folder "
-                "for shards"
+                f"expected at most {MOST_PICTURES:,} images, got {n_frames:,} frames of "
+                f"{len(placed):,} cameras; use fewer frames, or evaluate with a folder for shards"
             )
 
     def _alone(self, regions: Regions) -> Regions:
@@ -132,7 +132,7 @@ def query_of(motion: Motion | MotionQuery, mesh: Mesh) -> MotionQuery:
     """The query itself, or that of a motion; ConfigError for one of another mesh."""
     asked = motion if isinstance(motion, MotionQuery) else MotionQuery(motion)
     if asked.motion.mesh is not mesh:
-        raise ConfigError("mesh must be that of the motion, at rest; give motion.mesh")
+        raise ConfigError("expected the mesh of the motion, at rest, got another; give motion.mesh")
     return asked
 
 
@@ -240,7 +240,9 @@ def carriers(asked: MotionQuery, camera: Cameras, poses: Poses) -> FloatArray:
     n, body = len(cameras_of(camera)), asked.body
     names = [body] * n if isinstance(body, str) else body
     if not isinstance(names, list | tuple) or len(names) != n:
-        raise ConfigError(f"body must be one, or one of each of {n} cameras, got {shown(body)}")
+        raise ConfigError(
+            f"expected one body, or one for each of {n} cameras, got {shown(body)}; name them"
+        )
     tables = np.stack([asked.motion.poses_of(name) for name in names])
     for each in FEATURES:
         each.check_bodies(camera, names)
@@ -419,7 +421,7 @@ def in_units(frames: Regions, motion: Motion) -> Regions:
 def _rows_a_frame(regions: Regions, motion: Motion) -> int:
     n_rows = len(regions.pose_ids)
     if regions.mesh is not motion.mesh or n_rows % len(motion) or not n_rows:
-        raise ConfigError("regions and motion are of different meshes or frames; give its own")
+        raise ConfigError("expected regions of this motion, got those of another; give its own")
     return n_rows // len(motion)
 
 

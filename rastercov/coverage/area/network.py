@@ -14,7 +14,7 @@ from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
 from rastercov.coverage.area.remedies import Places
-from rastercov.coverage.area.spread import SpreadUnion, check_poses
+from rastercov.coverage.area.spread import BETWEEN_CAMERAS, SpreadUnion, check_poses
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
@@ -36,18 +36,18 @@ def unit_of_result(
     camera: Cameras | None = None,
     n_poses: int | None = None,
 ) -> tuple[str, str]:
-    """Unit of a result, "area" or "face"; and the reason for "face" where it was not chosen.
+    """Unit of a result, "area" or "face"; and the reason for "face" if it was not chosen.
 
-    Without a choice it is "area", unless a threshold of the task is of a face or of pairs of poses,
-    or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
+    Without a choice it is "area", unless a threshold of the task applies to faces or to pairs of
+    poses, or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
 
     Raises
     ------
     ConfigError
-        For an unknown unit, or by area where that cannot be.
+        For an unknown unit, or by area where that is impossible.
     """
     if by is not None and not is_one_of(by, UNITS):
-        raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
+        raise ConfigError(f"expected by {' or '.join(UNITS)}, got {shown(by)}; or leave it out")
     is_gated = camera is not None and is_joint(camera)
     if is_gated and by == "face":
         raise ConfigError(OF_PARTS)
@@ -56,31 +56,33 @@ def unit_of_result(
     obstacle = ""
     try:
         if engine.method == "sampled":
-            raise ConfigError("method sampled counts whole faces; by area, use certified or exact")
+            raise ConfigError(
+                "expected a result by face, got by area: method sampled counts whole faces; by "
+                "area, use certified or exact"
+            )
         check_pointwise(task)
         if task.min_angle_deg > 0:
             _check_pairs(by, is_gated, n_poses)
     except ConfigError as error:
         if by == "area" or is_gated:
             raise
-        obstacle = str(error)
+        obstacle = str(error).rpartition(": ")[2]  # the reason, in which there is no colon
     return "face" if obstacle else "area", obstacle
 
 
 def _check_pairs(by: str | None, is_gated: bool, n_poses: int | None) -> None:
     if is_gated:
-        raise ConfigError(
-            "min_angle_deg is between single cameras; of a rig with a rule, give min_baseline_deg"
-        )
+        raise ConfigError(BETWEEN_CAMERAS)
     if by is None:
-        raise ConfigError("min_angle_deg takes all pairs of poses by area; ask for by area")
+        raise ConfigError("min_angle_deg by area compares all pairs of poses; give by area")
     check_poses(n_poses or 0)
 
 
 class AreaNetwork:
     """Area that cameras cover together, added up batch by batch.
 
-    Faces that enough cameras cover as a whole are closed, so that the cost of further poses falls.
+    Faces that enough cameras cover completely are finished, so that the cost of further poses
+    falls.
 
     Parameters
     ----------
@@ -92,11 +94,12 @@ class AreaNetwork:
     Attributes
     ----------
     least, views : int
-        Least and largest number of cameras that may be wanted: 2 and more with `min_angle_deg`.
+        Smallest and largest number of cameras that may be required: 2 and more with
+        `min_angle_deg`.
     cut_short : float
         Sum of `Regions.cut_short`, m^2.
     places : Places or None
-        Where cameras may be that advice names; anywhere for None.
+        Places that advice may name for cameras; anywhere for None.
     """
 
     places: Places | None = None
@@ -124,21 +127,20 @@ class AreaNetwork:
         return self._once("covered", self._union.covered)
 
     def add(self, regions: Regions) -> None:
-        """Take in the regions of further poses."""
+        """Add the regions of further poses."""
         self._union.add(regions)
         # Rows of light that cameras share may count twice there, in the bound they do not.
         self.cut_short += min(regions.cut_short, float(regions.bound.sum()))
         self._kept.clear()
 
     def doubts(self) -> list[str]:
-        """A line on criteria that were not decided as finely as others; often none."""
+        """A warning about undecided area of criteria; often none."""
         if not self.cut_short > 0:
             return []
-        line = (
-            f"criteria: {area_text(self.cut_short)} of the views of all cameras undecided, as "
-            "divisions of a face end"
-        )
-        return [f"{line}: it is in the bound; divide large faces, or relax a threshold"]
+        return [
+            f"criteria: {area_text(self.cut_short)} of the views of all cameras is undecided and "
+            "counts in the bound; divide large faces, or relax a threshold"
+        ]
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
         if key not in self._kept:

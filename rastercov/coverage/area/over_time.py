@@ -71,9 +71,11 @@ POINTS_OF_ZONE = 8
 
 
 def check_over_time(task: Task) -> None:
-    """Raise `ConfigError` for a threshold that is not of a time."""
+    """Raise `ConfigError` for a threshold that does not apply over time."""
     if task.min_angle_deg > 0:
-        raise ConfigError("min_angle_deg is of cameras at one time; over time, give views")
+        raise ConfigError(
+            "expected views over time, got min_angle_deg; it applies to one time only"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +87,7 @@ class OverTime(InOneLine):
     asked : MotionQuery
         The motion, and the time in which a point is covered, by `views` cameras of the task.
     regions : Regions
-        Of `rastercov.regions` by the motion: R rows a frame.
+        Of `rastercov.regions` by the motion: R rows per frame.
 
     Examples
     --------
@@ -122,7 +124,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def long_enough(self) -> Regions:
-        """Parts that are covered for as long as is asked for; one row."""
+        """Parts that are covered for as long as the query asks; one row."""
         if self.asked.views_at == "one time":
             return for_long_enough(self.frames, self.asked)
         return self.asked.long_enough(self.regions, self.task.views)
@@ -328,7 +330,7 @@ class OverTime(InOneLine):
         return 100 * found.share()
 
     def lines(self) -> list[str]:
-        """The result for people."""
+        """The result in words."""
         return list(self.summary()["lines"])
 
 
@@ -342,15 +344,15 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
     """Lines about a summary over time."""
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
-    text += f", of {plural(said['frames'], 'frame')}; ever {ever}, always {always}"
+    text += f" ({plural(said['frames'], 'frame')}); ever {ever}, always {always}"
     if said["half_the_frames_percent"] is not None:
-        text += f"; by every second frame {percent(said['half_the_frames_percent'] / 100)}"
+        text += f"; with every second frame {percent(said['half_the_frames_percent'] / 100)}"
     hidden = [zone for zone in said["not_always"] if zone["hidden_by"]]
     if not hidden or said["over"] == "all":
         return [text]
     largest = max(hidden, key=lambda zone: float(zone["area_m2"]))
     size = in_square_metres(largest["area_m2"])
-    return [text, f"not always: {size}, hidden most by {largest['hidden_by']}"]
+    return [text, f"not always covered: {size}, mostly occluded by {largest['hidden_by']}"]
 
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
@@ -451,11 +453,11 @@ def regions_in_shards(job: Frames, folder: Path, staff: Staff = ALONE) -> Region
     if left := store.quarantined():
         frame, end = next(iter(left.items()))
         raise ConfigError(
-            f"frame {frame} of the motion: its process {end}; leave the frame out, or remove "
-            f"{store.folder} and take fewer workers, so that each has more memory"
+            f"expected a result of frame {frame}, got none: its process {end}; leave the frame "
+            f"out, or remove {store.folder} and use fewer workers, each with more memory"
         )
     n_bytes = sum((store.folder / store.name(number)).stat().st_size for number in numbers)
-    check_memory(f"regions of {job.source.size:,} pictures", 2 * n_bytes, "take fewer frames")
+    check_memory(f"regions of {job.source.size:,} images", 2 * n_bytes, "use fewer frames")
     parts = []
     for number in numbers:
         own: Any = unpacked(store, number)

@@ -1,10 +1,9 @@
 """Exact regions: the parts of each face that a camera covers, as convex polygons.
 
-A point is covered by a camera when it is in the image, beyond the near plane, seen from the front
-or on a two-sided face, hidden by nothing, in focus, within the largest angle of incidence, and has
-enough pixels per m^2 and along its worst direction. Each of these is decided point by point, so
-that the covered area does not depend on the triangles that the surface is cut into. See
-docs/area.md.
+A point is covered by a camera when it is in the image, beyond the near plane, front-facing or on a
+two-sided face, hidden by nothing, in focus, within the largest angle of incidence, and has enough
+pixels per m^2 and along its worst direction. Each of these is decided point by point, so that the
+covered area does not depend on the triangles that the surface is cut into. See docs/area.md.
 """
 
 from collections.abc import Iterator, Mapping
@@ -49,11 +48,11 @@ through it, relative to the same."""
 EQUAL_AREA = "metashape_equisolid"
 """Model of lenses of equal area, without distortion."""
 OF_A_FACE = {
-    "min_pixels": "min_pixels applies to faces; by area, use min_pixels_per_m2",
-    "min_visibility": "min_visibility applies to faces; a point is visible or hidden",
-    "min_coverage": "min_coverage applies to faces; a point is covered or not",
-    "focus_rule": "focus_rule applies to faces; by area each point must be in focus",
-    "cap_resolution": "cap_resolution applies to faces; by area nothing is graded",
+    "min_pixels": "applies to faces; by area, use min_pixels_per_m2",
+    "min_visibility": "applies to faces; a point is visible or hidden",
+    "min_coverage": "applies to faces; a point is covered or not",
+    "focus_rule": "applies to faces; by area, each point must be in focus",
+    "cap_resolution": "applies to faces; results by area have no grades",
 }
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""
 
@@ -66,10 +65,10 @@ def _nothing_in(n_poses: int) -> tuple[Any, ...]:
 
 
 def check_pointwise(task: Task) -> None:
-    """Raise `ConfigError` for a task with a threshold that no point can meet or fail."""
+    """Raise `ConfigError` for a task with a threshold that applies to whole faces."""
     for name, text in OF_A_FACE.items():
         if getattr(task, name) != getattr(Task, name):  # its default
-            raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
+            raise ConfigError(f"expected a result by face, got by area: {name} {text}")
 
 
 def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDArray[np.bool_]:
@@ -93,7 +92,7 @@ def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDAr
     check_memory(
         f"coverage of {n_points:,} points by {n_poses:,} poses",
         n_points * n_poses,
-        "ask for fewer points at a time",
+        "use fewer points at a time",
     )
     return rows_at(regions, regions.pose, n_poses, face, points)
 
@@ -127,7 +126,7 @@ class RegionPass(ExactPass):
             feature.check(camera, self.task)
         engine = Engine.of(method, threads)
         if engine.method == "sampled":
-            raise ConfigError("regions are exact; use method certified or exact, got sampled")
+            raise ConfigError("expected method certified or exact, got sampled; regions are exact")
         cameras = cameras_of(camera)
         limits: Any = relaxed or {}
         pairs = list(zip(cameras, tasks, strict=True))
@@ -252,7 +251,7 @@ class RegionPass(ExactPass):
 
 
 def _has_closed_form(camera: Camera) -> bool:
-    """True where pixels a m^2 have one: a panorama, and a lens of equal area."""
+    """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
     is_plain = not any(camera.distortion)
     return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 

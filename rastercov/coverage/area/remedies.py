@@ -1,10 +1,10 @@
 """Advice for dead zones: the camera that comes nearest, what it misses, and a tried change.
 
 The nearest camera is one with a free line of sight to most of a zone where there is any, and of
-these the one that misses its criteria by the smallest factor. A change of it, turned, refocused,
-with a longer lens, or moved, is held against points of the zone, and said where it covers `SURE` of
-them, which is half of the zone for certain. It takes the place of the camera where all cameras
-together then cover no less, exactly; otherwise it is one of another camera of this kind.
+these the one that misses its criteria by the smallest factor. A change of it (rotated, refocused,
+with a longer lens, or moved) is tested against points of the zone, and reported if it covers `SURE`
+of them, enough to be sure of half. It takes the place of the camera where all cameras together
+then cover no less, exactly; otherwise it is one of another camera of this kind.
 """
 
 import math
@@ -122,7 +122,7 @@ class Remedies:
     mesh, camera, task, poses
         The network.
     covered_m2 : float or None
-        What it covers; None where that is not by one camera a part.
+        Area that it covers; None if parts need several cameras.
     places : Places or None
         Where cameras may be.
     pairs : int

@@ -24,27 +24,30 @@ from rastercov.coverage.task import Task
 
 
 def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
-    """Thresholds of each camera: its own where its rig has some, otherwise those of the task.
+    """Thresholds of each camera: its own if its rig has some, otherwise those of the task.
 
     Raises
     ------
     ConfigError
-        For thresholds that are none, and for a number of views, which is of no single camera.
+        For invalid thresholds, and for a number of views, which does not apply to one camera.
     """
     own = cameras.tasks if isinstance(cameras, Rig) else {}
     found = {}
     for name, given in own.items():
         if not isinstance(given, Task | Mapping):
-            raise ConfigError(f"tasks of a rig: {shown(name)} must have a Task, got {shown(given)}")
+            raise ConfigError(
+                f"tasks of a rig: expected a Task of {shown(name)}, got {shown(given)}; give one"
+            )
         with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
             found[name] = given if isinstance(given, Task) else Task(**given)
         if found[name].views > 1 or found[name].min_angle_deg > 0:
             raise ConfigError(
-                f"tasks of a rig: {shown(name)} is one camera; leave out views and min_angle_deg"
+                f"tasks of a rig: expected one view of {shown(name)}, got more or an angle; leave "
+                "it out"
             )
         if found[name].asks_for_light:
             raise ConfigError(
-                f"tasks of a rig: light is the same for all; leave it out of {shown(name)}"
+                f"tasks of a rig: expected no light of {shown(name)}, got some; give it for all"
             )
     return tuple(found.get(name, task) for name in names_of(cameras))
 

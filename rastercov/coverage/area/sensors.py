@@ -57,8 +57,8 @@ def through(regions: Regions, gate: Gate, without: int = -1, cuts: Sequence[Cut]
         most = MOST_INFORMATION * min(gate.noise) * part.mesh.diagonal
         if gate.most_deviation > most > 0:
             raise ConfigError(
-                f"max_uncertainty must be {most:.2g} m or less with this noise and a mesh of this "
-                f"size, got {gate.most_deviation:g} m: rounding would decide"
+                f"expected max_uncertainty up to {most:.2g} m for this noise and mesh, got "
+                f"{gate.most_deviation:g} m; reduce it, as rounding decides above"
             )
         placed = (each.reshape(n_rigs, gate.n, 3) for each in (regions.eyes, regions.columns))
         return found.where(uncertainty_of(gate, *placed))

@@ -14,23 +14,23 @@ from rastercov.mesh import Mesh
 
 MOST_POSES = 50
 """Poses of which all pairs are cut."""
+BETWEEN_CAMERAS = "expected min_baseline_deg for a rig with a rule, got min_angle_deg; replace it"
 PAIRS_AT_ONCE = 64
 """Pairs that are cut before faces that are done are left out."""
 
 
 def check_poses(n: int) -> None:
-    """Raise `ConfigError` for more poses than there are pairs of."""
+    """Raise `ConfigError` for more poses than `MOST_POSES`."""
     if n > MOST_POSES:
         raise ConfigError(
-            f"min_angle_deg by area takes each pair of up to {MOST_POSES} poses, got {n}; give by "
-            "face"
+            f"expected at most {MOST_POSES} poses for min_angle_deg by area, got {n}; give by face"
         )
 
 
 class SpreadUnion:
     """Union of regions by the number of poses that cover a part.
 
-    The number is 1 where no two of several poses differ enough: a part needs two that do.
+    The number is 1 where no two poses differ by the angle.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class SpreadUnion:
         return self._counts.closed & self._spread.closed
 
     def add(self, regions: Regions) -> None:
-        """Take in the regions of further poses.
+        """Add the regions of further poses.
 
         Raises
         ------
@@ -61,10 +61,7 @@ class SpreadUnion:
             For more than `MOST_POSES` of them in all, and for rows of several cameras.
         """
         if np.isnan(regions.eyes).any():
-            raise ConfigError(
-                "min_angle_deg is between single cameras; of a rig with a rule, give "
-                "min_baseline_deg"
-            )
+            raise ConfigError(BETWEEN_CAMERAS)
         before = sum(len(each.pose_ids) for each in self._seen)
         check_poses(before + len(regions.pose_ids))
         self._seen.append(regions)

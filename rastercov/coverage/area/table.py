@@ -92,7 +92,7 @@ class Regions(FacePolygons):
         Row of each pose in the input.
     xy : (C, 2) float64
         Corners in the plane coordinates of the faces (`rastercov.coverage.area.frames`), metres,
-        counter-clockwise seen from the front; at most 20 a piece.
+        counter-clockwise seen from the front; at most 20 per piece.
     starts : (N + 1,) int64
         The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
     face, pose : (N,) int32
@@ -162,7 +162,7 @@ class Regions(FacePolygons):
         wanted = f"({len(self.pose_ids)},) True or False"
         chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
         if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
-            raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
+            raise ConfigError(f"expected chosen as {wanted}, got shape {chosen.shape}; select rows")
         return taken(self, np.flatnonzero(chosen))
 
     def _of_faces(self, chosen: NDArray[np.bool_]) -> "Regions":
@@ -170,7 +170,7 @@ class Regions(FacePolygons):
         return self._with(np.flatnonzero(chosen[self.face]), np.flatnonzero(chosen[self.pair_face]))
 
     def at_least(self, k: int, of: ArrayLike | None = None, *, one_side: bool = True) -> "Regions":
-        """Regions that at least k poses of each group cover, a row of the result each.
+        """Regions that at least k poses of each group cover, one row per group.
 
         Parts of two poses, such as a camera and a projector, are those that both cover. The bound
         of an area is the sum of those of the group, at most the face.
@@ -178,20 +178,19 @@ class Regions(FacePolygons):
         Parameters
         ----------
         k : int
-            Poses of a group that cover a part.
+            Poses of a group that must cover a part.
         of : (P,) int array_like, optional
             Group of each pose; those below 0 are left out. Rows of the result are groups in
             ascending order, and their `pose_ids` those of the first pose of each. All poses are one
             group unless given.
         one_side : bool
-            True where a part of a two-sided face counts when k poses on one side of it cover it;
-            False where those on both sides are counted together, as by `unite`.
+            True to count a part of a two-sided face if k poses on one side of it cover it; False to
+            count the poses on both sides together, as `unite` does.
 
         Raises
         ------
         ConfigError
-            For k below 1, groups that are none, and for rows of several cameras on two-sided faces,
-            which have no side.
+            For k below 1, for invalid groups, and for rows of several cameras on two-sided faces.
 
         Examples
         --------
@@ -205,7 +204,7 @@ class Regions(FacePolygons):
         """
         number = finite_number(k)
         if not number.is_integer() or number < 1:
-            raise ConfigError(f"k must be a whole number, 1 or more, got {shown(k)}")
+            raise ConfigError(f"expected k of 1 or more, got {shown(k)}; give a whole number")
         count = partial(_counted, k=int(number), of=self._groups(of))
         if not one_side or number == 1:
             return count(self)
@@ -228,7 +227,7 @@ class Regions(FacePolygons):
         Raises
         ------
         ConfigError
-            For groups that are none, or of more than 64 poses.
+            For invalid groups, and for groups of more than 64 poses.
         """
         groups = self._groups(of)
         numbers = np.zeros(len(groups), np.int64)
@@ -237,11 +236,13 @@ class Regions(FacePolygons):
             numbers[own] = np.arange(len(own))
         if numbers.max(initial=0) >= MOST_DEVICES:
             raise ConfigError(
-                f"of must have up to {MOST_DEVICES} poses a group, got {numbers.max() + 1}"
+                f"expected up to {MOST_DEVICES} poses per group, got {numbers.max() + 1}; split it"
             )
         wanted = members("needs", needs, (int, np.integer), "numbers of poses", ConfigError)
         if not all(0 <= each < MOST_DEVICES for each in wanted):
-            raise ConfigError(f"needs must be 0 to {MOST_DEVICES - 1}, got {shown(needs)}")
+            raise ConfigError(
+                f"expected needs of 0 to {MOST_DEVICES - 1}, got {shown(needs)}; correct them"
+            )
         return _counted(self, max(1, len(set(wanted))), groups, numbers, sorted(set(wanted)))
 
     def _groups(self, of: ArrayLike | None) -> IntArray:
@@ -251,7 +252,7 @@ class Regions(FacePolygons):
         of = np.zeros(n, np.int64) if of is None else of
         groups = checked_array("of", of, "iu", wanted, ConfigError)
         if groups.shape != (n,):
-            raise ConfigError(f"of must be {wanted}, got shape {groups.shape}")
+            raise ConfigError(f"expected of as {wanted}, got shape {groups.shape}; -1 is no group")
         return groups.astype(np.int64)
 
     def _by_side(self, make: Callable[["Regions", bool], "Regions"]) -> "Regions":
@@ -282,8 +283,8 @@ class Regions(FacePolygons):
         height = np.einsum("ni,ni->n", away, frames.normal[self.pair_face])
         if np.isnan(height[two_sided]).any():
             raise ConfigError(
-                "rows of several cameras have no side of a two-sided face; count them with "
-                "one_side=False, or in a Rig with a rule"
+                "expected rows of single cameras on two-sided faces, got rows of several; count "
+                "with one_side=False, or use a Rig with a rule"
             )
         behind = two_sided & (height < 0)
         if not behind.any():
@@ -303,8 +304,8 @@ class Regions(FacePolygons):
     def where(self, criterion: Criterion) -> "Regions":
         """Parts where a criterion holds, such as `RayAngle`, `Illuminance` or `Highlight`.
 
-        Its curves are no polygons: what lies within 2e-5 of the diagonal of the mesh of them is not
-        decided, and is in the bounds.
+        Its borders are curves: area within 2e-5 of the diagonal of the mesh of them is undecided,
+        and counts in the bounds.
 
         Parameters
         ----------

@@ -72,7 +72,9 @@ class Covered(FacePolygons):
         """
         number = finite_number(views)
         if number not in range(1, len(self.area) + 1):
-            raise ConfigError(f"views must be 1 ... {len(self.area)}, got {shown(views)}")
+            raise ConfigError(
+                f"expected views of 1 to {len(self.area)}, got {shown(views)}; unite for more"
+            )
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()
         return float(self.area[int(number) - 1][scored].sum() / total) if total > 0 else 0.0
@@ -81,7 +83,7 @@ class Covered(FacePolygons):
 class RegionUnion:
     """Union of regions, added a few poses at a time; one thread at a time may use it.
 
-    A face that k cameras cover as a whole is closed; see `Overlay`.
+    A face that k cameras cover completely is finished; see `Overlay`.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ class RegionUnion:
         return self._overlay.closed
 
     def add(self, regions: Regions, progress: Progress | None = None) -> None:
-        """Take in the regions of further poses; `ConfigError` where they are of another mesh.
+        """Add the regions of further poses; `ConfigError` for those of another mesh.
 
         `progress` is called with the number of pieces done and of all, a few times a second.
         """
@@ -143,7 +145,7 @@ class RegionUnion:
         wanted = f"a mask of {n_faces} faces"
         mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
         if mask.shape != (n_faces,):
-            raise ConfigError(f"chosen must be {wanted}, got shape {mask.shape}")
+            raise ConfigError(f"expected chosen as {wanted}, got shape {mask.shape}; select faces")
         self._overlay.united.fill(np.ascontiguousarray(mask, np.bool_))
 
     def covered(self) -> Covered:
@@ -165,7 +167,7 @@ def unite(
     Parameters
     ----------
     regions : Regions, or sequence of Regions
-        Of one mesh; several where there are several cameras.
+        Of one mesh; several for several cameras.
     views : int
         k: poses up to which they are counted.
     progress : callable
@@ -188,7 +190,7 @@ def unite(
     """
     parts: list[Any] = [regions] if isinstance(regions, Regions) else list(regions)
     if not parts:
-        raise ConfigError("regions must be of one camera or more, got none")
+        raise ConfigError("expected regions of one camera or more, got none; give some")
     union = RegionUnion(parts[0].mesh, views)
     for part in parts:
         union.add(part, progress)

@@ -194,11 +194,11 @@ def dead_zones(
     Parameters
     ----------
     covered : Covered
-        What `rastercov.unite` gives.
+        Result of `rastercov.unite`.
     views : int, or (F,) int array_like, optional
-        Cameras wanted, of all faces or of each, 1 ... k; k of `covered` unless given.
+        Cameras required, for all faces or for each, 1 to k; k of `covered` unless given.
     network : (Camera or Rig, Task, Poses), optional
-        What `covered` is of. Without it the reason is "too_few_views" or "unseeable".
+        Cameras of `covered`. Without them the reason is "too_few_views" or "unseeable".
 
     Raises
     ------
@@ -220,16 +220,18 @@ def dead_zones(
 
     if network is not None:
         if not isinstance(network, tuple) or len(network) != 3:
-            raise ConfigError(f"network must be (camera, task, poses), got {shown(network)}")
+            raise ConfigError(
+                f"expected network (camera, task, poses), got {shown(network)}; give all three"
+            )
         cameras_of(network[0])
         check_kind("task", network[1], Task, "a Task", ConfigError)
         network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
-    words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
+    words = f"whole numbers of 1 to {k}, one or one per face"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
-        raise ConfigError(f"views must be {words}, got {shown(views)}")
+        raise ConfigError(f"expected views as {words}, got {shown(views)}; unite for more views")
     wanted = np.broadcast_to(wanted, mesh.n_faces)
     whole = with_rest(covered)
     areas = polygons.polygon_areas(whole.xy, whole.starts)
@@ -485,7 +487,7 @@ def summary_of(
     poses : (P, 4, 4) array_like, or Poses
         world_from_camera of all cameras.
     places : Places, optional
-        Where cameras may be that advice names.
+        Places that advice may name for cameras.
     """
     n = zones.listed()
     why = _reasons(zones, Remedies(zones.mesh, camera, task, Poses.of(poses), None, places), n)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.mesh import Mesh, shapes
@@ -108,7 +109,9 @@ class Arm:
         check_kind("robot", self.robot, Robot, "a Robot", ConfigError)
         check_kind("mesh", self.mesh, Mesh, "a Mesh", ConfigError)
         if not self.robot.is_moving(self.link):
-            raise ConfigError(f"link {self.link!r} must be one that a joint moves")
+            raise ConfigError(
+                f"expected a link that a joint moves, got {shown(self.link)}; name one"
+            )
         check_clearance(self.clearance)
 
     @cached_property
@@ -193,9 +196,9 @@ class Arm:
                 new = Missed("keep_out", f"{each.link} in {each.body}", lack)
             elif each.distance > 0:
                 lack = self.clearance - each.distance
-                new = Missed("clearance", f"{each.link} too near to {each.body}", lack)
+                new = Missed("clearance", f"{each.link} too close to {each.body}", lack)
             else:
-                new = Missed("collision", f"{each.link} meets {each.body}", lack)
+                new = Missed("collision", f"{each.link} collides with {each.body}", lack)
             known = found.get(int(pose[row]))
             rank = (new.reason != "clearance", lack)
             if known is None or rank < (known.reason != "clearance", known.lack):
@@ -244,5 +247,7 @@ def _volume(volume: KeepOut) -> Mesh:
         vertices = frozen(solid.vertices * (volume.radius / planes.min()) + volume.centre)
     else:
         kind = type(volume).__name__
-        raise ConfigError(f"an arm keeps out of boxes and spheres, got {kind}")
+        raise ConfigError(
+            f"expected a box or sphere for an arm to keep out of, got {kind}; give one"
+        )
     return Mesh(vertices, solid.faces, [Group(f"keep-out {volume.name}", is_occluder=True)])

@@ -319,7 +319,7 @@ class Enclosure:
         raised += self._lift * normals[:, None]
         points = raised.mean(axis=1)
         for row in np.flatnonzero(in_solid(self.mesh, points + self._middle)):
-            found[row] = "matter lies on it"
+            found[row] = "solid material covers it"
         for part, box in enumerate(self._boxes):
             beyond = np.maximum(box[0] - points, points - box[1]).max(axis=1)
             # Tens of microseconds each.
@@ -343,18 +343,18 @@ class Enclosure:
         deep = float(np.linalg.norm(ends - target, axis=1).max())
         if self.least > deep:
             return (
-                f"the closed space before it ends within {deep:.3g} m, and cameras stand "
-                f"{self.least:.3g} m away or more"
+                f"the enclosed space in front of it ends within {deep:.3g} m, and cameras are at "
+                f"least {self.least:.3g} m away"
             )
         narrow = float(np.ptp(box, axis=0).min())
         if self.clearance > narrow / 2:
             return (
-                f"the closed space before it is {narrow:.3g} m wide or less, and cameras keep "
-                f"{self.clearance:.3g} m from every surface"
+                f"the enclosed space in front of it is at most {narrow:.3g} m wide, and cameras "
+                f"keep a clearance of {self.clearance:.3g} m"
             )
         for volume in self.keep_out:
             if volume.contains(ends + self._middle).all():
-                return f"keep-out {volume.name} holds the closed space before it"
+                return f"keep-out {volume.name} contains the enclosed space in front of it"
         return ""
 
     def _is_crossed(self, triangle: FloatArray) -> bool:
@@ -430,21 +430,19 @@ class Openings:
         """One sentence on a face."""
         face, access = f"Face {self.face[row]}", self.access[row]
         if access == Access.ENCLOSED:
-            return f"{face} cannot be seen (proved): {self.proof[row]}."
+            return f"{face} is visible from nowhere (proved): {self.proof[row]}."
         if access == Access.CLOSED:
             far = f" for {self.least:.3g} m" if self.least else ""
             return (
-                f"{face} has no direction that is free{far}, among {self.directions[row]:,} from "
+                f"{face} has no unobstructed direction{far} among {self.directions[row]:,} from "
                 f"each of {self.points[row]} points: no open cone of {self.missed_deg[row]:.2g}° "
                 "or more."
             )
-        share = f"{percent(self.open_share[row])} of the half space before it is open"
+        share = f"{percent(self.open_share[row])} of the half space in front of it is open"
         if access == Access.NO_ROOM and not self.places[row]:
-            return f"{face}: {share}, but not as far as one must stand to have the face in view."
+            return f"{face}: {share}, but not to a distance with the face in view."
         if access == Access.NO_ROOM:
-            return (
-                f"{face}: {share}, but at none of {self.places[row]:,} places a camera can stand."
-            )
+            return f"{face}: {share}, but no camera fits at any of {self.places[row]:,} places."
         count = int((self.candidates.index == self.face[row]).sum())
         return f"{face}: {share}; {plural(count, 'candidate')}."
 
@@ -487,7 +485,7 @@ def openings(
     clearance, keep_out
         Constraints on positions, as for `filter_candidates`.
     views : int
-        Greatest number of candidates a face, times the rolls of `framing`.
+        Maximum number of candidates per face, times the rolls of `framing`.
     side, finest : int
         Pixels along each side of a hemicube, even: for all faces, and for those that seem closed.
     progress : callable
@@ -502,7 +500,8 @@ def openings(
     rows = rows[~mesh.degenerate_mask[rows]]
     if views < 1 or side < 2 or side % 2 or finest % 2:
         raise ConfigError(
-            f"views must be 1 or more, side and finest even, got {views}, {side} and {finest}"
+            f"expected views from 1, even side and finest, got {views}, {side}, {finest}; change "
+            "them"
         )
     least = framing.limits(camera)[0]
     half_angles(camera)  # raises for a camera that cannot be aimed

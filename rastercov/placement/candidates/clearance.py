@@ -42,8 +42,8 @@ class KeepOut(Protocol):
 class KeepOutBox:
     """Box along the axes from corner `low` to corner `high`, metres."""
 
-    low: Annotated[tuple[float, float, float], Doc("Corner of a box, m.")]
-    high: Annotated[tuple[float, float, float], Doc("The opposite corner.")]
+    low: Annotated[tuple[float, float, float], Doc("Lowest corner of a box, m.")]
+    high: Annotated[tuple[float, float, float], Doc("Highest corner of a box, m.")]
     name: str = "box"
 
     def __post_init__(self) -> None:
@@ -51,8 +51,8 @@ class KeepOutBox:
         low, high = (np.asarray(end, np.float64) for end in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not np.all(low <= high):
             raise ConfigError(
-                f"a keep-out box needs low <= high, three coordinates each, got {self.low} and "
-                f"{self.high}"
+                f"expected corners low <= high of a keep-out box, got {shown(self.low)} and "
+                f"{shown(self.high)}; exchange them"
             )
 
     def contains(self, points: FloatArray) -> BoolArray:
@@ -66,8 +66,8 @@ class KeepOutBox:
 class KeepOutSphere:
     """Ball about `centre`, metres."""
 
-    centre: Annotated[tuple[float, float, float], Doc("Of a sphere, m.")]
-    radius: Annotated[float, Gt(0), Doc("Of a sphere, m.")]
+    centre: Annotated[tuple[float, float, float], Doc("Centre of a sphere, m.")]
+    radius: Annotated[float, Gt(0), Doc("Radius of a sphere, m.")]
     name: str = "sphere"
 
     def __post_init__(self) -> None:
@@ -75,8 +75,8 @@ class KeepOutSphere:
         centre = np.asarray(self.centre, np.float64)
         if centre.shape != (3,) or not np.isfinite(centre).all() or not self.radius > 0:
             raise ConfigError(
-                f"a keep-out sphere needs a centre and a radius > 0, got {self.centre} and "
-                f"{self.radius}"
+                "expected a centre and a radius above 0 of a keep-out sphere, got "
+                f"{shown(self.centre)} and {self.radius}; give metres"
             )
 
     def contains(self, points: FloatArray) -> BoolArray:
@@ -195,7 +195,9 @@ class NearestSurface:
         chosen = ~mesh.degenerate_mask if faces is None else ~mesh.degenerate_mask & faces
         self._rows = np.flatnonzero(chosen)
         if not len(self._rows):
-            raise ConfigError("no face with an area is there to be near to; choose other faces")
+            raise ConfigError(
+                "expected a face with an area to be near to, got none; choose other faces"
+            )
         self._centre = mesh.bounds.mean(axis=0)
         self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
@@ -216,4 +218,4 @@ def nearest_obstacle(mesh: Mesh) -> NearestSurface | None:
 def check_clearance(clearance: float) -> None:
     """Raise ConfigError for a clearance that is negative or not finite."""
     if not finite_number(clearance) >= 0:
-        raise ConfigError(f"clearance must be 0 m or more and finite, got {shown(clearance)}")
+        raise ConfigError(f"expected clearance of 0 m or more, got {shown(clearance)}; give metres")

@@ -26,6 +26,7 @@ from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, lo
 from rastercov.coverage.area.cells import cells
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import unit
+from rastercov.mesh.groups import listed
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
@@ -59,7 +60,7 @@ def along(direction: ArrayLike) -> Aim:
     step = _triple("direction", direction)
     length = np.linalg.norm(step)
     if not length > 0:
-        raise ConfigError("direction must not be zero; give three numbers")
+        raise ConfigError("expected a direction, got one of length 0; give another vector")
     return lambda mesh, eyes: eyes + step / length
 
 
@@ -176,16 +177,19 @@ def on_box(
         For an empty box, an unknown side, or a spacing outside its range.
     """
     if not 0 < spacing < np.inf:
-        raise ConfigError(f"spacing must be positive and finite, got {spacing}; give metres")
+        raise ConfigError(f"expected spacing above 0 m, got {spacing}; give metres")
     low, high = _box(mesh, bounds, outward)
     if unknown := [side for side in sides if side not in SIDES]:
-        raise ConfigError(f"sides must be among {', '.join(SIDES)}, got {', '.join(unknown)}")
+        raise ConfigError(f"expected sides, got {shown(unknown[0])}; they are {', '.join(SIDES)}")
     # Larger counts along one axis are refused below; a tiny spacing divides to inf.
     with np.errstate(over="ignore"):
         wanted = np.ceil((high - low) / spacing * (1 - 1e-12))
     steps = np.minimum(wanted, MOST_POSITIONS).astype(np.int64)
     if float(np.prod(np.sort(steps + 1)[1:].astype(np.float64))) * 6 > MOST_POSITIONS:
-        raise ConfigError(f"a spacing of {spacing:g} m gives more than {MOST_POSITIONS} positions")
+        raise ConfigError(
+            f"expected at most {MOST_POSITIONS} positions, got more at {spacing:g} m; increase "
+            "spacing"
+        )
     ticks = [np.linspace(low[k], high[k], steps[k] + 1) for k in range(3)]
     grids = []
     for side in sides:
@@ -294,7 +298,9 @@ def in_room(
         For a spacing or an inset outside its range, and for an unknown group.
     """
     if not 0 < spacing < np.inf or not 0 < inset <= LARGEST_COORDINATE:
-        raise ConfigError(f"spacing and inset must be positive, got {spacing} and {inset} m")
+        raise ConfigError(
+            f"expected spacing and inset above 0 m, got {spacing} and {inset}; give metres"
+        )
     low, high = room.bounds.copy()
     if heights is not None:
         limits = finite_points("heights", heights, (2,), "two finite numbers")
@@ -350,7 +356,7 @@ def _of_groups(mesh: Mesh, names: Sequence[str]) -> BoolArray:
     """(F,) faces of the groups of these names; ConfigError for an unknown one."""
     known = [group.name for group in mesh.groups]
     if unknown := sorted(set(names) - set(known)):
-        raise ConfigError(f"groups must be among {known}, got {unknown}; correct them")
+        raise ConfigError(f"expected a group, got {shown(unknown[0])}; groups are {listed(known)}")
     return np.isin(mesh.face_group, [known.index(name) for name in names])
 
 
@@ -366,14 +372,14 @@ def _around(
 ) -> Candidates:
     """Views from the upper part, `height` radii high, of spheres."""
     if not 1 <= count <= MOST_POSITIONS:
-        raise ConfigError(f"count must be a whole number, 1 to {MOST_POSITIONS}, got {count}")
+        raise ConfigError(f"expected count of 1 to {MOST_POSITIONS}, got {count}; change it")
     middle = mesh.bounds.mean(axis=0) if centre is None else _triple("centre", centre)
     if distances is None:
         radii = np.array([_whole_in_view(mesh, camera, framing, middle)])
     else:
         radii = finite_points("distances", np.atleast_1d(distances), (-1,), "finite numbers")
         if not (radii > 0).all():
-            raise ConfigError(f"distances must be positive and finite, got {shown(distances)}")
+            raise ConfigError(f"expected distances above 0 m, got {shown(distances)}; correct them")
     outward = fibonacci_sphere(count, height) @ _upright(framing).T
     eyes = (middle + radii[:, None, None] * outward).reshape(-1, 3)
     return _aimed(mesh, framing, eyes, at_point(middle), source)
@@ -415,11 +421,11 @@ def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArr
     box = finite_points("bounds", given, (2, 3), "two finite corners, (2, 3)")
     if not abs(outward) <= LARGEST_COORDINATE:
         raise ConfigError(
-            f"outward and inset must be within ±{LARGEST_COORDINATE:g} m, got {outward}"
+            f"expected an offset within ±{LARGEST_COORDINATE:g} m, got {outward}; give metres"
         )
     low, high = box[0] - outward, box[1] + outward
     if not (low <= high).all():
-        raise ConfigError(f"the box must have low <= high on every axis, got {low} and {high}")
+        raise ConfigError(f"expected a box with low <= high, got {low} and {high}; change bounds")
     return low, high
 
 

@@ -5,8 +5,7 @@ returns `Candidates`, poses with their sources; those of several generators are 
 framing of a target is stand-off, roll and up, (6.5)-(6.11).
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section
-6.3.2.
-W. R. Scott. Model-based View Planning. 2009 (one view a face).
+6.3.2. W. R. Scott. Model-based View Planning. 2009 (one view per face).
 """
 
 from dataclasses import dataclass, field, replace
@@ -36,13 +35,13 @@ FRAMING_MARGIN_REL = 1e-9
 def check_stand_off(stand_off: tuple[float, float]) -> None:
     """Raise ConfigError unless the two distances are a range."""
     if len(stand_off) != 2 or not 0 <= stand_off[0] <= stand_off[1]:
-        raise ConfigError(f"stand_off must be 0 <= least <= greatest, got {stand_off}")
+        raise ConfigError(f"expected stand_off 0 <= least <= greatest, got {stand_off}; sort it")
 
 
 def check_up(up: tuple[float, float, float]) -> None:
     """Raise ConfigError unless it is a direction."""
     if np.shape(up) != (3,) or not np.isfinite(up).all() or not any(up):
-        raise ConfigError(f"up must be a direction of three numbers, got {up}")
+        raise ConfigError(f"expected up as a direction (3,), got {up}; give a vector other than 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +79,11 @@ class Framing:
         check_fields(self)
         check_stand_off(self.stand_off)
         if not 0 < self.margin < np.inf:
-            raise ConfigError(f"margin must be positive and finite, got {self.margin}")
+            raise ConfigError(f"expected margin above 0, got {self.margin}; 1 fills the image")
         if not len(self.rolls_deg) or not np.isfinite(self.rolls_deg).all():
-            raise ConfigError(f"rolls_deg must be one angle or more, got {self.rolls_deg}")
+            raise ConfigError(
+                f"expected rolls_deg of one angle or more, got {self.rolls_deg}; give 0"
+            )
         check_up(self.up)
 
     def limits(self, camera: Camera) -> tuple[float, float]:
@@ -92,8 +93,8 @@ class Framing:
         greatest = min(self.stand_off[1], z_f)
         if not least <= greatest:
             raise ConfigError(
-                f"the stand-off {self.stand_off[0]:g} ... {self.stand_off[1]:g} m must meet the "
-                f"depths {max(z_n, camera.near):g} ... {z_f:g} m that the camera sees sharply"
+                f"expected a stand-off in the depth of field {max(z_n, camera.near):g} to {z_f:g} "
+                f"m, got {self.stand_off[0]:g} to {self.stand_off[1]:g} m; change it or the focus"
             )
         return least, greatest
 
@@ -230,7 +231,7 @@ class Candidates:
 
     @classmethod
     def of(cls, poses: FloatArray, source: str, index: ArrayLike = -1) -> "Candidates":
-        """Candidates of one source; `index` is one number, or one a pose."""
+        """Candidates of one source; `index` is one number, or one per pose."""
         count = len(poses)
         return cls(
             poses=frozen(np.array(poses, np.float64, order="C")),
@@ -314,8 +315,7 @@ def per_segment(
     """
     if len(segmentation.labels) != mesh.n_faces:
         raise ConfigError(
-            f"the segmentation has {len(segmentation.labels)} faces, the mesh {mesh.n_faces}; "
-            "segment this mesh"
+            f"expected {mesh.n_faces} faces, got {len(segmentation.labels)}; segment this mesh"
         )
     faces = np.flatnonzero(segmentation.labels >= 0)
     views = square_views(mesh, camera, framing, faces, segmentation.labels[faces])
@@ -326,7 +326,7 @@ def per_segment(
 def per_face(
     mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, faces: ArrayLike | None = None
 ) -> Candidates:
-    """Views square to each face, as Scott: `per_segment` with one segment a face.
+    """Views square to each face, as Scott: `per_segment` with one segment per face.
 
     Parameters
     ----------
@@ -372,7 +372,9 @@ def from_poses(
     if isinstance(poses, (str, Path)):
         views = read_views(poses)
         if not views.has_unit:
-            raise PoseError(f"{poses}: the poses have no unit; convert them, with --pose-unit")
+            raise PoseError(
+                f"{poses}: expected poses in metres, got no unit; convert with --pose-unit"
+            )
         poses = views.poses
     given = valid_poses(poses)
     return rolled_candidates(given, "poses", np.arange(len(given)), framing)
@@ -391,11 +393,14 @@ def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
     """Rows of the faces that a mask (F,) or a list (N,) of rows chooses; ConfigError for others."""
     chosen = np.asarray(faces)
     if chosen.shape != (mesh.n_faces,) if chosen.dtype == np.bool_ else chosen.ndim != 1:
-        raise ConfigError(f"faces must be a mask of {mesh.n_faces} or rows, got {chosen.shape}")
+        raise ConfigError(
+            f"expected faces as a mask of {mesh.n_faces} or as rows, got {chosen.shape}; give one"
+        )
     rows = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen.astype(np.int64)
     if ((rows < 0) | (rows >= mesh.n_faces)).any():
         raise ConfigError(
-            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {rows.min()} ... {rows.max()}"
+            f"expected faces 0 to {mesh.n_faces - 1}, got {rows.min()} to {rows.max()}; correct "
+            "them"
         )
     return rows
 

@@ -22,7 +22,7 @@ class Refusal(NamedTuple):
     reason : str
         Kind of the reason, such as "out_of_reach" or "collision".
     words : str
-        For people, such as "head meets table".
+        In words, such as "head collides with table".
     lack : float
         By how much it is missed, or more; 0 where that is not known.
     unit : {"m", "deg"}
@@ -51,7 +51,7 @@ def by_words(refusals: Sequence[Refusal]) -> list[dict[str, Any]]:
 
 
 def in_words(refusals: Sequence[Refusal]) -> str:
-    """Counts of reasons for people: "22 out of reach, 8 head meets table (by 3 mm or more)"."""
+    """Counts of reasons: "22 out of reach, 8 head collides with table (by 3 mm or more)"."""
     parts, every = list[str](), by_words(refusals)
     for each in every[:MOST_REASONS]:
         least = each["least_lack"]

@@ -38,7 +38,7 @@ SQUARES = 10
 """Squares of an outline in the width of an opening."""
 MOST_PLACES = 4_000_000
 """Places of a grid."""
-NOT_IN_ROOM = "no part of its faces is in the room and within the distance; correct them"
+NOT_IN_ROOM = "expected faces in the room and within the distance, got none; increase the distance"
 MOST_SPACES = 40
 """Spaces that an error lists."""
 
@@ -89,7 +89,7 @@ class Room:
         """
         point = finite_points("inside", inside, (3,), "three finite numbers")
         if not 0 < opening < np.inf:
-            raise ConfigError(f"opening must be positive and finite, got {opening}; give metres")
+            raise ConfigError(f"expected opening above 0 m, got {opening}; give metres")
         space = _Space(mesh.opaque, opening, point)
         return cls(name, point, space.bounds, space.contains, space.outline)
 
@@ -117,8 +117,8 @@ class Room:
         shape = shapely.Polygon(corners if len(corners) > 2 else None)
         if not low < high or not shape.area > 0 or not shape.is_valid:
             raise ConfigError(
-                "a room needs 3 corners or more around an area, in order and without crossings, "
-                f"and z = [lowest, highest], got {len(corners)} corners and {low:g}, {high:g}"
+                "expected 3 corners or more in order and z = [lowest, highest], got "
+                f"{len(corners)} corners and z = [{low:g}, {high:g}]; remove crossings"
             )
 
         def contains(points: FloatArray) -> BoolArray:
@@ -145,8 +145,8 @@ class Room:
 
         if not solid.is_closed_outward:
             raise ConfigError(
-                f"expected a closed solid, wound outward, got {plural(solid.n_faces, 'face')} that "
-                "are none; give inside, or a polygon and z"
+                "expected a watertight solid with outward normals, got "
+                f"{plural(solid.n_faces, 'other face')}; give inside, or a polygon and z"
             )
         low, high = bounds = solid.bounds
         size = np.linalg.norm(high - low)
@@ -194,8 +194,9 @@ class _Space:
         shape = np.ceil(extent / self.step) + 2 * MARGIN
         if not np.prod(shape) <= MOST_PLACES:
             raise ConfigError(
-                f"inside: a mesh of {mesh.size_in_words} with openings of {opening:g} m has too "
-                f"many places, {MOST_PLACES:,} at most; give a polygon, or a greater opening"
+                f"inside: expected at most {MOST_PLACES:,} grid cells, got more for "
+                f"{mesh.size_in_words} with an opening of {opening:g} m; increase it, or give a "
+                "polygon"
             )
         self.shape, self.size = tuple(shape.astype(np.int64).tolist()), np.linalg.norm(extent)
         places = self._position(np.arange(int(np.prod(shape))))
@@ -211,10 +212,10 @@ class _Space:
         self.bounds = np.stack((reached.min(axis=0), reached.max(axis=0)))
         is_open = (np.abs(self.bounds - self.centre) > extent / 2 + free).any()
         if is_open or start[0] < 0:
-            fault = "a wider way leads out of the mesh" if is_open else "the space is narrower"
+            fault = "a wider opening leads outside" if is_open else "it is narrower"
             raise ConfigError(
-                f"inside: {np.round(inside, 3).tolist()} is in no room with openings of "
-                f"{opening:g} m at most: {fault}; correct the point or opening, or give a polygon"
+                f"inside: expected a room with openings up to {opening:g} m, got none at "
+                f"{np.round(inside, 3).tolist()}: {fault}; change either, or give a polygon"
             )
         self.bounds += np.array([[-BEYOND], [BEYOND]]) * self.step
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.base.arguments import check_choice
-from rastercov.base.checks import finite_number, is_number, shown
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
@@ -122,12 +122,9 @@ def segment(
 
 
 def _angle(name: str, value: float) -> float:
-    if not is_number(value):
-        raise ConfigError(f"{name} must be an angle in degrees, got {shown(value)}")
     if not 0 <= finite_number(value) < 90:
         raise ConfigError(
-            f"{name} must satisfy 0 <= {name} < 90, got {shown(value)}; no camera sees two faces "
-            "from the front that are further apart by much"
+            f"expected {name} of 0 to below 90 degrees, got {shown(value)}; change it"
         )
     return float(value)
 

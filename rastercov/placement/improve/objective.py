@@ -101,10 +101,10 @@ class Objective:
         weights = in_whole_numbers(weights_of(own.get("cells", mesh), weight_by))
         need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
-            raise ConfigError(f"views must be a whole number, 1 or more, got {views}")
+            raise ConfigError(f"expected views of 1 or more, got {views}; give whole numbers")
         angle = task.min_angle_deg if min_angle_deg is None else min_angle_deg
         if not 0 <= angle <= 180:
-            raise ConfigError(f"min_angle_deg must be 0 to 180, got {angle}")
+            raise ConfigError(f"expected min_angle_deg of 0 to 180, got {angle}; give degrees")
         cosine = least_cosine(math.radians(angle))
         return cls(observer, task, weights, need.astype(np.int64), cosine, mounts=mounts, **own)
 

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.base.typed import check_fields
@@ -81,13 +82,13 @@ class PoseSpace:
         check_clearance(self.clearance)
         check_up(self.up)
         if not self.mesh.task_mask.any():
-            raise ConfigError("the mesh must have a task face for cameras to look at")
+            raise ConfigError("expected task faces to look at, got occluders only; change a role")
         corners = self.mesh.vertices[np.unique(self.mesh.faces[self.mesh.task_mask])]
         task = np.stack((corners.min(axis=0), corners.max(axis=0)))
         boxes = self.boxes
         if boxes is None:
             if not np.isfinite(self.stand_off[1]):
-                raise ConfigError("boxes are needed where the stand-off has no greatest distance")
+                raise ConfigError("expected boxes or a greatest stand-off, got neither; give one")
             boxes = task + self.stand_off[1] * np.array([[-1.0], [1.0]])
         aim = _boxes("aim", task if self.aim is None else self.aim)
         object.__setattr__(self, "boxes", frozen(_boxes("boxes", boxes)))
@@ -126,8 +127,7 @@ class PoseSpace:
             why = Place(place[bad[0]]).name.lower().replace("_", " ")
             others = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
             raise ConfigError(
-                f"{what} {bad[0]} must stand where cameras may, but is {why}{others}; "
-                "move it, or allow more"
+                f"expected {what} {bad[0]} in an allowed place, got one {why}{others}; move it"
             )
 
     def distance(self, eyes: FloatArray) -> FloatArray:
@@ -178,8 +178,8 @@ class PoseSpace:
             if sum(map(len, found)) >= count:
                 return np.concatenate(found)[:count]
         raise ConfigError(
-            f"no place for {count} cameras was found within boxes, stand-off and clearance, and "
-            "outside the keep-out volumes; allow more"
+            f"expected places for {count} cameras within boxes, stand-off and clearance, outside "
+            "keep-outs, got fewer; allow more"
         )
 
     def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
@@ -236,7 +236,7 @@ def _boxes(name: str, value: ArrayLike) -> FloatArray:
     boxes = np.array(value, np.float64)
     boxes = boxes[None] if boxes.ndim == 2 else boxes
     if boxes.ndim != 3 or boxes.shape[1:] != (2, 3) or not len(boxes):
-        raise ConfigError(f"{name} must be two corners, (2, 3), got shape {np.shape(value)}")
+        raise ConfigError(f"expected {name} (2, 3), got shape {np.shape(value)}; give two corners")
     if not np.isfinite(boxes).all() or not (boxes[:, 0] <= boxes[:, 1]).all():
-        raise ConfigError(f"{name} must be finite with low <= high on every axis")
+        raise ConfigError(f"expected low <= high in {name}, got {shown(value)}; exchange them")
     return boxes

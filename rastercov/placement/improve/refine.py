@@ -150,15 +150,17 @@ def refine(
     steps = _steps(space, start, step)
     check_seed(seed)
     if not LEAST_TURN_DEG <= turn_deg <= 90:
-        raise ConfigError(f"turn_deg must be {LEAST_TURN_DEG:g} to 90, got {turn_deg}")
+        raise ConfigError(
+            f"expected turn_deg of {LEAST_TURN_DEG:g} to 90, got {turn_deg}; give degrees"
+        )
     for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
         if value < low:
-            raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
+            raise ConfigError(f"expected {name} of {low} or more, got {value}; increase it")
     is_fixed = np.asarray(fixed)
     if is_fixed.dtype != np.bool_ or is_fixed.shape not in ((), (len(start),)):
         raise ConfigError(
-            f"fixed must be true or false, or {len(start)} of these, got {is_fixed.dtype} of shape "
-            f"{is_fixed.shape}"
+            f"expected fixed as a bool or {len(start)} of them, got {is_fixed.dtype} of shape "
+            f"{is_fixed.shape}; give one per camera"
         )
     is_fixed = np.broadcast_to(is_fixed, len(start))
     space.require(start[~is_fixed], "camera")
@@ -311,7 +313,7 @@ class _Search:
         return int(gains[best]), best
 
     def _measure(self, chosen: dict[int, int], level: int) -> bool:
-        """Measure those of some trials that are estimates, one a camera; True where any was.
+        """Measure those of some trials that are estimates, one per camera; True where any was.
 
         Where the budget does not suffice they count as no gain.
         """
@@ -382,7 +384,11 @@ def _steps(space: PoseSpace, start: FloatArray, step: float | Sequence[float] | 
         return STEP * space.distance(start[:, :3, 3])
     steps = np.asarray(step, np.float64)
     if steps.shape not in ((), (len(start),)):
-        raise ConfigError(f"step must be one number or {len(start)}, got shape {steps.shape}")
+        raise ConfigError(
+            f"expected step as one number or {len(start)}, got shape {steps.shape}; give metres"
+        )
     if not ((steps > 0) & (steps <= LARGEST_COORDINATE)).all():
-        raise ConfigError(f"step must be positive, up to {LARGEST_COORDINATE:g} m, got {step}")
+        raise ConfigError(
+            f"expected step above 0 and up to {LARGEST_COORDINATE:g} m, got {step}; give metres"
+        )
     return np.broadcast_to(steps, len(start)).astype(np.float64)

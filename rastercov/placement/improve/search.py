@@ -101,12 +101,14 @@ def optimise(
     began = time.perf_counter()
     for name, value, low in (("cameras", cameras, 1), ("budget", budget, cameras)):
         if value < low:
-            raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
+            raise ConfigError(f"expected {name} of {low} or more, got {value}; increase it")
     check_seed(seed)
     poses = np.zeros((0, 4, 4))
     if start is not None:
         if np.shape(start) != (cameras, 4, 4):
-            raise ConfigError(f"start must have shape ({cameras}, 4, 4), got {np.shape(start)}")
+            raise ConfigError(
+                f"expected start ({cameras}, 4, 4), got shape {np.shape(start)}; give a pose each"
+            )
         poses = valid_poses(start)
         space.require(poses, "camera")
     rng = np.random.default_rng(seed)

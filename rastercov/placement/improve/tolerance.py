@@ -52,7 +52,7 @@ class InstallationError:
 
     position_mm: Annotated[float, Ge(0), Doc("Error of the camera centre, mm.")] = 0.0
     angle_deg: Annotated[float, Ge(0), Doc("Error of the direction, degrees.")] = 0.0
-    distribution: Annotated[Literal["normal", "uniform"], Doc("Of the errors.")] = "normal"
+    distribution: Annotated[Literal["normal", "uniform"], Doc("Distribution of errors.")] = "normal"
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -215,11 +215,11 @@ def tolerance(
     ConfigError
         For a number of draws below 1.
     PoseError
-        For a pose that is no rigid motion.
+        For a pose that is not a rigid transform.
     """
     check_seed(seed)
     if draws < 1:
-        raise ConfigError(f"draws must be a whole number, 1 or more, got {draws}")
+        raise ConfigError(f"expected draws of 1 or more, got {draws}; increase it")
     placed = renumbered(poses)
     planned = placed.world_from_camera
     eyes, width = objective.eyes(placed), objective.width

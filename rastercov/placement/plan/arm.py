@@ -45,7 +45,9 @@ class PlanArm:
 
     def __post_init__(self) -> None:
         if self.plan.unit_of_result()[0] != "area":
-            words = "candidates: cameras on an arm are measured by area"
+            words = (
+                "candidates: expected a result by area on an arm, got by face; leave out task.by"
+            )
             raise PlanError(self.plan.name, words)
 
     @cached_property
@@ -69,7 +71,10 @@ class PlanArm:
             own = known[np.linalg.norm(error, axis=1) <= SAME_POSE]
             own = np.concatenate([own, reached.joints[reached.pose == row]])
             if not len(own):  # inverse kinematics found it for the candidate of the same pose
-                raise PlanError(self.plan.name, f"camera {row + 1}: the arm does not reach it")
+                raise PlanError(
+                    self.plan.name,
+                    f"camera {row + 1}: expected a pose in reach, got another; run place again",
+                )
             placed, _ = self.plan.mounts.cameras(one)
             alone = _area(gated(finder.find(placed), finder.camera, placed))
             best: tuple[float, int, Regions] | None = None

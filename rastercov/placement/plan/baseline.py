@@ -24,7 +24,9 @@ Told = Mapping[str, Any]
 Entry = dict[str, Any]
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
-NO_CHECK = "no check.json of a check of the same groups by this version; make one by --out"
+NO_CHECK = (
+    "expected the check.json of the same groups by this version, got another; write it by --out"
+)
 MOST_PARTS, MOST_WORST = 12, 5
 """Parts, and groups or dead zones, that have a line: those that lost most."""
 SQUARE_METRES = {"m": 1.0, "cm": 1e-4, "mm": 1e-6, "um": 1e-12, "µm": 1e-12}
@@ -62,8 +64,7 @@ class Tolerated:
         """Loss of a share that is accepted, of the area that it is of, None by face."""
         if self.m2 and of_m2 is None:
             raise ConfigError(
-                "allow_worse: an area applies to results by area, and these are by face; give "
-                "percentage points"
+                "allow_worse: expected percentage points by face, got an area; give 0.5 or so"
             )
         return min(1.0, self.m2 / of_m2) if self.m2 and of_m2 else self.share
 
@@ -171,7 +172,7 @@ def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) 
     tolerated = NOTHING if allow_worse is None else Tolerated.of(allow_worse)
     if path is None:
         if allow_worse is not None:
-            raise ConfigError("allow_worse is against a baseline, got none; name one by --baseline")
+            raise ConfigError("allow_worse: expected a baseline, got none; name one by --baseline")
         return None
     file = printable(str(path))
     with errors_as(ConfigError, file, UnreadableError):
@@ -193,8 +194,8 @@ def compare(before: Told, now: Told) -> Against:
     try:
         for name, value in now["task"].items():
             if (old := before["task"].get(name)) != value:
-                other = f"with {name} = {shown(old)}, and this one has {shown(value)}"
-                raise ConfigError(f"{file}: of a check {other}; make the baseline anew")
+                other = f"{name} = {shown(value)}, got {shown(old)}"
+                raise ConfigError(f"{file}: expected a check with {other}; make the baseline anew")
         before = {"parts": []} | dict(before)  # of a version that did not write them
         shares, earlier = (
             _by_name(now if before["parts"] else {**now, "parts": []}),

@@ -81,7 +81,7 @@ class Checked(InOneLine, InNotebook):
         Share covered of every task group, with limit 0 where nothing is required of it; the least
         covered first.
     asked_views : int or None
-        Cameras a face that replace those of the plan.
+        Cameras per face that replace those of the plan.
     names : tuple of str
         Of the cameras, as of `names_of_poses`.
     against : Against or None
@@ -276,7 +276,9 @@ def limits(
             )
         found[None] = min_coverage
         if min_coverage == 0:
-            raise ConfigError("--min-coverage 0 always holds; give more than 0, or leave it out")
+            raise ConfigError(
+                "--min-coverage: expected a share above 0, got 0, which always holds; increase it"
+            )
     for text in groups:
         name, _, share = text.rpartition("=")
         try:
@@ -288,12 +290,14 @@ def limits(
                 f"--group: expected NAME=SHARE, a share of 0 to 1, got {text!r}{share_meant(value)}"
             )
         if value == 0:
-            raise ConfigError(f"--group {text} always holds; give more than 0, or leave it out")
+            raise ConfigError(
+                f"--group: expected a share above 0, got {text}, which always holds; increase it"
+            )
         found[name] = value
     if not found and not plan.goals and not may_be_none:
         raise ConfigError(
-            f"{plan.name} asks for no coverage; give --min-coverage or --group, --baseline, goals, "
-            'or a selection with goal = "fewest_cameras"'
+            f"{plan.name}: expected a coverage to check, got none; give --min-coverage, --group, "
+            '--baseline, goals, or a selection with goal = "fewest_cameras"'
         )
     return found
 
@@ -320,7 +324,7 @@ def check(
     limits : mapping of group name or None to share
         None is the whole task.
     views : int, optional
-        Cameras a face, instead of the plan's.
+        Cameras per face, instead of the plan's.
     step : callable
         As for `place`.
     poses : (P, 4, 4) array_like, Poses or Views, optional
@@ -349,7 +353,7 @@ def check(
     if plan.lamp_entries:
         if chosen is None:
             raise PoseError(
-                f"{plan.name} has lamps to choose, and {poses_file.name} no chosen ones; give the "
+                f"{poses_file.name}: expected chosen lamps for {plan.name}, got none; give the "
                 "poses.json that place wrote"
             )
         plan = plan.with_lamps(chosen)
@@ -431,7 +435,9 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
     for name in by_name:
         try:
             if set(names.groups_of(name)).isdisjoint(scored):
-                lines.append(f"group {quoted(name)} is an occluder; to cover are {listed(scored)}")
+                lines.append(
+                    f"expected a group to cover, got occluder {quoted(name)}; use {listed(scored)}"
+                )
         except MeshError as error:
             lines.append(str(error))
     if lines:
@@ -461,9 +467,8 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     if len(used) > 1:
         names = ", ".join(views.camera_names[row] for row in used[:MOST_GROUPS])
         raise PoseError(
-            f"the poses are of {len(used)} cameras, {names}, and {plan.name} has one: name them as "
-            "[cameras.NAME], leave out [camera] to use those of the file, or choose one by "
-            "--camera-name"
+            f"expected poses of one camera, as {plan.name}, got {len(used)}: {names}; name them as "
+            "[cameras.NAME], leave out [camera], or choose by --camera-name"
         )
     return plan, Poses.of(views.poses, camera=0)
 

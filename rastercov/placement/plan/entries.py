@@ -161,14 +161,14 @@ def _file(name: str, info: ValidationInfo) -> str:
     except (OSError, ValueError):  # too long, or with a zero byte
         found = False
     if not found:
-        raise ValueError(f"expected a file, got {name!r}, and there is no {path}; correct the name")
+        raise ValueError(f"expected a file, got {name!r}: there is no {path}; correct the name")
     return name
 
 
 def ascending(pair: list[float]) -> list[float]:
     """`pair`; ValueError where its first number is above its second."""
     if not pair[0] <= pair[1]:
-        raise ValueError(f"expected [least, greatest] with least <= greatest, got {pair}")
+        raise ValueError(f"expected [least, greatest] in this order, got {pair}; exchange them")
     return pair
 
 
@@ -181,7 +181,7 @@ def one_or_two(value: Any) -> Any:
 def a_direction(triple: list[float]) -> list[float]:
     """`triple`; ValueError where it is zero."""
     if not any(triple):
-        raise ValueError("expected a direction, got [0, 0, 0]")
+        raise ValueError("expected a direction, got [0, 0, 0]; give another")
     return triple
 
 
@@ -196,7 +196,7 @@ def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
 def together(entry: BaseModel, one: str, other: str) -> None:
     """ValueError where one of two entries is given and the other is not."""
     if (getattr(entry, one) is None) != (getattr(entry, other) is None):
-        raise ValueError(f"{one} and {other} come together; give both or neither")
+        raise ValueError(f"expected {one} and {other}, got one of them; give both or neither")
 
 
 def both_or_none(entry: Boxed) -> Boxed:
@@ -205,7 +205,7 @@ def both_or_none(entry: Boxed) -> Boxed:
     if entry.low is not None and not all(
         a <= b for a, b in zip(entry.low, entry.high, strict=True)
     ):
-        raise ValueError(f"expected low <= high on every axis, got {entry.low} and {entry.high}")
+        raise ValueError(f"expected low <= high, got {entry.low} and {entry.high}; exchange them")
     return entry
 
 
@@ -214,7 +214,7 @@ def among(names: Collection[str]) -> tuple[AfterValidator, FieldInfo]:
 
     def check(name: str) -> str:
         if name not in names:
-            raise ValueError(f"expected one of {', '.join(names)}, got {name!r}")
+            raise ValueError(f"expected one of {', '.join(names)}, got {name!r}; correct it")
         return name
 
     return AfterValidator(check), Field(json_schema_extra={"enum": list(names)})
@@ -246,16 +246,16 @@ def no_limit(pair: list[float] | None) -> tuple[float, float]:
 
 
 class BaseEntry(Entry):
-    """Place of a robot: turned about an axis through its origin, then moved."""
+    """Pose of a robot: rotation about an axis through its origin, then translation."""
 
     axis: Direction = [0.0, 0.0, 1.0]
     """Axis of the rotation, through the origin."""
     angle_deg: Number = 0.0
     """Angle of the rotation, counter-clockwise seen against the axis."""
     translation: Triple = [0.0, 0.0, 0.0]
-    """Metres, after the rotation."""
+    """Translation after the rotation, m."""
 
     def matrix(self) -> NDArray[np.float64]:
-        """(4, 4) rigid motion."""
+        """(4, 4) rigid transform."""
         turn = rotation_about(self.axis, math.radians(self.angle_deg))
         return matrices_of(turn, self.translation)

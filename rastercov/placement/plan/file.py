@@ -2,11 +2,10 @@
 
 plan.toml -> `read_plan` -> `scene` (mesh, candidates) -> `run` (place), `check`
 
-Errors have a line each with their path, for example `task.min_pixels: wanted a number above 0, got
--3`.
+Errors have a line each with their path, for example `task.min_pixels: expected a number above 0,
+got -3`.
 """
 
-import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -33,6 +32,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import OF_LIGHT, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed
+from rastercov.mesh.groups import listed
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
@@ -97,18 +97,18 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
             if each.get("ctx", {}).get("le") == 1:
                 lines[path] += share_meant(each["input"])
         elif kind == "missing":
-            lines[path] = f"{path}: missing; add it"
+            lines[path] = f"{path}: expected an entry, got none; add it"
         elif kind == "extra_forbidden":
-            lines[path] = f"{path}: there is no such entry{_meant(each['loc'], model)}"
+            *inner, name = each["loc"]
+            lines[path] = f"{path}: expected {_known(_entries(inner, model), str(name))}"
         elif kind == "union_tag_not_found":
             tag = each["ctx"]["discriminator"].strip("'")
-            lines[f"{path}.{tag}"] = f"{_joined(path, tag)}: missing; add it"
+            lines[f"{path}.{tag}"] = f"{_joined(path, tag)}: expected an entry, got none; add it"
         elif kind == "union_tag_invalid":
             context = each["ctx"]
-            tag, known = context["discriminator"].strip("'"), context["expected_tags"]
-            near = _near(context["tag"], known.replace("'", "").split(", "))
-            path = _joined(path, tag)
-            lines[path] = f"{path}: expected one of {known}, got {context['tag']!r}{near}"
+            known = context["expected_tags"].replace("'", "").split(", ")
+            path = _joined(path, context["discriminator"].strip("'"))
+            lines[path] = f"{path}: expected {_known(known, context['tag'])}"
         else:
             text = " ".join(each["msg"].removeprefix("Value error, ").split())
             lines[path] = f"{path}: {text}" if path else text
@@ -134,20 +134,13 @@ def _joined(path: str, part: str) -> str:
     return f"{path}.{part}" if path else part
 
 
-def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """Known entries beside an unknown one, and the most similar name."""
-    names = _entries(location[:-1], model)
-    if not names:
-        return ""
-    return f"; there are {', '.join(names)}{_near(str(location[-1]), names)}"
+def _known(names: Sequence[str], name: str) -> str:
+    """Known names beside an unknown one, those that are similar if there are many."""
+    known = f"one of {listed(names, name)}" if names else "no entry"
+    return f"{known}, got {shown(name)}; correct the name"
 
 
-def _near(name: str, names: Sequence[str]) -> str:
-    found = difflib.get_close_matches(name, names, 1)
-    return f"; did you mean {found[0]}?" if found else ""
-
-
-def _entries(location: tuple[int | str, ...], model: type[BaseModel]) -> list[str]:
+def _entries(location: Sequence[int | str], model: type[BaseModel]) -> list[str]:
     """Names of the entries of the table at a location, sorted."""
     models = [model]
     for part in location:
@@ -172,7 +165,7 @@ def _tags_of(model: type[BaseModel]) -> list[str]:
     return [tag for field in fields if field for tag in get_args(field.annotation)]
 
 
-NO_CAMERA = "camera: missing; add it, or cameras by name as [cameras.NAME]"
+NO_CAMERA = "camera: expected an entry, got none; add it, or cameras as [cameras.NAME]"
 
 
 class Plan(PlanModel):
@@ -243,7 +236,9 @@ class Plan(PlanModel):
         mounts = np.searchsorted(self.mounts.starts, cameras.camera, "right").astype(np.int32) - 1
         if len(several := np.flatnonzero(np.diff(self.mounts.starts)[mounts] > 1)):
             name = self.mounts.names[mounts[several[0]]]
-            raise PlanError(self.name, f"existing: cameras of rig {name} are chosen together")
+            raise PlanError(
+                self.name, f"existing: expected single cameras, got rig {name}; leave it out"
+            )
         other = self.model_copy()
         other._given = replace(cameras, camera=mounts)
         return other
@@ -271,7 +266,7 @@ class Plan(PlanModel):
         """Room by its name; ConfigError for an unknown one."""
         if name not in self._rooms:
             known = ", ".join(self._rooms) or "none"
-            raise ConfigError(f"there is no room {name!r}; rooms are {known}")
+            raise ConfigError(f"expected a room, got {name!r}; rooms are {known}")
         return self._rooms[name]
 
     def with_lamps(self, lamps: Lamps | None) -> Self:
@@ -304,7 +299,9 @@ class Plan(PlanModel):
         """Mounts of an entry by its names; without names, rigs and cameras that are in no rig."""
         known = self.mounts.names
         if unknown := [name for name in names if name not in known]:  # of other cameras
-            raise CameraError(f"there is no camera {unknown[0]!r}; cameras are {', '.join(known)}")
+            raise CameraError(
+                f"expected a camera, got {unknown[0]!r}; cameras are {', '.join(known)}"
+            )
         if names:
             return [row for row, name in enumerate(known) if name in names]
         in_rigs = {each.camera for rig in self.rigs.values() for each in rig.cameras or []}
@@ -349,11 +346,11 @@ class Plan(PlanModel):
         rig = self.rig if self.has_cameras else None
         is_gated = rig is not None and is_joint(rig)
         if self.task.by is None and self.task.weight_by == "count" and not is_gated:
-            return "face", "weight_by count is of faces"
+            return "face", "weight_by count applies to faces"
         engine = Engine(self.task.method, supersample=self.task.supersample)
         if is_gated and self.task.weight_by == "count":
             raise ConfigError(
-                "a rig with a rule, and light, are by area; leave out weight_by count"
+                "expected areas with lamps or the rule of a rig, got weight_by count; leave it out"
             )
         return unit_of_result(self.task.by, self.build_task(), engine, rig)
 

@@ -82,15 +82,15 @@ class Generator(Entry):
     """Entries of all generators of candidate poses."""
 
     rolls_deg: Some[Number] = [0.0]
-    """A candidate for each: turned about its axis."""
+    """Roll angles, degrees; one candidate for each."""
     up: Direction = [0.0, 0.0, 1.0]
-    """Upwards in the image."""
+    """Direction that is up in the image."""
     cost: NotNegative | None = None
-    """Of a place of this entry, added to that of the camera; 1 where neither has one."""
+    """Cost of a place of this entry, added to that of the camera; 1 if neither has one."""
     cameras: list[Name] = []
     """Types of cameras at these places; all if empty."""
     lamp: Name | None = None
-    """Lamp to place here instead of cameras, one of the plan without a place of its own."""
+    """Lamp to place here instead of cameras; a lamp of the plan without a position."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """Candidates of a mount, once for each aim; each generator has its own."""
@@ -107,7 +107,7 @@ class Framed(Generator):
     stand_off: Limits | None = None
     """[least, greatest] distance to the target, m; inf for no limit."""
     margin: Positive = 1.0
-    """Factor by which the image is larger."""
+    """Size of the image relative to the target."""
 
 
 class Square(Framed):
@@ -126,7 +126,7 @@ class PerSegment(Square):
     beta_deg: Annotated[float, Field(ge=0, lt=90)] = 25.0
     """Largest angle between average normals that are merged."""
     merge: Literal["leader", "closest", "none"] = "leader"
-    """Way to merge segments."""
+    """Method of merging segments."""
 
     def segmented(self, mesh: Mesh) -> Segmentation:
         """Segments of a mesh."""
@@ -159,7 +159,7 @@ class PerCavity(Square):
 
     generator: Literal["per_cavity"]
     views: Count = 3
-    """Candidates for each face, at most."""
+    """Maximum number of candidates per face."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """None: they depend on the visibility of the others."""
@@ -173,9 +173,9 @@ class Around(Framed):
     count: Count
     """Positions on each sphere."""
     centre: Triple | None = None
-    """The middle of the scene if left out."""
+    """Centre of the spheres, m; by default that of the scene."""
     distances: Some[Positive] | None = None
-    """Radii, m; one from where all is in view if left out."""
+    """Radii, m; by default one at which the whole part is in view."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
@@ -186,13 +186,13 @@ class Aim(Entry):
     """Direction of view of a mounted camera: one of the four."""
 
     middle: Literal[True] | None = None
-    """The middle of the scene, or of the room."""
+    """Look at the middle of the scene, or of the room."""
     point: Triple | None = None
-    """A point."""
+    """Point to look at, m."""
     direction: Direction | None = None
-    """A direction."""
+    """Direction of view."""
     nearest: list[Name] | None = None
-    """The nearest surface of these groups; of the task if empty."""
+    """Look at the nearest surface of these groups; of the task if empty."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -214,7 +214,7 @@ class Aimed(Generator):
     """Views from mounting positions, each by a rule."""
 
     spacing: Positive
-    """Largest distance between neighbours, or from a place on the walls of a room, m."""
+    """Maximum distance between neighbours, or from a place on the walls of a room, m."""
     aim: Some[Aim] = [Aim(middle=True)]
     """Points to look at; a candidate for each."""
 
@@ -231,9 +231,9 @@ class InRoom(Aimed):
     inset: Positive = 0.1
     """Distance from the mesh, m."""
     heights: Heights | None = None
-    """[lowest, highest] z, or one, m; all of the room if left out."""
+    """[lowest, highest] z, or one height, m; by default all of the room."""
     on: Some[Literal["walls", "ceiling"]] = ["walls", "ceiling"]
-    """Faces to use: steep ones, and others from below."""
+    """Faces to use: walls are steep ones, the ceiling others from below."""
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
@@ -249,9 +249,9 @@ class Mounted(Aimed):
     """Views from a grid of mounting positions."""
 
     low: Triple | None = None
-    """Corner of the box; that of the scene."""
+    """Lowest corner of the box, m; by default that of the scene."""
     high: Triple | None = None
-    """The opposite corner."""
+    """Highest corner of the box, m; by default that of the scene."""
     _check = model_validator(mode="after")(both_or_none)
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
@@ -271,7 +271,7 @@ class OnBox(Mounted):
 
     generator: Literal["on_box"]
     outward: Number = 0.0
-    """Enlarges the box on all sides, m."""
+    """Distance by which the box is enlarged on all sides, m."""
     sides: Some[Side] = list(get_args(Side))
     """Sides to use."""
 
@@ -283,7 +283,7 @@ class OnWalls(Mounted):
     inset: Number = 0.1
     """Distance from walls, floor and ceiling, m."""
     heights: Heights | None = None
-    """[lowest, highest] z, or one, m; from floor to ceiling if left out."""
+    """[lowest, highest] z, or one height, m; by default from floor to ceiling."""
 
 
 class OnCeiling(Mounted):
@@ -306,7 +306,7 @@ class PoseFile(Generator):
 
     generator: Literal["poses"]
     file: File
-    """Pose file, ours (.json, .npy) or of another program that states its unit."""
+    """Pose file: .json or .npy of rastercov, or of another program that states its unit."""
 
     def made(self, spot: Spot) -> Iterator[Candidates]:
         """See `Generator`."""
@@ -331,20 +331,20 @@ class OnArm(Generator):
     body: Name
     """Link that carries the camera: NAME/LINK of a body with urdf."""
     of: Annotated[Reachable, Field(discriminator="generator")]
-    """The other generator, without entries of its own for rolls, up, cost and cameras."""
+    """Generator of the poses, without entries for rolls, up, cost and cameras."""
     rolls_deg: Some[Number] = [0.0, 90.0, 180.0, 270.0]
-    """A candidate for each: turned about its axis."""
+    """Roll angles, degrees; one candidate for each."""
     mount: BaseEntry = BaseEntry()
-    """Place of the camera on the link; axes: x right, y down, z forward."""
+    """Pose of the camera on the link; axes: x right, y down, z forward."""
     clearance: NotNegative = 0.0
-    """Least distance of links from the scene, from keep-out volumes and from each other, m."""
+    """Minimum distance of links from the scene, keep-out volumes and each other, m."""
     allowed: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = []
-    """Pairs of links that may touch, beside neighbours."""
+    """Pairs of links that may touch, besides neighbours."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if own := sorted(self.of.model_fields_set & set(Generator.model_fields)):
-            raise ValueError(f"{own[0]} is of on_arm, not of its generator; move it there")
+            raise ValueError(f"expected {own[0]} in on_arm, got it in its generator; move it")
         return self
 
     def views(self) -> Reachable:

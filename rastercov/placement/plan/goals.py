@@ -102,7 +102,7 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
     taken = {name for goal in plan.goals.values() for name in goal.groups or ()}
     rest = [name for name in scored if name not in taken]
     if not rest:
-        raise PlanError(plan.name, "goals: all groups have one; leave one group to the task")
+        raise PlanError(plan.name, "goals: expected a group without one, got none; leave one out")
     goals = tuple(
         OwnGoal(
             name=name,
@@ -364,8 +364,7 @@ def _stacked(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Problem:
     every = [problem, *(each for _, each in goals)]
     if len({each.bits.n_rows for each in every}) > 1:
         raise ConfigError(
-            "cameras of rigs count one by one where several views are needed; give the same views "
-            "to the task and to all goals"
+            "expected the same views in the task and goals of rigs, got others; make them equal"
         )
     names = [f"{OF_TASK}/{name}" for name in problem.groups]
     rows: list[NDArray[np.int32]] = [problem.face_group]

@@ -146,10 +146,10 @@ class LampChoice:
             with_bound(each["percent"], each["bound_percent"])
             for each in (self.alone, self.together)
         )
-        how = "the best of all" if self.is_best else "no bound; the best of"
+        how = "the best of all" if self.is_best else "the best of"
         return [
             f"{len(self.chosen)} of {plural(len(self.pool.candidates), 'candidate')} for lamps: "
-            f"seen and lit as asked for by one of them {one} of the area, by all together {every} "
+            f"{every} of the area is visible and lit by all together, {one} by one at a time "
             f"({how} {plural(self.n_tried, 'set')} tried)",
             *found,
         ]
@@ -253,8 +253,8 @@ class Lighting:
         n = len(self.pool.candidates)
         if not n:
             raise ConfigError(
-                f"{plan.name}: no candidate for lamps is left ({'; '.join(self.pool.lines())}); "
-                "allow more, or add some"
+                f"{plan.name}: expected candidates for lamps, got none "
+                f"({'; '.join(self.pool.lines())}); allow more, or add some"
             )
         self._camera, self._placed = dark.rig, placed
         single = [each for row in range(n) if (each := self.lamps((row,)))]
@@ -456,8 +456,8 @@ class Lighting:
         lamps = self.lamps(tuple(selection.chosen.tolist()))
         if lamps is None or not self.worth(best)[2 * is_fewest] > 0:
             raise ConfigError(
-                f"{self.plan.name}: no choice of {plural(n, 'candidate')} for lamps lights what "
-                "the cameras see as the task asks for; ask for less light, or add candidates"
+                f"{self.plan.name}: expected lamps that light what cameras see, got none of "
+                f"{plural(n, 'candidate')}; relax thresholds of light, or add candidates"
             )
         both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
         found = self.pool, problem, selection, lamps

@@ -270,8 +270,8 @@ def seeable_areas(plan: Plan, network: Network) -> FloatArray | None:
     hidden = network.unseeable_areas
     if not hidden.any() and unseeable_areas(network.mesh).any():
         raise ConfigError(
-            'cameras see into closed bodies, so weight_by = "seeable" has no meaning: move them '
-            "out, or leave it out where a room is drawn as a body"
+            'expected cameras outside closed bodies for weight_by = "seeable", got some '
+            "inside; move them out, or leave it out where a room is drawn as a body"
         )
     return network.mesh.areas - hidden
 

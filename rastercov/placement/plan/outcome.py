@@ -146,7 +146,7 @@ def refuse_other(junit: Path | None, summary: Path | None) -> None:
                 start = file.read(200)
         if start and not re.match(OURS, start):
             raise ConfigError(
-                f"{path}: refusing to overwrite a file not written by `rastercov check`; name "
+                f"{path}: expected a file by `rastercov check` to overwrite, got another; name "
                 f"another file for {option}"
             )
 

@@ -53,7 +53,7 @@ CANDIDATES_A_TURN = 32
 
 
 class MotionFile(Entry):
-    """A file of motion for `rastercov evaluate`: bodies, how they move, and for how long to see.
+    """Motion file for `rastercov evaluate`: bodies, their poses, and the time to be covered.
 
     Robots, bodies with `urdf`, join the mesh.
     """
@@ -67,7 +67,7 @@ class MotionFile(Entry):
     over: Over = "some"
     """Time in which a point must be covered: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Several cameras cover it at one time, or each at whatever times."""
+    """Whether several cameras must cover it at one time, or each at any time."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,8 +101,8 @@ class PlanMotion(MotionQuery):
             return None
         unit, reason = plan.unit_of_result()
         if unit != "area":
-            why = reason or 'leave out task.by = "face"'
-            raise PlanError(plan.name, f"motion: figures over time are by area; {why}")
+            why = reason or "leave out task.by"
+            raise PlanError(plan.name, f"motion: expected a result by area, got by face; {why}")
         robots = robots_of(plan.bodies, plan.folder, plan.name)
         bodies = plan.bodies_of_cameras()
         with errors_at(plan.name, "motion"):

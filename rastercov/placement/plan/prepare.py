@@ -209,7 +209,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
     asked, where = plan.task.resolution_of_result, "task.resolution_of_result"
     if unit == "face":
         if asked is not None:
-            raise PlanError(plan.name, f"{where}: the result is by face, because {reason}")
+            raise PlanError(plan.name, f"{where}: expected a result by area, got by face: {reason}")
         return None
     with errors_at(plan.name, where, ResourceError):
         return cells(mesh, usual_size(mesh) if asked is None else asked)
@@ -264,8 +264,8 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         matrix, problem, reachable = _in_frames(measuring, found)
     if not len(found.candidates):
         raise ConfigError(
-            f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
-            f"allow more, or add some{_of_unit(plan, mesh, found.proposed)}"
+            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); allow more, "
+            f"or add some{_of_unit(plan, mesh, found.proposed)}"
         )
     if job.folder is not None:
         _forget(job.folder, measuring.used)
@@ -361,7 +361,9 @@ def _in_frames(
     assert over_time is not None
     assert job.cells is not None
     if any(isinstance(entry, PerCavity) for entry in plan.candidates):
-        raise PlanError(plan.name, "candidates: per_cavity is of a still scene; leave it out")
+        raise PlanError(
+            plan.name, "candidates: expected no per_cavity over time, got one; leave it out"
+        )
     with job.clock("visibility matrix") as progress:
         timed = over_time.matrix(
             plan,

@@ -204,11 +204,11 @@ def place(
     """
     lamps = plan.lamp_entries
     is_there = len(plan.candidates) > len(lamps) or plan.existing is not None
-    why = "existing: missing; lamps are chosen for cameras: give their poses, or candidates of them"
-    why = why if lamps else "candidates: missing; place needs one entry or more"
+    why = "existing: expected cameras for lamps, got none; give poses, or candidates of cameras"
+    why = why if lamps else "candidates: expected one entry or more, got none; add one"
     missing = [] if is_there else [why]
     missing += [] if plan.has_cameras or plan.existing else [NO_CAMERA]
-    missing += [] if plan.selection else ["selection: missing; place needs a goal"]
+    missing += [] if plan.selection else ["selection: expected a goal, got none; add one"]
     if missing:
         raise PlanError(plan.name, missing)
     eyes: Poses | None = None
@@ -242,8 +242,11 @@ def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
     moved = []
     for row, each in enumerate(plan.existing.move):
         if each not in (names if isinstance(each, str) else range(len(given))):
-            known = f"{len(given)} cameras" + (f", {listed(names, str(each))}" if images else "")
-            raise PlanError(plan.name, f"existing.move[{row}]: there is no {each!r} among {known}")
+            known = f"{len(given)} cameras" + (f" ({listed(names, str(each))})" if images else "")
+            raise PlanError(
+                plan.name,
+                f"existing.move[{row}]: expected one of {known}, got {each!r}; correct it",
+            )
         moved.append(names.index(each) if isinstance(each, str) else each)
     return given[np.setdiff1d(np.arange(len(given)), moved)]
 
@@ -258,13 +261,15 @@ def _check_goals(plan: Plan) -> None:
         or plan.motion is not None
         or any(isinstance(each, OnArm) for each in plan.candidates)
     ):
-        lines.append("goals: cameras alone are chosen for them, in a still scene without an arm")
+        lines.append(
+            "goals: expected cameras alone, got lamps, a motion or an arm; leave goals out"
+        )
     asked = plan.selection
     is_partial = getattr(asked, "of_reachable", False)
     for name, goal in plan.goals.items():
         if goal.coverage is not None and (is_partial or not isinstance(asked, FewestSelection)):
             wanted = 'goal = "fewest_cameras" without of_reachable'
-            lines.append(f"goals.{name}.coverage: it needs a selection with {wanted}")
+            lines.append(f"goals.{name}.coverage: expected {wanted}, got another; change selection")
     if lines:
         raise PlanError(plan.name, lines)
 

@@ -125,7 +125,9 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     }
     plan = plan.model_copy(update=changes)
     if not mesh.task_mask.any() and not failed:
-        lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
+        lines.append(
+            'meshes: expected a group to cover, got occluders only; give one role = "task"'
+        )
     if lines:
         raise PlanError(plan.name, lines)
     return mesh, plan, names
@@ -501,8 +503,8 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     if plan.motion is not None and (table := plan.motion.turntable) is not None:
         if still := plan.motion.beside_turntable(mesh, plan.bodies):
             raise ConfigError(
-                f"group {still[0]} stands beside the turntable; give it to body {table.body}, or "
-                "make it a shape of a link of the urdf"
+                f"expected group {still[0]} on the turntable, got it beside; give it to body "
+                f"{table.body}, or make it a shape of a link of the urdf"
             )
         robot = robot.on_turntable(table.axis, table.centre, table.degrees)
     return Arm(

@@ -99,33 +99,33 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
     file: File | None = None
-    """Camera file, ours or of another program, with the entries and the optics that it lacks."""
+    """Camera file, of rastercov or another program; other entries add what it lacks."""
     name: str | None = None
-    """Camera of a file with several."""
+    """Name of the camera in a file with several."""
     pixel_centre: float | None = None
     """Coordinate of the first pixel's centre in the file: 0 or 0.5."""
     lens_model: Literal["brown", "fisheye"] | None = None
-    """Model of four coefficients in the file."""
+    """Lens model of four coefficients in the file."""
     image_size: list[Count] | None = None
-    """[width, height], px, for a file without."""
+    """[width, height], px, for a file that lacks it."""
     preset: Name | None = None
     """Camera of the catalogue, NAME or NAME+LENS; other entries change it."""
     pixel_size: Number | list[Number] | None = None
-    """Metres, one or two."""
+    """Pixel pitch, m; one number or [x, y]."""
     principal_point: Pair | None = None
-    """Metres from the top-left corner."""
+    """[x, y] from the top-left corner, m."""
     f_number: Number | None = None
-    """f/N; with focus_distance, and pixel_size beside fx and fy."""
+    """N of f/N; with focus_distance, and with pixel_size if fx and fy are given."""
     hfov_deg: Number | None = None
-    """Angle between left and right, deg; instead of fx."""
+    """Horizontal field of view, deg; instead of fx."""
     vfov_deg: Number | None = None
-    """Angle between top and bottom, deg; instead of fy."""
+    """Vertical field of view, deg; instead of fy."""
     focus_range: list[float] | None = None
     """[near, far] depths in focus, m; instead of an aperture."""
     distortion: list[float] | None = None
-    """Coefficients of the model, in its order."""
+    """Coefficients of the lens model, in its order."""
     body: Name = "world"
-    """Body that carries it, where bodies move; candidates are poses at rest."""
+    """Body that carries it, if bodies move; candidates are poses at rest."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -161,7 +161,7 @@ class CameraType(CameraSection):
     """One of several types of cameras, by its name."""
 
     cost: NotNegative | None = None
-    """Of one of them, added to that of its place; the price of a preset, or 1, unless given."""
+    """Cost of one, added to that of its place; by default the price of a preset, or 1."""
 
     @model_validator(mode="after")
     def _with_price(self, info: ValidationInfo) -> Self:
@@ -179,7 +179,7 @@ class DeviceTask(fields_of(Task, is_optional=True, leave_out=OF_NO_DEVICE)):  # 
 
 
 class RigCamera(Entry):
-    """Place of a camera on a rig: turned about an axis through the origin of the rig, then moved.
+    """Pose of a camera on a rig: rotation about an axis through its origin, then translation.
 
     Axes of rig and camera: x right, y down, z forward. A fixed camera is placed in the world.
     """
@@ -189,22 +189,24 @@ class RigCamera(Entry):
     name: Name | None = None
     """Its name on the rig; that of the camera unless given."""
     axis: Direction = [0.0, 1.0, 0.0]
-    """Of the turn, in the rig's axes."""
+    """Axis of the rotation, in the axes of the rig."""
     angle_deg: Number = 0.0
-    """Of the turn, degrees."""
+    """Angle of the rotation, degrees."""
     translation: Triple = [0.0, 0.0, 0.0]
-    """Metres, after the turn."""
+    """Translation after the rotation, m."""
     fixed: bool = False
-    """Stays where it is as the rig moves, such as a projector of the cell."""
+    """True if it does not move with the rig, such as a projector of the work cell."""
     target: Triple | None = None
-    """Point that a fixed camera looks at, m; in place of axis and angle_deg."""
+    """Point that a fixed camera looks at, m; instead of axis and angle_deg."""
     task: DeviceTask | None = None
-    """Its thresholds, all in place of those of the task."""
+    """Thresholds of this camera, which replace all those of the task."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.target is not None and (not self.fixed or self.angle_deg):
-            raise ValueError("target is of a fixed camera without angle_deg; correct the entry")
+            raise ValueError(
+                "expected target of a fixed camera without angle_deg, got another; correct it"
+            )
         return self
 
     def rig_from_camera(self) -> NDArray[np.float64]:
@@ -225,25 +227,25 @@ OF_NO_GOAL = ("views", "min_angle_deg", *OF_LIGHT, *OF_A_FACE)
 
 
 class ExistingSection(Entry):
-    """Cameras that are there."""
+    """Existing cameras."""
 
     file: File
-    """Their poses, a file as of candidates."""
+    """Pose file, as for candidates."""
     move: list[Annotated[int, Field(ge=0)] | Name] = []
-    """Rows, or names of images, of those that leave their places; the others stay."""
+    """Rows, or names of images, of cameras that may move; the others stay."""
 
 
 class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # type: ignore[misc] # a base made of fields
-    """A goal of its own for some groups, with thresholds in place of those of the task."""
+    """Goal for some groups, with thresholds in place of those of the task."""
 
     groups: Some[Name] | None = None
-    """Groups that it is of, which are not of the task then; all of the task unless given."""
+    """Groups of the goal, which the task then leaves out; all of the task unless given."""
     coverage: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Share to cover at least."""
+    """Minimum share to cover."""
     at_most: Annotated[float, Field(ge=0, lt=1)] | None = None
-    """Share that may be covered at most, such as 0 of what must not be seen."""
+    """Maximum share that may be covered, such as 0 for what must not be seen."""
     views: Count | None = None
-    """Cameras that must cover a face; those of the task unless given."""
+    """Required number of cameras per point or face; by default that of the task."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -252,32 +254,32 @@ class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # t
 
 
 class RigSection(Entry):
-    """Cameras that move together: of the plan, all of a file with their places, or a preset."""
+    """Cameras that move together: of the plan, all of a file with their poses, or a preset."""
 
     cameras: Some[RigCamera] | None = None
-    """Cameras of the plan and their places."""
+    """Cameras of the plan with their poses on the rig."""
     file: File | None = None
-    """File of cameras with their places, such as a Kalibr camchain."""
+    """File of cameras with their poses, such as a Kalibr camchain."""
     preset: Name | None = None
     """Head of the catalogue, NAME:BASELINE or NAME:BASELINE:CAMERA, such as stereo:0.12."""
     cost: NotNegative | None = None
-    """Of the rig; that of its cameras together unless given."""
+    """Cost of the rig; by default that of its cameras together."""
     rule: Literal["any", "all", "at_least"] | None = None
-    """Cameras that must see a point together: all, at_least k, or any; of the file unless given."""
+    """Cameras that must see a point together: all, at_least k, or any; by default of the file."""
     k: Count | None = None
-    """Number of cameras of rule at_least."""
+    """Number of cameras, for rule at_least."""
     needs: Some[Name] | None = None
-    """Cameras without which nothing is measured, of rule at_least."""
+    """Cameras that must be among them, for rule at_least."""
     min_baseline_deg: Angle | None = None
-    """Least angle between the rays to some two cameras, degrees, of rule all."""
+    """Minimum angle between the rays to the widest pair of cameras, degrees, for rule all."""
     max_baseline_deg: Angle | None = None
-    """Greatest angle between the rays to any two cameras, degrees, of rule all."""
+    """Maximum angle between the rays to any two cameras, degrees, for rule all."""
     max_uncertainty: Positive | str | None = None
-    """Largest standard deviation of a point, m or such as "50 um", of rule all."""
+    """Maximum standard deviation of a point, m or text such as "50 um", for rule all."""
     noise_px: Positive | dict[str, Positive] | None = None
-    """Noise of positions in the images, px, of all cameras or a table by name; with the former."""
+    """Standard deviation of image positions, px, one or a table by camera; for max_uncertainty."""
     stripes: Some[Name] | None = None
-    """Cameras that know one coordinate, x: projectors of stripes along y, laser sheets."""
+    """Devices that measure x alone: projectors of stripes along y, laser sheets."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -302,8 +304,10 @@ class RigSection(Entry):
         if self.file is not None:
             views = read_views(folder / self.file)
             if views.rig is None or not views.has_unit:
-                lacks = "cameras" if views.rig is None else "a unit of their places"
-                raise CameraError(f"{self.file} is without {lacks}; convert it, with its unit")
+                lacks = "cameras" if views.rig is None else "a unit of places"
+                raise CameraError(
+                    f"{self.file}: expected {lacks}, got none; convert it with its unit"
+                )
             return self._ruled(views.rig, {})
         own = self.cameras or []
         names = [each.name or each.camera for each in own]
@@ -320,7 +324,7 @@ class RigSection(Entry):
 class LampSection(Entry):
     """A lamp, or several of one kind at `positions`, that must light what cameras see.
 
-    Candidates may name one without a place, which are places to choose from.
+    Candidates that name a lamp without a position are places to choose from.
     """
 
     kind: Annotated[str, *among(LAMPS)] | None = None
@@ -330,27 +334,27 @@ class LampSection(Entry):
     power_w_sr: Positive | None = None
     """Radiant intensity on its axis, W/sr, for thresholds in W/m2."""
     half_angle_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    """Angle from its axis beyond which it sends nothing; of a spot."""
+    """Angle from its axis beyond which it emits nothing; for a spot."""
     exponent: NotNegative | None = None
-    """m of I cos^m of the angle from its axis: 0 the same everywhere, 1 a surface that shines."""
+    """m of I cos^m of the angle from its axis: 0 is isotropic, 1 Lambertian."""
     size: Positive | Pair | None = None
     """Length of a bar, diameter of a ring or dome, side or [width, height] of an area, m."""
     points: Count | None = None
-    """Points of a lamp of size, up to 36."""
+    """Sample points of a lamp with a size, up to 36."""
     share: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Part of its points that a place sees where it counts as lit."""
+    """Share of its sample points that a point must see to count as lit."""
     ies: File | None = None
-    """IES LM-63 file, in place of all above."""
+    """IES LM-63 file, instead of all entries above."""
     position: Triple | None = None
-    """Place, m; on the rig for a lamp of one."""
+    """Position, m; on the rig for a lamp that a rig carries."""
     positions: Some[Triple] | None = None
-    """Places, a lamp at each."""
+    """Positions, m; a lamp at each."""
     aim: Triple | None = None
-    """Point that it looks at; straight down unless given, or along the axis of its rig."""
+    """Point that it is aimed at; by default straight down, or along the axis of its rig."""
     rig: bool | Name = False
-    """The rig or camera that it rides on, true for each of them."""
+    """Rig or camera that carries it; true for a lamp on each of them."""
     cost: NotNegative | None = None
-    """Of one of them, added to that of its place, where candidates name it."""
+    """Cost of one, added to that of its place, for a lamp of candidates."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -393,14 +397,14 @@ BuiltIn = Annotated[str, *among(NAMES)]
 
 
 class TransformEntry(BaseEntry):
-    """Place of a mesh in the scene: scaled about its origin, then turned, then translated."""
+    """Pose of a mesh in the scene: scaled about its origin, rotated, then translated."""
 
     scale: Positive = 1.0
-    """Factor, after the unit."""
+    """Scale factor, after the unit."""
 
 
 class MeshEntry(Entry):
-    """A mesh of the scene: a file or a built-in part, and what it is for."""
+    """A mesh of the scene: a file or a built-in part, and its role."""
 
     path: MeshFile = None
     built_in: BuiltIn | None = None
@@ -409,19 +413,21 @@ class MeshEntry(Entry):
     transform: TransformEntry = TransformEntry()
     """Place of the mesh in the scene."""
     role: Literal["task", "occluder", "target"] = "task"
-    """Role: to be seen; to hide and not be scored; or to be seen and hide nothing."""
+    """task is to be covered, occluder occludes only, target is covered but occludes nothing."""
     groups: list[Name] = []
-    """Groups of this role, all if empty. Others are the task, or occluders if the role is task."""
+    """Groups with this role, all if empty. Others are the task, or occluders for role task."""
     two_sided: bool | list[Name] = False
-    """True if either side counts as covered, for all groups or those named."""
+    """True if either side may be covered, for all groups or those named."""
     drop_invalid: bool = False
-    """Drop faces that are not finite."""
+    """Drop faces with coordinates that are not finite."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         only_one(self, ("path", "built_in"))
         if self.built_in and self.unit != "m":
-            raise ValueError(f"built-in parts are in metres; leave out unit, got {self.unit!r}")
+            raise ValueError(
+                f"expected metres of a built-in part, got {self.unit!r}; leave out unit"
+            )
         return self
 
 
@@ -429,13 +435,13 @@ class RoomSection(Entry):
     """A part of a building: what a point reaches, a polygon with heights, or a space of IFC."""
 
     inside: Triple | None = None
-    """Point in the room, from which it is reached without crossing the mesh."""
+    """Point in the room; the room is all that it reaches without crossing the mesh."""
     opening: Positive = 1.0
-    """Width up to which openings between rooms are closed, m; of inside."""
+    """Width up to which openings between rooms are closed, m; with inside."""
     polygon: list[Pair] | None = None
     """Corners [x, y] of the room in order, m."""
     z: Pair | None = None
-    """[lowest, highest] z of the room, m; of polygon."""
+    """[lowest, highest] z of the room, m; with polygon."""
     space: Name | None = None
     """IfcSpace of a mesh: name, long name, both, each after "STOREY/", or GlobalId."""
 
@@ -455,53 +461,55 @@ class RoomSection(Entry):
 
 
 class TargetEntry(Entry):
-    """A surface to be seen that hides nothing: a sheet above a floor, a grid of boxes, or a file.
+    """A surface to be covered that occludes nothing: a sheet above a floor, boxes, or a file.
 
     Exactly one of above, box and file.
     """
 
     name: Name | None = None
-    """Name of its group; by default what it is made of."""
+    """Name of its group; by default made from the entry."""
     above: Name | None = None
-    """Group whose faces that face up are lifted to a sheet."""
+    """Group whose upward faces are lifted to a sheet."""
     height: NotNegative | None = None
-    """Of the sheet above it, m."""
+    """Height of the sheet above it, m."""
     room: Name | None = None
     """Room that the sheet is limited to."""
     near: list[Name] = []
-    """Groups that the sheet is limited to the surroundings of, such as doors."""
+    """Groups around which the sheet is cut out, such as doors."""
     within: Positive = 1.0
-    """Largest horizontal distance from the groups of near, m."""
+    """Maximum horizontal distance from the groups of near, m."""
     box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
     """Two corners of a volume with a grid of hollow boxes, m."""
     count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     """Boxes along x, y and z; 1 each by default."""
     spacing: Positive | None = None
-    """Distance between boxes at most, m, instead of count."""
+    """Maximum distance between boxes, m, instead of count."""
     size: Positive | None = None
-    """Edge of a cube, m; by default half of its cell."""
+    """Edge of each cube, m; by default half of its grid cell."""
     file: MeshFile = None
     unit: Unit = "m"
     two_sided: bool | None = None
-    """True if either side counts as covered; by default for boxes only."""
+    """True if either side may be covered; by default for boxes only."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         only_one(self, ("above", "box", "file"))
         together(self, "above", "height")
         if self.above is None and (self.room or self.near):
-            raise ValueError("room and near are of a sheet; leave them out, or give above")
+            raise ValueError(
+                "expected above with room or near, got none; give it, or leave them out"
+            )
         of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
         if of_boxes and self.box is None:
-            raise ValueError(f"{' and '.join(of_boxes)} is of a box; leave it out, or give box")
+            raise ValueError(f"expected box with {' and '.join(of_boxes)}, got none; give it")
         if self.count and self.spacing:
-            raise ValueError("count and spacing exclude each other; give one of them")
+            raise ValueError("expected count or spacing, got both; leave one out")
         if self.box and not all(a < b for a, b in zip(*self.box, strict=True)):
             raise ValueError(
-                f"expected low < high on every axis, got {self.box[0]} and {self.box[1]}"
+                f"expected low < high, got {self.box[0]} and {self.box[1]}; exchange them"
             )
         if self.file is None and self.unit != "m":
-            raise ValueError(f"unit is of a file; leave it out, got {self.unit!r}")
+            raise ValueError(f"expected unit with a file, got {self.unit!r}; leave it out")
         return self
 
 
@@ -524,10 +532,10 @@ class BodyEntry(Entry):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.urdf is not None and self.groups:
-            raise ValueError("urdf has groups of its own; leave out groups")
+            raise ValueError("expected urdf or groups, got both; leave one out")
         of_robot = self.model_fields_set & {"packages", "geometry", "base"}
         if self.urdf is None and of_robot:
-            raise ValueError(f"{sorted(of_robot)[0]} is of a robot; give urdf, or leave it out")
+            raise ValueError(f"expected urdf with {sorted(of_robot)[0]}, got none; give urdf")
         return self
 
     def robot(self, folder: Path) -> Robot:
@@ -540,35 +548,35 @@ class BodyEntry(Entry):
 
 
 class Turned(Entry):
-    """A body that is turned in equal steps."""
+    """A body that is rotated in equal steps."""
 
     body: Name
     """Name of the body."""
     steps: Count
     """Frames; the first is the rest pose."""
     axis: Direction = [0.0, 0.0, 1.0]
-    """Direction, counter-clockwise seen against it."""
+    """Axis of the rotation, counter-clockwise seen against it."""
     centre: Triple = [0.0, 0.0, 0.0]
-    """Point of the axis, m."""
+    """Point on the axis, m."""
     degrees: Number = 360.0
-    """Angle of all steps together."""
+    """Total angle, degrees."""
 
 
 class Conveyed(Entry):
-    """A body that is moved in equal steps."""
+    """A body that is translated in equal steps."""
 
     body: Name
     """Name of the body."""
     steps: Count
     """Frames; the first is the rest pose, the last at the distance."""
     direction: Direction
-    """Of the way."""
+    """Direction of travel."""
     distance: Number
-    """Way, m."""
+    """Total distance, m."""
 
 
 class MotionSection(Entry):
-    """Poses of bodies, frame by frame; those of one frame stay as they are."""
+    """Poses of bodies, frame by frame; a single pose holds for all frames."""
 
     turntable: Turned | None = None
     """A body on a turntable."""
@@ -577,9 +585,9 @@ class MotionSection(Entry):
     poses: File | None = None
     """Table of poses: JSON or CSV."""
     joints: File | None = None
-    """Path of the joints of the one robot: CSV, a column a joint, and perhaps duration."""
+    """Joint path of the one robot: CSV with a column per joint, and optionally duration."""
     animation: str | None = None
-    """Animation of a glTF file of the plan, by its name; "" for the only one."""
+    """Animation of a glTF file of the plan, by name; "" for its only one."""
     steps: Count = 50
     """Frames of the animation, at equal steps of its time."""
 
@@ -588,7 +596,9 @@ class MotionSection(Entry):
         if self.joints is None:
             return None
         if len(robots) != 1:
-            raise ConfigError(f"joints are of one body with urdf, got {len(robots)}")
+            raise ConfigError(
+                f"expected one body with urdf for joints, got {len(robots)}; give one"
+            )
         return robots[0].read_path(folder / self.joints)
 
     def build(
@@ -608,7 +618,7 @@ class MotionSection(Entry):
 
         def add(name: str, table: Any) -> None:
             if name in tables:
-                raise ConfigError(f"body {name!r} moves in two ways; leave out one")
+                raise ConfigError(f"expected one motion of body {name!r}, got two; leave out one")
             tables[name] = table
 
         if (table := self.turntable) is not None:
@@ -636,7 +646,9 @@ class MotionSection(Entry):
         for name in [*still, *(link for each in robots for link in each.poses(each.rest))]:
             tables.setdefault(name, np.eye(4))
         if not tables:
-            raise ConfigError("no body moves; give turntable, conveyor, poses, joints or animation")
+            raise ConfigError(
+                "expected a body that moves, got none; give turntable, conveyor, poses or joints"
+            )
         return Motion(mesh, tables, groups=groups, **others)
 
     def beside_turntable(self, mesh: Mesh, bodies: Sequence[BodyEntry]) -> list[str]:
@@ -649,7 +661,7 @@ class MotionSection(Entry):
     def _animated(self, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]) -> dict[str, Any]:
         of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
         if len(of_gltf) != 1 or of_gltf[0].path is None:
-            raise ConfigError(f"animation is of one glTF file, got {len(of_gltf)}; give poses")
+            raise ConfigError(f"expected one glTF file to animate, got {len(of_gltf)}; give poses")
         place, path = of_gltf[0].transform, folder / of_gltf[0].path
         matrix = place.matrix()
         matrix[:3, :3] *= place.scale
@@ -667,32 +679,38 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Gloss of the surface: matt, satin or polished, in place of max_highlight_deg."""
 
     over: Over | None = None
-    """Time in which a point must be covered, where bodies move: some, all, or a share."""
+    """Time in which a point must be covered, if bodies move: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Several cameras cover it at one time, or each at whatever times."""
+    """Whether several cameras must cover it at one time, or each at any time."""
     views: Count | dict[str, Count] = 1
-    """Cameras that must cover a face; or a table by group, 1 for the others."""
+    """Required number of cameras per point or face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "seeable", "count"] = "area"
-    """Total of which shares are parts; seeable is the area without what no camera can ever see."""
+    """Total that shares refer to; seeable leaves out the area that is visible from nowhere."""
     by: Literal["area", "face"] | None = None
-    """Unit of results: exact area, or whole faces; area unless a threshold is of a face."""
+    """Unit of results: exact area, or whole faces; by default area, if all thresholds allow it."""
     resolution_of_result: Positive | None = None
-    """Longest side of the cells that cameras are chosen on, m; by area only."""
+    """Longest side of the patches on which cameras are chosen, m; by area only."""
     method: Literal["certified", "exact", "sampled"] = "certified"
-    """Method that finds occlusion."""
+    """Visibility method."""
     supersample: Count = 1
-    """S: S x S samples a pixel, for method sampled."""
+    """S: S x S samples per pixel, for method sampled."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.supersample > 1 and self.method != "sampled":
-            raise ValueError(f"supersample is for method sampled, got method {self.method}")
+            raise ValueError(
+                f"expected method sampled with supersample, got {self.method}; change it"
+            )
         if self.gloss is not None and self.max_highlight_deg > 0:
-            raise ValueError("gloss and max_highlight_deg are the same; give one")
+            raise ValueError("expected gloss or max_highlight_deg, got both; leave one out")
         if self.by == "area" and self.weight_by == "count":
-            raise ValueError('weight_by = "count" is of faces; leave out by = "area"')
+            raise ValueError(
+                'expected by = "face" for weight_by = "count", got "area"; leave out by'
+            )
         if self.by == "face" and self.resolution_of_result is not None:
-            raise ValueError('resolution_of_result is of cells; leave out by = "face"')
+            raise ValueError(
+                'expected by = "area" for resolution_of_result, got "face"; leave out by'
+            )
         return self
 
 
@@ -714,7 +732,9 @@ class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # ty
         both_or_none(self)
         together(self, "centre", "radius")
         if (self.low is None) == (self.centre is None):
-            raise ValueError("expected low and high, or centre and radius; give one of the two")
+            raise ValueError(
+                "expected low and high, or centre and radius, got both or none; give one"
+            )
         return self
 
     def volume(self) -> KeepOutBox | KeepOutSphere:
@@ -726,11 +746,11 @@ class Space(Entry):
     """A box of camera positions; flat ones are walls and ceilings."""
 
     name: Name = "space"
-    """For people."""
+    """Name in the report."""
     low: Triple
-    """Corner, m."""
+    """Lowest corner, m."""
     high: Triple
-    """The opposite corner."""
+    """Highest corner, m."""
     _check = model_validator(mode="after")(both_or_none)
 
 
@@ -740,25 +760,27 @@ class Constraints(Entry):
     stand_off: Limits | None = None
     """[least, greatest] distance to the nearest task face, m."""
     clearance: NotNegative = 0.0
-    """Least distance from any surface, m."""
+    """Minimum distance from any surface, m."""
     keep_out: list[KeepOut] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
-    """Boxes that may hold cameras; any place if empty."""
+    """Boxes that may hold cameras; anywhere if empty."""
 
 
 class Optimise(Entry):
-    """A search over free poses, which replace the selected cameras where they cover more."""
+    """A search over free poses, which replace the selected cameras if they cover more."""
 
     budget: Count = 5_000
-    """Poses to measure."""
+    """Number of poses to measure."""
 
     @model_validator(mode="before")
     @classmethod
     def _check(cls, given: Any) -> Any:
         for name in ("method", "population"):
             if isinstance(given, dict) and name in given:
-                raise ValueError(f"{name} is retired: a search is by exchanges; give budget alone")
+                raise ValueError(
+                    f"expected budget, got {name}, which is retired; give budget alone"
+                )
         return given
 
 
@@ -766,26 +788,26 @@ class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
     """Installation errors, and the coverage they cost."""
 
     draws: Count = 200
-    """Installations to draw."""
+    """Number of installations to draw."""
 
 
 class SelectionBase(Entry):
     """Entries of every goal."""
 
     method: Literal["greedy", "integer"] = "greedy"
-    """Greedy with exchanges, or HiGHS started from it."""
+    """Greedy with exchanges, or integer programming (HiGHS) from that start."""
     time_limit: Positive = 60.0
-    """Of method integer, seconds."""
+    """Time limit of method integer, s."""
     refine: bool = False
-    """Move the selected cameras until no move gains."""
+    """Move the selected cameras until no move improves the result."""
     refine_budget: Count = BUDGET
-    """Poses that refinement measures or estimates."""
+    """Number of poses that refinement measures or estimates."""
     optimise: Optimise | None = None
-    """Search free poses, before refining."""
+    """Search over free poses, before refinement."""
     tolerance: ToleranceSection | None = None
-    """Installation errors to try."""
+    """Installation errors to simulate."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Of everything that is random."""
+    """Seed of all random numbers."""
 
 
 class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ignore[misc]
@@ -805,9 +827,9 @@ class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignor
 
     goal: Literal["best_coverage"]
     cameras: Count | None = None
-    """Cameras at most."""
+    """Maximum number of cameras."""
     lamps: Count | None = None
-    """Lamps at most, where candidates are of lamps."""
+    """Maximum number of lamps, if candidates name lamps."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -823,7 +845,7 @@ class Outputs(Entry):
     """Files that are written, and their folder."""
 
     folder: Name | None = None
-    """The plan file's name without .toml."""
+    """Folder of the results; by default the plan file's name without .toml."""
     page: bool = True
     """True to write the page with pictures."""
 
@@ -834,9 +856,9 @@ class SheetSection(Entry):
     project: Name | None = None
     """Name of the project."""
     customer: Name | None = None
-    """Person or company that it is for."""
+    """Person or company that the plan is for."""
     author: Name | None = None
-    """Person or company that it is by."""
+    """Person or company that made the plan."""
     revision: Name | None = None
     """Revision of the drawing."""
     date: Name | None = None
@@ -854,17 +876,17 @@ class PlanModel(Entry):
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
     meshes: Some[MeshEntry]
-    """The scene: surfaces to be seen, and those that hide them."""
+    """The scene: surfaces to be covered, and occluders."""
     rooms: dict[Name, RoomSection] = {}
     """Parts of a building by name: for candidates, targets and warnings."""
     targets: list[TargetEntry] = []
-    """Further surfaces to be seen, which hide nothing."""
+    """Further surfaces to be covered, which occlude nothing."""
     bodies: list[BodyEntry] = []
     """Groups that move together."""
     motion: MotionSection | None = None
     """Poses of the bodies, frame by frame."""
     catalogue: File | None = None
-    """Catalogue of cameras and lenses, beside that of the package, for presets."""
+    """Catalogue of cameras and lenses for presets, in addition to that of the package."""
     camera: CameraSection | None = None
     """The camera that all poses share."""
     cameras: dict[Name, CameraType] = {}
@@ -872,9 +894,9 @@ class PlanModel(Entry):
     rigs: dict[Name, RigSection] = {}
     """Cameras that move together, by the name of the rig."""
     lamps: dict[Name, LampSection] = {}
-    """Lamps by name, one of which must light what is covered."""
+    """Lamps by name; at least one must light what is covered."""
     ambient: Annotated[float, Field(ge=0, allow_inf_nan=False)] | str = 0.0
-    """Light that is everywhere, a number or text such as "50 lx"; with lamps."""
+    """Ambient illuminance, a number or text such as "50 lx"; with lamps."""
     exposure: ExposureSection | None = None
     """Sensor and time of the cameras: signal and saturation as a band of illuminance."""
     task: TaskSection = TaskSection()
@@ -882,14 +904,14 @@ class PlanModel(Entry):
     candidates: list[CandidateEntry] = []
     """Poses to choose from, of cameras or of lamps."""
     existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
-    """Cameras that stay, and cost nothing, while cameras or lamps are chosen: a table, or its
+    """Existing cameras, without cost, beside which cameras or lamps are chosen: a table, or its
     file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
     """Goal of the selection."""
     goals: dict[Name, GoalSection] = {}
-    """Goals with thresholds, groups and views of their own, by name."""
+    """Goals by name, with their own thresholds, groups and views."""
     outputs: Outputs = Outputs()
     """Files that are written, and their folder."""
     sheet: SheetSection = SheetSection()
@@ -898,25 +920,26 @@ class PlanModel(Entry):
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
         if self.camera is not None and self.cameras:
-            raise ValueError("camera and cameras exclude each other; put it among the cameras")
+            raise ValueError("expected camera or cameras, got both; put it among the cameras")
         self._check_lamps()
         lamps = self.built_lamps(Path((info.context or {}).get("folder", ".")))
-        for name in OF_LIGHT if lamps is None else ():
-            if getattr(self.task, name):
-                raise ValueError(f"task.{name} needs lamps; add them as [lamps.NAME]")
-        for name in ("ambient", "exposure") if lamps is None else ():
-            if getattr(self, name):
-                raise ValueError(f"{name} needs lamps; add them as [lamps.NAME]")
+        for name in (*OF_LIGHT, "ambient", "exposure") if lamps is None else ():
+            if getattr(self if name in type(self).model_fields else self.task, name):
+                raise ValueError(f"expected lamps for {name}, got none; add them as [lamps.NAME]")
         self._check_motion()
         self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
             for name in (name for name, each in types if each.cost is None):
-                raise ValueError(f"cameras.{name}: there is no price, as of others; give its cost")
+                raise ValueError(
+                    f"cameras.{name}: expected a cost, as of others, got none; give it"
+                )
         used: dict[str, tuple[list[str], tuple[str, ...]]] = {}
         for rig, section in self.rigs.items():
             if rig in self.camera_names:
-                raise ValueError(f"rigs.{rig}: there is a camera of that name; rename it")
+                raise ValueError(
+                    f"rigs.{rig}: expected another name, got that of a camera; rename it"
+                )
             own = [each.camera for each in section.cameras or []]
             used[f"rigs.{rig}"] = own, self.camera_names
         for row, entry in enumerate(self.candidates):
@@ -924,7 +947,7 @@ class PlanModel(Entry):
         for path, (names, known) in used.items():
             if missing := [name for name in names if name not in known]:
                 raise ValueError(
-                    f"{path}.cameras: there is no camera {missing[0]!r}; cameras are "
+                    f"{path}.cameras: expected a camera, got {missing[0]!r}; cameras are "
                     f"{', '.join(known) or 'none'}"
                 )
         return self
@@ -940,14 +963,20 @@ class PlanModel(Entry):
             return
         if not self.chooses_cameras:
             if self.existing.move:
-                raise ValueError("existing.move: only lamps are chosen, for cameras that stay")
+                raise ValueError(
+                    "existing.move: expected cameras to choose, got lamps only; leave it out"
+                )
             return
         if self.motion is not None or any(isinstance(each, OnArm) for each in self.candidates):
-            raise ValueError("existing: cameras beside these are chosen in a still scene")
-        self._refuse(("optimise",), "existing cameras stay")
+            raise ValueError(
+                "existing: expected a still scene, got a motion or an arm; leave it out"
+            )
+        self._refuse(("optimise",), "beside existing cameras")
         best = self.selection
         if isinstance(best, BestSelection) and best.cameras is not None and best.budget is not None:
-            raise ValueError("selection: beside existing cameras, give cameras or budget, not both")
+            raise ValueError(
+                "selection: expected cameras or budget beside existing, got both; leave one out"
+            )
 
     def built_lamps(self, folder: Path) -> Lamps | None:
         """The lamps, with files of a folder, those of candidates at the origin; None for none."""
@@ -971,44 +1000,52 @@ class PlanModel(Entry):
         if not own:
             if n_lamps is not None:
                 raise ValueError(
-                    "selection.lamps applies only when lamps are chosen; give them candidates"
+                    "selection.lamps: expected candidates for lamps, got none; give them"
                 )
             return
         for entry in own:
             if entry.lamp not in self.lamps:
                 known = ", ".join(self.lamps) or "none"
-                raise ValueError(f"candidates: there is no lamp {entry.lamp!r}; lamps are {known}")
+                raise ValueError(
+                    f"candidates: expected a lamp, got {entry.lamp!r}; lamps are {known}"
+                )
             if entry.cameras or isinstance(entry, PerCavity | OnArm):
                 what = "cameras" if entry.cameras else f"generator {entry.generator}"
-                raise ValueError(f"candidates: {what} does not go with lamp {entry.lamp}")
+                raise ValueError(
+                    f"candidates: expected places of lamp {entry.lamp}, got {what}; leave it out"
+                )
             for name in self.lamps[entry.lamp].places:
                 raise ValueError(
-                    f"lamps.{entry.lamp}.{name}: candidates are its places, in the cell; leave it "
-                    "out, or leave out these candidates"
+                    f"lamps.{entry.lamp}.{name}: expected a place or candidates, got both; leave "
+                    "one"
                 )
         limits = [getattr(self.task, name) for name in (*OF_LIGHT, "gloss")]
         if self.exposure is None and not any(limits):
             raise ValueError(
-                "candidates: lamps are chosen by a threshold of light; give "
+                "candidates: expected a threshold of light for lamps, got none; give "
                 "task.min_illuminance, max_illuminance, gloss, or exposure"
             )
         if self.existing is not None:
             if len(own) < len(self.candidates):
-                raise ValueError("existing: candidates are of cameras, too; leave out one of both")
+                raise ValueError(
+                    "existing: expected candidates for lamps, got cameras; leave one out"
+                )
             names = "refine", "optimise", "tolerance", "cameras"
-            self._refuse(names, "cameras are there, and lamps are chosen")
+            self._refuse(names, "for lamps of existing cameras")
         elif (
             len(own) < len(self.candidates)
             and isinstance(asked, BestSelection)
             and (asked.cameras is None or n_lamps is None or asked.budget is not None)
         ):
-            raise ValueError("selection: of cameras and lamps, give the number of both, alone")
+            raise ValueError(
+                "selection: expected numbers of cameras and lamps, got others; give both alone"
+            )
 
     def _refuse(self, names: Sequence[str], why: str) -> None:
         """ValueError for a selection with one of some entries."""
         for name in names:
             if getattr(self.selection, name, None):
-                raise ValueError(f"selection.{name}: {why}; leave it out")
+                raise ValueError(f"selection.{name}: expected none {why}, got one; leave it out")
 
     def _check_arm(self) -> bool:
         """True where candidates are on an arm; ValueError for those that do not go with it."""
@@ -1016,34 +1053,43 @@ class PlanModel(Entry):
         if not own:
             return False
         if len(own) < len(self.candidates):
-            raise ValueError("candidates: on_arm goes with no other entry; give each as its of")
+            raise ValueError(
+                "candidates: expected on_arm alone, got another entry; give each as its of"
+            )
         if len({repr((e.body, e.mount, e.clearance, e.allowed)) for e in own}) > 1:
-            raise ValueError("candidates: all on_arm must have one body, mount and clearance")
+            raise ValueError(
+                "candidates: expected one body, mount and clearance on_arm, got more; leave one"
+            )
         name = own[0].body.partition("/")[0]
         if [body.name for body in self.bodies if body.urdf is not None] != [name]:
-            raise ValueError(f"candidates: on_arm needs one body with urdf, of name {name!r}")
+            raise ValueError(
+                f"candidates: expected {name!r} as the one body with urdf, got others; correct it"
+            )
         if self.motion is not None and self.motion.model_fields_set != {"turntable"}:
-            raise ValueError("candidates: on_arm goes with no motion but a turntable; leave it out")
-        self._refuse(("optimise", "tolerance"), "cameras are moved by the joints of an arm")
+            raise ValueError(
+                "candidates: expected a turntable alone with on_arm, got others; leave them out"
+            )
+        self._refuse(("optimise", "tolerance"), "on an arm")
         return True
 
     def _check_motion(self) -> None:
         if self._check_arm():
             if self.task.over is not None:
-                raise ValueError("task.over applies only with a motion; leave it out")
+                raise ValueError("task.over: expected a motion, got none; leave it out")
             return
         if self.motion is None:
             if self.task.over is not None or self.bodies:
-                raise ValueError("task.over and bodies are of a motion; give one, or leave out")
+                raise ValueError("expected a motion for task.over and bodies, got none; give one")
             return
         if isinstance(self.task.views, dict):
-            raise ValueError("task.views by group is of a still scene; give one number")
+            raise ValueError("task.views: expected one number over time, got groups; give one")
         if self.task.views > 1 and getattr(self.selection, "of_reachable", False):
-            raise ValueError("selection.of_reachable over time is of one view; leave it out")
+            raise ValueError(
+                "selection.of_reachable: expected one view over time, got more; leave it out"
+            )
         if self.task.weight_by == "seeable":
-            raise ValueError("task.weight_by seeable is of a still scene; give area")
-        names = "refine", "optimise", "tolerance"
-        self._refuse(names, "cameras are chosen over time, not moved")
+            raise ValueError("task.weight_by: expected area over time, got seeable; give area")
+        self._refuse(("refine", "optimise", "tolerance"), "over time")
 
     @property
     def camera_names(self) -> tuple[str, ...]:

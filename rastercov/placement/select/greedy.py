@@ -1,7 +1,7 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
 The gains of all candidates are updated incrementally, see `native/placement/selection.cpp`, which
-makes lazy evaluation unnecessary where their lists fit into the memory. Where one view a face is
+makes lazy evaluation unnecessary where their lists fit into the memory. Where one view per face is
 enough, coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
 logarithmic factor of set cover. The local search only improves on it.
 
@@ -73,7 +73,7 @@ def select_greedy(
     """
     check_seed(seed)
     if core_pairs is not None and core_pairs < 0:
-        raise ConfigError(f"core_pairs must be 0 or more, got {core_pairs}")
+        raise ConfigError(f"expected core_pairs of 0 or more, got {core_pairs}; increase it")
     began = time.perf_counter()
     presolved = presolve(problem)
     most = MOST_LISTED_PAIRS if core_pairs is None else core_pairs

@@ -117,13 +117,13 @@ def select_integer(
     """
     check_seed(seed)
     if not time_limit > 0:
-        raise ConfigError(f"time_limit must be more than 0 seconds, got {time_limit!r}")
+        raise ConfigError(f"expected time_limit above 0 s, got {time_limit!r}; give seconds")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     reduced = presolve(problem).listed()
     if len(reduced.face) > MOST_PAIRS:
         raise ResourceError(
-            f"{len(reduced.face)} pairs of candidate and face are more than the {MOST_PAIRS} that "
-            "an integer program is made of; use select_greedy, which has a bound, too"
+            f"expected at most {MOST_PAIRS} pairs of candidate and face, got {len(reduced.face)}; "
+            "use select_greedy, which also has a bound"
         )
     before = time.perf_counter()
     state = construct(reduced)
@@ -214,7 +214,7 @@ class _Program:
             import highspy
         except ImportError:
             raise ConfigError(
-                "select_integer needs highspy; pip install 'rastercov[place]', or use select_greedy"
+                "expected highspy, got none; pip install 'rastercov[place]', or use select_greedy"
             ) from None
         self.highspy, self.reduced = highspy, reduced
         self.is_best_coverage = isinstance(reduced.problem.goal, BestCoverage)
@@ -311,7 +311,7 @@ class _Program:
         return objective / max(1, self.reduced.n_faces) if self.is_best_coverage else objective
 
     def forbid(self, chosen: set[int], deadline: Deadline) -> int:
-        """Add the constraints that these cameras violate, one a face; their number.
+        """Add the constraints that these cameras violate, one per face; their number.
 
         Raises TimeUpError when the deadline passes before all faces are checked.
         """
@@ -348,12 +348,12 @@ class _Program:
         """Pass the program to HiGHS, row by row: faces, then the limits of the goal."""
         highspy, reduced = self.highspy, self.reduced
         goal, n_candidates, n_faces = reduced.problem.goal, reduced.n_candidates, reduced.n_faces
-        # One row a face: its candidates, times their cameras, and -views in its column z.
+        # One row per face: its candidates, times their cameras, and -views in its column z.
         counts, covering, times = _merged_pairs(reduced)
         ends = np.cumsum(counts)
         index, value = np.insert(covering, ends, self.columns), np.insert(times, ends, -self.views)
         starts = ends - counts + np.arange(n_faces)
-        # With one view a face, z is an integer wherever x is.
+        # With one view per face, z is an integer wherever x is.
         is_whole = np.append(np.ones(n_candidates, bool), (self.views > 1) | reduced.is_spread)
         kinds = int(highspy.HighsVarType.kContinuous), int(highspy.HighsVarType.kInteger)
         cost = np.append(reduced.costs, np.zeros(n_faces))

@@ -2,8 +2,8 @@
 
 A `Problem` is the plain value that every `select_*` takes, and a `Selection` the result. It comes
 from a visibility matrix (`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh
-and no camera. Covered pairs are bits, one row a camera; what needs lists of pairs makes them of the
-bits (`presolve`).
+and no camera. Covered pairs are bits, one row per camera; what needs lists of pairs makes them of
+the bits (`presolve`).
 
 Shares are of weight: faces count by number or by area. They are compared in integers
 (`Problem.integer_weights`), so that no requirement depends on the order of summation.
@@ -21,14 +21,15 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
-from rastercov.base.arguments import check_limits
+from rastercov.base.arguments import check_choice, check_limits
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
-from rastercov.mesh.groups import rows_of
+from rastercov.mesh.groups import listed, rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
@@ -53,7 +54,7 @@ def empty_goal(coverage: float, groups: Mapping[str, float]) -> str:
     if not zero and (coverage > 0 or groups):
         return ""
     name = f"group {zero[0]!r}" if zero else "the task"
-    return f"a share to cover of 0 always holds; give {name} more than 0, or leave it out"
+    return f"expected a share of {name} above 0, got 0, which always holds; increase it"
 
 
 @dataclass(frozen=True)
@@ -71,18 +72,18 @@ class FewestCameras:
     """
 
     coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
-    groups: Annotated[Shares, Doc("Share to cover of single groups and parts.")] = field(
-        default_factory=dict
-    )
+    groups: Annotated[Shares, Doc("Share to cover by group or part.")] = field(default_factory=dict)
     of_reachable: Annotated[
-        bool, Doc("Whether shares are of what all candidates together cover.")
+        bool, Doc("True to take shares of what all candidates together cover.")
     ] = False
 
     def __post_init__(self) -> None:
         check_fields(self)
         for name, share in {"coverage": self.coverage, **self.groups}.items():
             if not 0 <= share <= 1:
-                raise ConfigError(f"the share to cover of {name} must be 0 to 1, got {share!r}")
+                raise ConfigError(
+                    f"expected {name} of 0 to 1, got {share!r}; give the share to cover"
+                )
         if line := empty_goal(self.coverage, self.groups):
             raise ConfigError(line)
 
@@ -100,12 +101,12 @@ class BestCoverage:
     """
 
     cameras: Annotated[int, Ge(0)] | None = None
-    budget: Annotated[float, Ge(0), Doc("Cost of all cameras at most.")] | None = None
+    budget: Annotated[float, Ge(0), Doc("Maximum total cost.")] | None = None
 
     def __post_init__(self) -> None:
         check_limits(self)
         if self.cameras is None and self.budget is None:
-            raise ConfigError("best coverage needs a number of cameras or a budget; give one")
+            raise ConfigError("expected cameras, budget or both, got neither; give one")
 
 
 Goal = FewestCameras | BestCoverage
@@ -160,21 +161,18 @@ class Problem:
             return
         if unknown := sorted(set(goal.groups) - set(self.groups)):
             raise ConfigError(
-                f"there is no group {unknown[0]!r}; groups are {', '.join(self.groups)}"
+                f"expected a group, got {unknown[0]!r}; groups are {listed(self.groups)}"
             )
         _, least, total = self.required
         reached = self.by_group(self.reachable)
         if reached.sum() < total:
             raise ConfigError(
-                f"coverage {goal.coverage:g} cannot be reached: all {self.n_candidates} candidates "
-                f"together cover {self.share(self.reachable):.6g}; ask for less, of_reachable, or "
-                "add candidates"
+                f"expected coverage up to {self.share(self.reachable):.6g}, which all "
+                f"{self.n_candidates} candidates reach, got {goal.coverage:g}; reduce it, give "
+                "of_reachable, or add candidates"
             )
         if short := [name for name, a, b in zip(self.groups, reached, least, strict=True) if a < b]:
-            raise ConfigError(
-                f"group {short[0]!r}: coverage {goal.groups[short[0]]:g} cannot be reached by all "
-                f"{self.n_candidates} candidates together; ask for less, or add candidates"
-            )
+            raise _unreachable(short[0], goal.groups[short[0]], self)
 
     @property
     def n_candidates(self) -> int:
@@ -280,37 +278,47 @@ def in_whole_numbers(weights: FloatArray) -> IntArray:
     return np.rint(weights / total * TOTAL_WEIGHT).astype(np.int64)
 
 
+def _unreachable(group: str, share: float, problem: Problem) -> ConfigError:
+    return ConfigError(
+        f"expected coverage of group {group!r} in reach of all {problem.n_candidates} candidates, "
+        f"got {share:g}; reduce it, or add candidates"
+    )
+
+
 def _check(problem: Problem) -> None:
     """Raise ConfigError when the arrays of a problem are inconsistent."""
     n_candidates, n_faces, n_rows = problem.n_candidates, problem.n_faces, problem.bits.n_rows
     if problem.bits.n_faces != n_faces:
         raise ConfigError(
-            f"bits must be of {n_faces} faces, as the weights, got {problem.bits.n_faces}"
+            f"expected bits of {n_faces} faces, as weights, got {problem.bits.n_faces}; rebuild "
+            "them"
         )
     rows = problem.rows
     if rows[0] != 0 or rows[-1] != n_rows or (np.diff(rows) < 1).any():
-        raise ConfigError(f"starts must divide {n_rows} cameras among candidates, one or more each")
+        raise ConfigError(
+            f"expected starts of one or more of {n_rows} cameras, got {shown(rows)}; correct them"
+        )
     if not 0 <= problem.min_angle <= math.pi:
         raise ConfigError(
-            f"the angle must be 0 to 180 degrees, got {math.degrees(problem.min_angle):g}"
+            f"expected 0 to 180 degrees, got {math.degrees(problem.min_angle):g}; change the angle"
         )
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("views", "face_group"), (n_faces,))
     shapes["costs"] = (n_candidates,)
     if problem.is_spread:
         if problem.eyes is None or problem.centroids is None:
-            raise ConfigError("an angle between views needs eyes and centroids; give both")
+            raise ConfigError("expected eyes and centroids for an angle, got none; give both")
         shapes |= {"eyes": (n_rows, 3), "centroids": (n_faces, 3)}
     for name, shape in shapes.items():
         if (found := getattr(problem, name).shape) != shape:
-            raise ConfigError(f"{name} must have shape {shape}, got {found}")
+            raise ConfigError(f"expected {name} {shape}, got shape {found}; reshape it")
     for name, values in (("weights", problem.weights), ("costs", problem.costs)):
         if not (np.isfinite(values) & (values >= 0)).all():
-            raise ConfigError(f"{name} must be 0 or more, and finite")
+            raise ConfigError(f"expected finite {name} of 0 or more, got others; correct them")
     if (problem.views < 1).any():
-        raise ConfigError(f"views must be 1 or more, got {problem.views.min()}")
+        raise ConfigError(f"expected views of 1 or more, got {problem.views.min()}; increase it")
     within = (problem.face_group >= 0) & (problem.face_group < len(problem.groups))
     if not within.all() or len(set(problem.groups)) < len(problem.groups):
-        raise ConfigError("face_group must index into groups, whose names must be unique")
+        raise ConfigError("expected face_group as rows of unique groups, got others; correct it")
 
 
 def grouped(problem: Problem, goal: Goal) -> Problem:
@@ -333,10 +341,7 @@ def grouped(problem: Problem, goal: Goal) -> Problem:
         share, inner = goal.groups[place], [row for row in own if owner[row] != place]
         wanted = share * whole[own].sum()
         if most[own].sum() < (share - SHARE_TOLERANCE) * whole[own].sum():
-            raise ConfigError(
-                f"group {place!r}: coverage {share:g} cannot be reached by all "
-                f"{problem.n_candidates} candidates together; ask for less, or add candidates"
-            )
+            raise _unreachable(place, share, problem)
         shares[place] = share
         if not inner:
             continue
@@ -412,7 +417,9 @@ def problem_of(
     least = matrix.task.min_coverage if min_coverage is None else min_coverage
     if "mounts" in matrix.header and is_counted:
         if mounts is None:
-            raise ConfigError("the matrix is of rigs; give their mounts, as for build_matrix")
+            raise ConfigError(
+                "expected the mounts of the rigs, got none; give them as to build_matrix"
+            )
         placed, owner = mounts.cameras(matrix.placed)
         starts = np.searchsorted(owner, np.arange(matrix.n_poses + 1))
         eyes = placed.world_from_camera[:, :3, 3].copy()
@@ -435,13 +442,13 @@ def problem_of(
 def _elements_of(matrix: VisibilityMatrix, mesh: Mesh | Cells) -> Mesh:
     """Mesh whose faces are the elements of a matrix."""
     if matrix.is_of_cells != isinstance(mesh, Cells):
-        wanted, got = ("cells", "a mesh") if matrix.is_of_cells else ("faces", "cells")
-        raise ConfigError(f"the matrix is of {wanted}, got {got}; give what it was made for")
+        wanted, got = ("patches", "a mesh") if matrix.is_of_cells else ("a mesh", "patches")
+        raise ConfigError(f"expected {wanted}, got {got}; give what the matrix was made for")
     if isinstance(mesh, Cells):
         mesh = mesh.elements
     if matrix.n_faces != mesh.n_faces:
         raise ConfigError(
-            f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
+            f"expected the mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}; give its own"
         )
     return mesh
 
@@ -451,8 +458,7 @@ def weights_of(on: Mesh | Cells, weight_by: str) -> FloatArray:
 
     By "area", by "count", or by "seeable", the area without what no camera can ever see.
     """
-    if weight_by not in ("area", "seeable", "count"):
-        raise ConfigError(f"weight_by must be area, seeable or count, got {weight_by!r}")
+    check_choice("weight_by", weight_by, ("area", "seeable", "count"))
     mesh = on.elements if isinstance(on, Cells) else on
     weights = np.ones(mesh.n_faces) if weight_by == "count" else mesh.areas
     if weight_by == "seeable":
@@ -470,7 +476,7 @@ def views_of(mesh: Mesh, views: int | Mapping[str, int]) -> IntArray:
         return np.full(mesh.n_faces, views)
     names = [group.name for group in mesh.groups]
     if unknown := sorted(set(views) - set(names)):
-        raise ConfigError(f"there is no group {unknown[0]!r}; groups are {', '.join(names)}")
+        raise ConfigError(f"expected a group, got {unknown[0]!r}; groups are {listed(names)}")
     return np.array([views.get(name, 1) for name in names])[mesh.face_group]
 
 
@@ -507,7 +513,7 @@ def problem_of_matrix(
     array = np.asarray(covers)
     if array.ndim != 2 or not ((array == 0) | (array == 1)).all():
         raise ConfigError(
-            f"covers must be an array (C, F) of 0 and 1, got shape {array.shape} of {array.dtype}"
+            f"expected covers (C, F) of 0 and 1, got {array.dtype} {array.shape}; convert it"
         )
     n_candidates, n_faces = array.shape
     return Problem(
@@ -528,8 +534,8 @@ def _of_each(value: ArrayLike, count: int, name: str) -> IntArray:
     numbers = np.asarray(value)
     if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
         raise ConfigError(
-            f"{name} must be a whole number or {count} of them, "
-            f"got {numbers.dtype} of shape {numbers.shape}"
+            f"expected {name} as a whole number or {count} of them, got {numbers.dtype} of shape "
+            f"{numbers.shape}; convert it"
         )
     return np.broadcast_to(numbers, count).astype(np.int64)
 
