@@ -7,7 +7,7 @@ equal length, and regions of two frames would have other coordinates.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +20,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
@@ -191,8 +191,16 @@ class Frames(NamedTuple):
             source[row] = [first.setdefault(key + surface, row) for key in keys]
         return cls(motion, camera, placed, task, engine, carried, source)
 
-    def regions(self, rows: IntArray) -> Regions:
-        """Regions of each pose in some frames, (K,), to the bit those of a run over all."""
+    def regions(
+        self,
+        rows: IntArray,
+        relaxed: Mapping[str, float] | None = None,
+        asked: BoolArray | None = None,
+    ) -> Regions:
+        """Regions of each pose in some frames, (K,), to the bit those of a run over all.
+
+        `relaxed` as of `RegionPass`; of some of the faces, (F,), or of all.
+        """
         motion, camera, placed, source = self.motion, self.camera, self.placed, self.source
         has_rules = is_joint(camera)
         lamps, is_found = OfConditions(motion), np.zeros(source.shape, np.bool_)
@@ -214,12 +222,15 @@ class Frames(NamedTuple):
                 for row in of_bodies[is_used[of_bodies]].tolist():
                     mesh, kept = motion._at(row, of_occluders=False)
                     if finder is None:
-                        finder = RegionPass(mesh, camera, self.task, method=self.engine)
+                        finder = RegionPass(
+                            mesh, camera, self.task, method=self.engine, relaxed=relaxed
+                        )
                         stack.callback(finder.close)
                     finder.set_mesh(mesh)
                     moved = carried_by(self.carried[:, row], placed)
                     if is_found[row].any() or not none:
-                        own = at_rest(finder.find(moved[is_found[row]]), motion, kept)
+                        closed = None if asked is None else ~asked[kept]
+                        own = at_rest(finder.find(moved[is_found[row]], closed), motion, kept)
                         none = none or [taken(own, np.arange(0))]
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
                         known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
