@@ -263,21 +263,34 @@ class OverTime(InOneLine):
 
     def _passes(self, stage: Stage, asked: BoolArray) -> Covered:
         """Area of faces, (F,), that passes all criteria before the reason of a stage."""
-        union, query = RegionUnion(self.motion.mesh), self.asked
+        mesh, query, always = self.motion.mesh, self.asked, self.always()
+        union = RegionUnion(mesh)
         if stage.reason == Reason.OUTSIDE:
             union.fill(self._in_front(stage.camera, asked))
             return union.covered()
+        if stage.reason in self._known:
+            return self._known.pop(stage.reason)
         if stage.reason == TOO_FEW_VIEWS:
-            found = self.regions
-        else:
-            if not stage.hides:
-                scene = self.motion._of_mesh(without_occlusion(self.motion.mesh))
-                query = replace(query, motion=scene)
-            own = stage.camera, self.poses, stage.task, Engine()
-            job = Frames.of(query, *own)
-            found = job.regions(np.arange(len(self.motion)), stage.relaxed, asked)
+            union.add(query.long_enough(self.regions))
+            return union.covered()
+        if not stage.hides:
+            query = replace(query, motion=self.motion._of_mesh(without_occlusion(mesh)))
+        if always is not self:
+            asked = asked | (always.areas.covered.area[0] < frames_of(mesh).areas)
+        scene = stage.camera, self.poses, stage.task, Engine()
+        job = Frames.of(query, *scene, stage.relaxed, asked)
+        found = job.regions(np.arange(len(self.motion)))
         union.add(query.long_enough(found))
+        if always is not self:
+            of_all = RegionUnion(mesh)
+            of_all.add(replace(query, over="all").long_enough(found))
+            always._known[stage.reason] = of_all.covered()
         return union.covered()
+
+    @cached_property
+    def _known(self) -> dict[int, Covered]:
+        """What passes stages, as far as it was found with that of another time."""
+        return {}
 
     def _in_front(self, camera: Cameras, asked: BoolArray) -> BoolArray:
         """(F,) faces that cameras are in front of for long enough."""
@@ -356,15 +369,17 @@ class OverTime(InOneLine):
 
     def always(self) -> "OverTime":
         """The same, where a point must be covered all the time."""
-        if self.asked.over == "all":
-            return self
+        return self if self.asked.over == "all" else self._always
+
+    @cached_property
+    def _always(self) -> "OverTime":
         found = replace(self, asked=replace(self.asked, over="all"))
         found.__dict__.update(time=self.time, frames=self.frames)
         return found
 
     def summary(self) -> dict[str, Any]:
         """Figures over time, ready for JSON."""
-        curve, mesh = self.curve(), self.motion.mesh
+        table, curve, mesh = self.table(), self.curve(), self.motion.mesh
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
         always, half = self.always(), self.half()
         found = self.areas.summary()
@@ -385,7 +400,7 @@ class OverTime(InOneLine):
             "half_the_frames_percent": half,
             "not_always": always.dead_zones()["dead_zones"][:MOST_NOT_ALWAYS],
             "curve": curve,
-            "by_frame": self.table(),
+            "by_frame": table,
         }
         return said | {"in_words": time_words(self.asked.over), "lines": _lines(said)}
 
