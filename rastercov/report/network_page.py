@@ -32,7 +32,7 @@ from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.remedies import SURE, Change, Remedies, Spot
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
-from rastercov.coverage.area.zones import DeadZones, face_zones, zone_parts, zone_reason
+from rastercov.coverage.area.zones import DeadZones, face_zones, zone_place, zone_reason
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
@@ -429,7 +429,7 @@ class NetworkPage:
         if entries:
             total, worst = area(float(zones.area.sum())), area(entries[0]["area_m2"])
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
-            where = f" of {zone_parts(entries[0])[0]}" if len(self.mesh.groups) > 1 else ""
+            where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
             said.append(
                 f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: {worst}{where}, "
                 f"{zone_reason(entries[0])}."
@@ -515,7 +515,7 @@ class NetworkPage:
             found.append(
                 {
                     "heading": heading,
-                    "reason": f"{zone_parts(zone)[0]}: {reason}"
+                    "reason": f"{zone_place(zone)}: {reason}"
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
                     "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",

@@ -9,6 +9,7 @@ that fails last in any camera, see `rastercov.coverage.area.stages`.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -49,6 +50,7 @@ from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
+from rastercov.mesh.solids import rooms_at
 from rastercov.mesh.topology import components_of
 
 TOLERANCE_REL = 1e-10
@@ -118,7 +120,7 @@ class DeadZones(FacePolygons):
         """Area, centroid, extent and groups of the first n zones, ready for JSON.
 
         Groups are named by falling area; `m2_by_views` is the area that exactly 0, 1, ... cameras
-        cover.
+        cover. In a building with spaces, `rooms` are those before most of its points.
 
         Examples
         --------
@@ -154,6 +156,12 @@ class DeadZones(FacePolygons):
                 "m2_by_views": by_views.tolist(),
             }
             found.append(entry)
+        if mesh.spaces and n:
+            points, piece = points_of(self, n, LEAST_POINTS**2)
+            points += BEFORE_FACE * frames_of(mesh).normal[self.face[piece]]
+            every = np.reshape(rooms_at(mesh, points), (n, -1)).tolist()
+            for entry, rooms in zip(found, every, strict=True):
+                entry["rooms"] = [room for room, _ in Counter(rooms).most_common() if room]
         return found
 
     def reasons(self, n: int) -> NDArray[np.uint8]:
@@ -482,6 +490,8 @@ TRIED_PERCENT = 1.0
 """Part of the task, in percent, from which advice for a zone is tried, beyond the first."""
 MOST_LINES = 5
 """Zones that have a line for people."""
+BEFORE_FACE = 0.1
+"""Distance from a face of points that are looked for in rooms, metres."""
 LEAST_PERCENT = 1e-3
 """Part of the task, in percent, from which a zone has one."""
 
@@ -526,10 +536,17 @@ def zone_line(zone: Mapping[str, Any]) -> str:
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
-    first, *others = zone_parts(zone)
-    more = f" and {len(others)} more" if others else ""
-    text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {first}{more}: "
+    text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {zone_place(zone)}: "
     return text + zone_reason(zone)
+
+
+def zone_place(zone: Mapping[str, Any]) -> str:
+    """Parts that a zone is on, or the one CAD face of one, and the room before it."""
+    first, *others = zone["groups"] if len(zone["groups"]) == 1 else zone_parts(zone)
+    more = f" and {len(others)} more" if others else ""
+    room, *rooms = zone.get("rooms") or ("",)
+    beside = f" and {len(rooms)} more" if rooms else ""
+    return f"{first}{more}" + (f", room {room}{beside}" if room else "")
 
 
 def zone_parts(zone: Mapping[str, Any]) -> list[str]:
