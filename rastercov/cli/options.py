@@ -96,6 +96,14 @@ DropInvalid = Annotated[bool, typer.Option(help="Drop non-finite faces with a wa
 Device = Annotated[
     str, typer.Option(help="Device of sampled: auto, cpu, hardware, egl:0, surfaceless, osmesa.")
 ]
+Sheet = Annotated[
+    Path | None,
+    typer.Option(
+        "--sheet",
+        help="TOML file, such as a plan, whose [sheet] has the title block of the page: project, "
+        "customer, author, revision, date.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Level = Annotated[
     int | None,

@@ -331,8 +331,9 @@ class NetworkPage:
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
         """The page with images as of `drawn`, by a template that extends `report.html`.
 
-        `values` are those that the template wants.
+        `values` are those that the template wants; `title_block` is that of the run unless given.
         """
+        title_block = (values["run"]["options"] or {}).get("sheet") or {}
         rows, more = self.camera_table(values.pop("columns", {}))
         by_area = "covered_area" in self.figures
         return rendered(
@@ -360,7 +361,7 @@ class NetworkPage:
             time_lines=self.figures.get("over_time", {}).get("lines", ()),
             reasons=REASONS,
             view=self.view,
-            **values,
+            **{"title_block": title_block, **values},
         )
 
     def _rules(self) -> list[str]:

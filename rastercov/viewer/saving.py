@@ -100,8 +100,8 @@ class Saving:
             raise ConfigError("there is no camera that is on; add one for a report")
         if state.unit != "m":
             raise ConfigError("a report is in metres, and this has no scale; see rastercov audit")
-        options = Options(method=self.session.measurements.method)
         scene, poses = self.session.scene, state.poses()
+        options = Options(method=self.session.measurements.method, sheet=scene.sheet.words())
         rig = state.rig(poses)
         moving = scene.moving_with(rig)
         run(scene.mesh, rig, poses, state.task, path, options, moving=moving)
