@@ -3,7 +3,8 @@
 Points of random scenes are judged one by one, by `rastercov.reference.regions`: rooms, buildings
 and loose triangles, seen by pinholes, lenses, panoramas and rigs with a rule. At every point
 farther than `EDGE_REL` from a border the reason of its zone is that of the point, in whatever
-order the cameras come; areas by reason add up to what is not covered.
+order the cameras come; areas by reason add up to what is not covered. So it is of bodies that move,
+over time.
 """
 
 from dataclasses import dataclass, field
@@ -17,12 +18,12 @@ import rastercov as rc
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.zones import DeadZones, areas_by_reason, dead_zones
 from rastercov.coverage.reasons import NAMES, UNSEEABLE
-from rastercov.reference.regions import points_on, reasons_of_points
+from rastercov.reference.regions import points_on, reasons_of_points, reasons_over_time
 
 FloatArray = NDArray[np.float64]
 Reasons = NDArray[np.uint8]
 
-SCENES, POINTS = 200, 560
+SCENES, MOVING, POINTS = 200, 60, 560
 EDGE_REL = 1e-4
 """Distance from a border up to which a point is near it, relative to the diagonal: what lenses
 leave undecided is 2e-5 of it wide."""
@@ -46,28 +47,38 @@ class Score:
 
 
 def attack(report: Report, effort: float) -> None:
-    """Add the rows of this campaign; `effort` 1 is 200 scenes of 560 points."""
-    score = Score()
-    for seed in range(max(8, round(SCENES * effort))):
-        compare(seed, score)
-    report.add("reasons: points judged", score.points, "points")
-    report.add("reasons: points that no camera covers", score.dead, "points")
-    report.add("reasons: points near a border that differ", score.near, "points")
-    for name, n in sorted(score.kinds.items()):
-        report.add(f"reasons: {name}", n, "points")
-    report.add("reasons: wrong away from borders", len(score.wrong), "points", at_most=0)
-    report.add("reasons: scenes where the order of cameras matters", score.unequal, "", at_most=0)
-    report.add("reasons: sums of areas, in bounds", score.sums, "", at_most=1.0)
+    """Add the rows of this campaign; `effort` 1 is 200 scenes of 560 points, and 60 that move."""
+    for words, n_scenes, moves in (("reasons", SCENES, False), ("over time", MOVING, True)):
+        score = Score()
+        for seed in range(max(8, round(n_scenes * effort))):
+            compare(seed, score, moves=moves)
+        report.add(f"{words}: points judged", score.points, "points")
+        report.add(f"{words}: points that no camera covers", score.dead, "points")
+        report.add(f"{words}: points near a border that differ", score.near, "points")
+        for name, n in sorted(score.kinds.items()):
+            report.add(f"{words}: {name}", n, "points")
+        report.add(f"{words}: wrong away from borders", len(score.wrong), "points", at_most=0)
+        report.add(
+            f"{words}: scenes where the order of cameras matters", score.unequal, "", at_most=0
+        )
+        report.add(f"{words}: sums of areas, in bounds", score.sums, "", at_most=1.0)
 
 
-def compare(seed: int, score: Score) -> None:
+def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     """Hold the zones of one scene against its points."""
     rng = np.random.default_rng([seed, 58])
     mesh, camera, poses, task = scene(rng)
+    asked = a_motion(rng, mesh) if moves else None
+
+    def judged(points, face) -> Reasons:
+        if asked is None:
+            return reasons_of_points(mesh, camera, poses, task, points, face)
+        return reasons_over_time(asked, camera, poses, task, points, face)
+
     size = mesh.diagonal
     points, face = points_on(mesh, POINTS, seed)
-    truth = reasons_of_points(mesh, camera, poses, task, points, face)
-    zones, covered = zones_of(mesh, camera, poses, task)
+    truth = judged(points, face)
+    zones, covered = zones_of(mesh, camera, poses, task, asked)
     found = at_points(zones, points, face)
     is_proved = (found == UNSEEABLE) & (truth <= rc.Reason.OCCLUDED)  # by the points alone
     off = np.flatnonzero((found != truth) & ~is_proved & mesh.task_mask[face])
@@ -76,7 +87,7 @@ def compare(seed: int, score: Score) -> None:
         around = points[row] + EDGE_REL * size * _in_plane(mesh.normals[face[row]], rng)
         of_face = np.repeat(face[row], AROUND)
         is_in = _inside(mesh, around, of_face)
-        other = reasons_of_points(mesh, camera, poses, task, around, of_face)
+        other = judged(around, of_face)
         near[row] = not is_in.all() or (other != truth[row]).any()
     is_task = mesh.task_mask[face]
     score.points += int(is_task.sum())
@@ -90,14 +101,17 @@ def compare(seed: int, score: Score) -> None:
     total = sum(each["m2"] for each in areas_by_reason(zones, mesh.task_mask).values())
     score.sums = max(score.sums, abs(total - missing) / bound)
     order = rng.permutation(len(poses))
-    other, _ = zones_of(mesh, camera, poses[order], task)
+    other, _ = zones_of(mesh, camera, poses[order], task, asked)
     one, same = (_areas(each) for each in (zones, other))
     score.unequal += not np.allclose(one, same, rtol=0, atol=2 * float(zones.doubt.sum()) + bound)
 
 
-def zones_of(mesh, camera, poses, task) -> tuple[DeadZones, rc.Covered]:
+def zones_of(mesh, camera, poses, task, asked=None) -> tuple[DeadZones, rc.Covered]:
     """Dead zones of a network, and what it covers."""
     placed = camera.poses(poses) if isinstance(camera, rc.Rig) else rc.Poses.of(poses)
+    if asked is not None:
+        timed = rc.evaluate(mesh, camera, placed, task, motion=asked, fields=()).over_time
+        return timed.zones, timed.areas.covered
     covered = rc.unite(rc.regions(mesh, camera, placed, task))
     return dead_zones(covered, 1, (camera, task, placed)), covered
 
@@ -155,6 +169,24 @@ def scene(rng: np.random.Generator):
     if rng.random() < 0.35:
         return mesh, a_rig(rng, camera, reach), poses[:2], task
     return mesh, camera, poses, task
+
+
+def a_motion(rng: np.random.Generator, mesh: rc.Mesh) -> rc.MotionQuery:
+    """Groups that are moved and turned, of which some leave, and the time that is asked for."""
+    n, size = int(rng.integers(2, 5)), 0.1 * mesh.diagonal
+    poses, present = {}, {}
+    for name in [group.name for group in mesh.groups if rng.random() < 0.4] or ["part 0"]:
+        poses[name] = rc.turntable(n, axis=rng.normal(size=3), degrees=float(rng.uniform(5, 200)))
+        poses[name][:, :3, 3] += rng.normal(scale=size, size=(n, 3))
+        if rng.random() < 0.2:
+            present[name] = rng.random(n) < 0.7
+    durations = rng.integers(1, 3, n).astype(float)
+    motion = rc.Motion(mesh, poses, present, durations)
+    if not motion.present[:, motion.body].any(axis=1).all():
+        motion = rc.Motion(mesh, poses, durations=durations)
+    body = "world" if rng.random() < 0.8 else str(rng.choice(list(poses)))
+    over = ["some", "all", 0.6][rng.integers(3)]
+    return rc.MotionQuery(motion, over, ["one time", "any time"][rng.integers(2)], body)
 
 
 def room(rng: np.random.Generator):

@@ -13,7 +13,7 @@ from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
-from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out
+from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
 from rastercov.coverage.task import Task
 from rastercov.shards import Tally
 
@@ -58,6 +58,7 @@ def audit(
     result: ResultOptions,
     out: options.Out = Path("audit"),
     level: options.Level = None,
+    sheet: options.Sheet = None,
     pdf: options.Pdf = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -70,6 +71,7 @@ def audit(
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow
 
+    title = read_sheet(sheet)
     staff, tally, mesh = processes.open(), Tally(), scene.read(meshes)
     border = Border(conventions)
     views = read_through(source, border)
@@ -98,7 +100,7 @@ def audit(
             **asked,
         )
         is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
-        kept = asked | {"scene": scene.entries(out, meshes)}
+        kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
         _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level)
     if as_json:
         print(json_text(summary))

@@ -118,7 +118,8 @@ def _interrupted() -> int:
 
 def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     try:
-        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
+        with waits_shown(arguments[0] if arguments else "rastercov"):
+            code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
         if code != 130:
             return int(code or 0)
         raise KeyboardInterrupt  # which newer versions of Typer turn into this code
@@ -271,22 +272,78 @@ class Lines:
     """Progress in lines on standard error, where that is no terminal."""
 
     def __init__(self, what: str) -> None:
-        self._what = what
+        self._what, self._began = what, time.monotonic()
         self._first: tuple[float, int] | None = None
-        self._next = 0.0
+        self._last = 0, 0
+        self.rest()
+
+    def rest(self) -> None:
+        """Say nothing for a while: another line was said."""
+        self._next = time.monotonic() + FIRST_LINE
 
     def __call__(self, done: int, total: int) -> None:
-        """Say how far it is and the time left, where it is time."""
-        now = time.monotonic()
+        """Take how far it is, and say so where it is time."""
+        self._last = done, total
         if self._first is None:
-            self._first, self._next = (now, done), now + FIRST_LINE
-        if now < self._next or done >= total:
+            self._first = time.monotonic(), done
+            self.rest()
+        if done < total:
+            self.tell()
+
+    def tell(self) -> None:
+        """Say how far it is and the time left, or the time so far, where it is time."""
+        now, (done, total) = time.monotonic(), self._last
+        if now < self._next:
             return
         self._next = now + NEXT_LINE
+        if self._first is None or done >= total:
+            rest = f"all {total:,} done, " if total else ""
+            say(f"{self._what}: {rest}{now - self._began:,.0f} s so far", 0)
+            return
         started, before = self._first
         left = (now - started) / max(done - before, 1) * (total - done)
         about = f", about {left:,.0f} s left" if done > before else ""
         say(f"{self._what}: {done:,} of {total:,}{about}", 0)
+
+
+_STEPS: list[Lines | None] = []
+"""Steps that a command is in, the innermost last; None for one that says nothing."""
+
+
+@contextmanager
+def shown(lines: Lines | None) -> Iterator[None]:
+    """Show lines of a step in place of the one around it; nothing for None."""
+    _STEPS.append(lines)
+    try:
+        yield
+    finally:
+        _STEPS.pop()
+        for each in _STEPS:
+            if each is not None:
+                each.rest()
+
+
+@contextmanager
+def waits_shown(command: str) -> Iterator[None]:
+    """Say from time to time what a command does, where standard error is no terminal."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(FIRST_LINE / 4):
+            if _STEPS and (lines := _STEPS[-1]) is not None:
+                lines.tell()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    with shown(Lines(command)):
+        if sys.stderr is not None and not sys.stderr.isatty():
+            with suppress(RuntimeError):  # no memory for a thread
+                thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            if thread.is_alive():
+                thread.join()
 
 
 @contextmanager
@@ -297,7 +354,9 @@ def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
     """
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
-        yield Lines(what)
+        lines = Lines(what)
+        with shown(lines):
+            yield lines
         return
     from rich.progress import (
         BarColumn,

@@ -31,7 +31,14 @@ from rastercov.cli.console import (
     size_line,
     warn,
 )
-from rastercov.cli.inputs import SceneOptions, lit_by, poses_around, read_eyes, read_moving
+from rastercov.cli.inputs import (
+    SceneOptions,
+    lit_by,
+    poses_around,
+    read_eyes,
+    read_moving,
+    read_sheet,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.shards import Tally, Workers
@@ -95,6 +102,7 @@ def evaluate(
     lamps: options.LampsOption = None,
     out: options.Out = Path("report"),
     level: options.Level = None,
+    sheet: options.Sheet = None,
     motion: Annotated[
         Path | None,
         typer.Option(
@@ -124,7 +132,8 @@ def evaluate(
     warn(*eyes.notes)
     kept = scene.entries(out, meshes, motion=motion, lamps=lamps)
     skips = conventions.skip_bad_poses
-    settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
+    title = read_sheet(sheet)
+    settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title)
     assert eyes.rig is not None
     rig, task = lit_by(eyes.rig, task, lamps)
     moving = None if motion is None else read_moving(motion, mesh, report.method)

@@ -18,7 +18,14 @@ import typer
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
-from rastercov.base.files import is_file, is_same_file, seen_from
+from rastercov.base.files import (
+    UnreadableError,
+    is_file,
+    is_same_file,
+    printable,
+    read_toml,
+    seen_from,
+)
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
@@ -183,6 +190,27 @@ def read_moving(path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotio
     from rastercov.placement.plan.over_time import PlanMotion
 
     return PlanMotion.read(path, mesh, method)
+
+
+def read_sheet(path: Path | None) -> dict[str, str] | None:
+    """Entries of the title block in the [sheet] of a file; None for no file."""
+    if path is None:
+        return None
+    from pydantic import ValidationError
+
+    from rastercov.placement.plan.file import PlanError, lines_of
+    from rastercov.placement.plan.sections import SheetSection
+
+    name, table = printable(path.name), dict[str, Any]()
+    try:
+        table = read_toml(path)
+        if not isinstance(table.get("sheet"), dict):
+            raise ConfigError(f"{name}: expected a table [sheet] with the title block, got none")
+        return SheetSection.model_validate(table["sheet"]).words()
+    except ValidationError as error:
+        raise PlanError(f"{name}: sheet", lines_of(error, table["sheet"], SheetSection)) from None
+    except UnreadableError as error:
+        raise ConfigError(f"{name}: {error}") from None
 
 
 def _is_further(name: str, meshes: list[Path]) -> bool:

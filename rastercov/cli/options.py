@@ -65,6 +65,14 @@ Device = Annotated[
         help="Device for sampled visibility: auto, cpu, hardware, egl:0, surfaceless, osmesa."
     ),
 ]
+Sheet = Annotated[
+    Path | None,
+    typer.Option(
+        "--sheet",
+        help="TOML file, such as a plan, whose [sheet] has the title block of the page: project, "
+        "customer, author, revision, date.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Level = Annotated[
     int | None,

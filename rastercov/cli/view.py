@@ -19,7 +19,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views
 from rastercov.cli import options
-from rastercov.cli.console import say, size_line, warn
+from rastercov.cli.console import say, shown, size_line, warn
 from rastercov.cli.inputs import (
     AROUND,
     SceneOptions,
@@ -115,6 +115,7 @@ def view(
     with ExitStack() as redirecting:
 
         def started(url: str) -> None:
+            redirecting.enter_context(shown(None))  # no wait, but until it is stopped
             print(url, flush=True)
             say("press Ctrl-C to stop")
             if no_browser:

@@ -82,16 +82,13 @@ def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
 
     It is where most of its area, or most of the cameras are.
     """
-    from rastercov.mesh.solids import in_solid
+    from rastercov.mesh.solids import rooms_at
 
     faces = np.flatnonzero(mesh.task_mask)
     faces = faces[_spread(len(faces), MOST_FACES)]
     weights = np.append(mesh.areas[faces], np.ones(len(eyes)))
     points = np.concatenate((mesh.centroids[faces] + BEFORE_FACE * mesh.normals[faces], eyes))
-    is_in = np.zeros(len(points), np.bool_)
-    for _, space in mesh.spaces:
-        near = ((space.bounds[0] < points) & (points < space.bounds[1])).all(axis=1)
-        is_in[near] |= in_solid(space, points[near])
+    is_in = np.array([bool(room) for room in rooms_at(mesh, points)])
     halves = np.split(weights * (2.0 * is_in - 1), [len(faces)])
     is_indoors = max(half.sum() for half in halves) > 0
     return named_places(OUTDOORS, eyes, ~is_in[len(faces) :]) if is_indoors else []

@@ -216,7 +216,7 @@ class Rest:
                 poses,
                 is_asked,
             )
-        shared = {name: getattr(mesh, name) for name in OF_EVERY_POSE} if "contacts" in own else {}
+        shared = {name: getattr(mesh, name) for name in OF_EVERY_POSE}
         return mesh._with_vertices(frozen(moved), bounds=frozen(bounds), **shared, **own)
 
     @cached_property

@@ -35,6 +35,16 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
     return Matter(mesh).holds(wanted)
 
 
+def rooms_at(mesh: Mesh, points: FloatArray) -> list[str]:
+    """Label of the space of a building in which each of (N, 3) points is; "" for none."""
+    found = np.zeros(len(points), object)
+    for product, space in mesh.spaces:
+        low, high = space.bounds
+        near = np.flatnonzero((found == 0) & ((low < points) & (points < high)).all(axis=1))
+        found[near[in_solid(space, points[near])]] = product.label
+    return [each or "" for each in found]
+
+
 class Matter:
     """Matter of a mesh, as of `in_solid`, for several questions."""
 

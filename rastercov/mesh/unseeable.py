@@ -45,7 +45,11 @@ def unseeable_where_seen(mesh: Mesh, seen: FloatArray) -> FloatArray:
     That is more than twice the margin of a face, which perspective may enlarge: the camera is
     inside a surface that is no body, then.
     """
-    areas = unseeable_areas(mesh)
+    return where_seen(mesh, unseeable_areas(mesh), seen)
+
+
+def where_seen(mesh: Mesh, areas: FloatArray, seen: FloatArray) -> FloatArray:
+    """Areas of faces, (F,), of which it is proved, or 0 of all, as of `unseeable_where_seen`."""
     with np.errstate(over="ignore"):  # a share of 1e10 of a face of 1e300 m^2 is seen, too
         is_seen = seen * mesh.areas > 2 * (mesh.areas - areas) + ROUNDING_REL * mesh.areas
     return np.zeros_like(areas) if is_seen[areas > 0].any() else areas

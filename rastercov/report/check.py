@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 from rastercov.base.format import percent
@@ -37,10 +37,9 @@ def page_of(found: Checked, level: int | None = None) -> str:
     """HTML of a check; `level` as of `NetworkPage`."""
     plan, told = found.plan, to_json(found)
     shown = replace(network_of(found, told), level=level)
-    options = asdict(
-        Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    )
-    run = provenance_of(found.mesh, plan.rig, found.cameras.poses, found.task, options)
+    options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
+    own = found.cameras.poses, found.task, options.record()
+    run = provenance_of(found.mesh, plan.rig, *own)
     short = [each for each in found.requirements if each.short_by > 0]
     answer = "All requirements are met" if found.is_met else "The rig fails"
     losses = [] if found.against is None else found.against.losses(level)
@@ -53,7 +52,7 @@ def page_of(found: Checked, level: int | None = None) -> str:
         shown.drawn(),
         answer=f"{answer}: {shown.answer}",
         passed=found.is_met,
-        title_rows=plan.sheet.rows(plan.name),
+        title_block=plan.sheet.words(plan=plan.name),
         lines=[*verdicts(found.requirements), *((line, False) for line in losses[:MOST_LINES])],
         notes=[*found.mesh.warnings, *found.lines(level)],
         summary=told | {"quarantined": {}},

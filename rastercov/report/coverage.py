@@ -126,6 +126,7 @@ class Options:
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
     pdf: bool = False  # the page on paper, too
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
+    sheet: Mapping[str, str] | None = None  # title block of the page
 
     def __post_init__(self) -> None:
         if self.table is not None:
@@ -142,6 +143,10 @@ class Options:
                 )
             for name in ("method", "device", "supersample"):
                 object.__setattr__(self, name, getattr(engine, name))
+
+    def record(self) -> dict[str, Any]:
+        """Options for the provenance, ready for JSON; a title block where there is one."""
+        return {name: own for name, own in asdict(self).items() if own or name != "sheet"}
 
     @property
     def engine(self) -> Engine:
@@ -240,7 +245,7 @@ def run(
         found = answer(
             query,
             pairs=pairs,
-            options=asdict(options),
+            options=options.record(),
             open_table=None if pairs == "none" else table,
             folder=kept_in(folder.path) if is_kept else None,
             staff=staff,

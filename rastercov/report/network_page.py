@@ -32,7 +32,7 @@ from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.remedies import SURE, Change, Remedies, Spot
 from rastercov.coverage.area.table import Regions, taken
 from rastercov.coverage.area.union import unite
-from rastercov.coverage.area.zones import DeadZones, face_zones, zone_parts, zone_reason
+from rastercov.coverage.area.zones import DeadZones, face_zones, zone_place, zone_reason
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network, reasons_of
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
@@ -331,8 +331,9 @@ class NetworkPage:
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
         """The page with images as of `drawn`, by a template that extends `report.html`.
 
-        `values` are those that the template wants.
+        `values` are those that the template wants; `title_block` is that of the run unless given.
         """
+        title_block = (values["run"]["options"] or {}).get("sheet") or {}
         rows, more = self.camera_table(values.pop("columns", {}))
         by_area = "covered_area" in self.figures
         return rendered(
@@ -360,7 +361,7 @@ class NetworkPage:
             time_lines=self.figures.get("over_time", {}).get("lines", ()),
             reasons=REASONS,
             view=self.view,
-            **values,
+            **{"title_block": title_block, **values},
         )
 
     def _rules(self) -> list[str]:
@@ -429,7 +430,7 @@ class NetworkPage:
         if entries:
             total, worst = area(float(zones.area.sum())), area(entries[0]["area_m2"])
             largest = f", {total} in all. The largest" if len(entries) > 1 else ""
-            where = f" of {zone_parts(entries[0])[0]}" if len(self.mesh.groups) > 1 else ""
+            where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
             said.append(
                 f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: {worst}{where}, "
                 f"{zone_reason(entries[0])}."
@@ -515,7 +516,7 @@ class NetworkPage:
             found.append(
                 {
                     "heading": heading,
-                    "reason": f"{zone_parts(zone)[0]}: {reason}"
+                    "reason": f"{zone_place(zone)}: {reason}"
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
                     "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",

@@ -26,7 +26,7 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_parts, zone_reason, zones_at
+from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_place, zone_reason, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails
 from rastercov.mesh import Mesh
@@ -325,11 +325,9 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
     digits = decimals_of(far)
     for number, zone in enumerate(shown, start=1):
-        first, *others = zone_parts(zone)
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
-        group = first + (f" and {len(others)} more" if others else "")
         size, share = area(zone["area_m2"]), percent(round(zone["percent"] / 100, 9))
-        rows.append([str(number), size, share, place, group, zone_reason(zone)])
+        rows.append([str(number), size, share, place, zone_place(zone), zone_reason(zone)])
     rest = summary["other_dead_zones"]
     n_rest = rest["zones"] if rest["percent"] > 100 * SLIVER_REL * rest["zones"] else 0
     if count := len(zones) - len(shown) + n_rest:

@@ -86,7 +86,7 @@ def pages_of(
         drawn,
         answer=shown.answer,
         passed=placement.is_met if placement.requirements else None,
-        title_rows=plan.sheet.rows(plan.name),
+        title_block=plan.sheet.words(plan=plan.name),
         lines=verdicts(placement.requirements),
         log=notes,
         notes=(),

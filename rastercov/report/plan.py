@@ -256,7 +256,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
         prepared.camera,
         poses,
         prepared.task,
-        asdict(options),
+        options.record(),
         RasterizerInfo(**prepared.measured_by),
         ("rastercov", "moderngl", "numpy", "pydantic", "highspy"),
     )

@@ -104,8 +104,8 @@ class Saving:
             raise ConfigError("expected a camera that is on, got none; add one")
         if state.unit != "m":
             raise ConfigError("expected lengths in metres, got no scale; use rastercov audit")
-        options = Options(method=self.session.measurements.method)
         scene, poses = self.session.scene, state.poses()
+        options = Options(method=self.session.measurements.method, sheet=scene.sheet.words())
         rig = state.rig(poses)
         moving = scene.moving_with(rig)
         run(scene.mesh, rig, poses, state.task, path, options, moving=moving)

@@ -158,16 +158,42 @@ def test_reasons_over_time_are_those_of_dead_zones():
     assert "seeable_not_covered_because" not in plate
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - {"covered", "too_few_views", "no_cameras"}))
-def test_every_reason_that_a_point_may_have_is_that_of_a_zone(name, monkeypatch):
-    def judged(mesh, camera, task, poses, points, face):
-        reason = np.full(len(points), NAMES.index(name), np.uint8)
-        return [(row, reason, np.full(len(points), -1)) for row in range(len(poses))]
+def test_what_one_camera_covers_long_enough_has_too_few_views():
+    eyes = rc.look_at(eyes=[(0.1, 0.1, 6), (3.5, 0.1, 4)], targets=(0, 0, 0), up=(0, 1, 0))
+    for at in ("one time", "any time"):
+        two = evaluate_over_time(passing(), CAMERA, eyes, rc.Task(views=2), 0.5, views_at=at)
+        one = evaluate_over_time(passing(), CAMERA, eyes, TASK, 0.5, views_at=at)
+        found, same = (
+            np.bincount(each.zones.reason, each.zones.piece_area, len(NAMES)) for each in (two, one)
+        )
+        gained = one.long_enough.area.sum() - two.long_enough.area.sum()
+        assert gained > 0.1
+        assert found[NAMES.index("too_few_views")] == pytest.approx(gained)
+        found[NAMES.index("too_few_views")] = 0
+        assert found == pytest.approx(same, abs=1e-9)
 
-    monkeypatch.setattr("rastercov.coverage.area.over_time.failures_of_rows", judged)
-    zones = evaluate_over_time(passing(), CAMERA, ABOVE, TASK, "all").dead_zones()["dead_zones"]
-    assert {zone["reason"] for zone in zones} == {name}
-    assert not set("{}") & set(zones[0]["advice"])
+
+def test_what_is_proved_unseeable_is_so_in_every_frame():
+    # A box on a box: their contact cannot be seen at rest, and can where one is lifted.
+    boxes = two_bodies(rc.shapes.box((1, 1, 1)), rc.shapes.box((1, 1, 1), 1, (0, 0, 1)))
+    boxes = rc.Mesh(boxes.vertices, boxes.faces, boxes.groups, boxes.face_group)
+    contact = np.flatnonzero((boxes.normals[:, 2] > 0.9) & (boxes.centroids[:, 2] < 0.6))
+    pose = rc.look_at(eyes=[(5, 0.1, 0.3)], targets=(0, 0, 0))
+    for lift, wanted in ((0.0, {"unseeable"}), (1.0, {"back_facing"})):
+        moves = {name: rc.conveyor(2, direction=(0, 0, 1), distance=lift) for name in "b"}
+        result = evaluate_over_time(rc.Motion(boxes, moves), CAMERA, pose)
+        own = np.isin(result.zones.face, contact)
+        assert {NAMES[row] for row in result.zones.reason[own]} == wanted
+        summary = rc.evaluate(boxes, CAMERA, pose, motion=result.asked).summary()
+        assert (summary["unseeable_m2"] > 0.9) == (lift == 0)
+
+
+def test_what_is_never_there_cannot_be_seen():
+    mesh = two_bodies(rc.shapes.box((1, 1, 1)), rc.shapes.box((1, 1, 1), 1, (4, 0, 0)))
+    motion = rc.Motion(mesh, {"a": np.eye(4)}, {"a": np.zeros(1, bool)})
+    result = evaluate_over_time(motion, CAMERA, ABOVE)
+    own = np.isin(result.zones.face, np.flatnonzero(mesh.face_group == 0))
+    assert {NAMES[row] for row in result.zones.reason[own]} == {"unseeable"}
 
 
 def test_absent_frames_do_not_count_for_what_is_absent():

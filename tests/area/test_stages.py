@@ -28,6 +28,17 @@ def test_the_reason_of_a_zone_is_that_of_its_points(seed):
     assert score.sums <= 1
 
 
+@pytest.mark.parametrize("seed", [2, 4, 5, 7])
+def test_the_reason_of_a_zone_over_time_is_that_of_its_points(seed):
+    from attack_reasons import Score, compare
+
+    score = Score()
+    compare(seed, score, moves=True)
+    assert score.dead > 50
+    assert (score.wrong, score.unequal) == ([], 0)
+    assert score.sums <= 1
+
+
 def test_a_criterion_that_one_camera_meets_counts_for_all():
     """Two cameras: the nearer is beside its image, the farther sees too few pixels."""
     mesh = rc.Mesh([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2)])

@@ -15,9 +15,10 @@ from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.union import RegionUnion
-from rastercov.coverage.area.zones import dead_zones, summary_of, zone_line
+from rastercov.coverage.area.zones import dead_zones, summary_of, zone_line, zone_place
 from rastercov.coverage.headline import advice_line
 from rastercov.coverage.reasons import REASONS
+from rastercov.mesh.formats.ifc import Product
 from rastercov.reference.regions import covers_points, points_on
 
 AHEAD = np.eye(4)[None]
@@ -221,7 +222,7 @@ def test_where_nothing_is_covered_the_largest_zone_has_figures():
     )
 
 
-def test_faces_of_a_part_of_cad_are_named_by_the_part():
+def test_a_zone_names_its_cad_face_and_the_part_that_hides_it():
     """Both sheets are faces of one part, and so is the zone behind them of its own."""
     mesh = hidden_scene()
     names = ("arm/floor/face 1", "arm/sheet/face 2", "arm/sheet/face 13")
@@ -231,7 +232,7 @@ def test_faces_of_a_part_of_cad_are_named_by_the_part():
     (zone,) = found["dead_zones"]
     assert (zone["groups"], zone["hidden_by"]) == (["arm/floor/face 1"], "arm/sheet/face 13")
     assert zone_line(zone) == (
-        "dead zone 4 m² at (-1.0, -1.0, 4.0) in group arm/floor: occluded by arm/sheet"
+        "dead zone 4 m² at (-1.0, -1.0, 4.0) in group arm/floor/face 1: occluded by arm/sheet"
     )
 
 
@@ -470,3 +471,32 @@ def test_a_coincident_surface_in_front_is_said_to_hide():
     for zone in found["dead_zones"]:
         assert "{" not in zone["advice"]
         assert zone["reason"] != "too_oblique"  # no such limit is set
+
+
+def test_the_room_before_a_zone_and_of_a_camera_is_named():
+    # Two rooms in a row under one floor; the camera is above the floor of the west.
+    floor = rc.shapes.box((8, 4, 0.2), centre=(0, 0, -0.1))
+    texts = [("Ground", "IfcSpace", str(row), name, "") for row, name in enumerate(("Hall", ""))]
+    rooms = [rc.shapes.box((4, 4, 6), centre=(x, 0, 3)) for x in (-2, 2)]
+    spaces = [(Product(*text), room) for text, room in zip(texts, rooms, strict=True)]
+    mesh = rc.Mesh(floor.vertices, floor.faces, [rc.Group("slab")], spaces=spaces)
+    camera, task = rc.Camera.from_fov(400, 400, hfov_deg=90), rc.Task(max_incidence_deg=45)
+    poses = rc.look_at((-2, 0, 2.5), (-2, 0, 0))
+    result = rc.evaluate(mesh, camera, poses, task)
+    zones = [each for each in result.summary()["dead_zones"] if each["centroid"][2] == 0]
+    east, both = ([each for each in zones if len(each["rooms"]) == n] for n in (1, 2))
+    assert zone_place(both[0]) == "slab, room Ground/1 and 1 more"
+    assert f"in group {zone_place(both[0])}: " in zone_line(both[0])
+    (zone,) = (each for each in east if each["centroid"][0] > 2)
+    assert zone_place(zone) == "slab, room Ground/1"
+    assert "in room Ground/0 Hall, aimed at" in zone["advice"]
+    below = [each for each in result.summary()["dead_zones"] if each["centroid"][2] < -0.15]
+    assert [each["rooms"] for each in below] == [[]]
+    assert zone_place(below[0]) == "slab"
+
+
+def test_a_zone_on_one_cad_face_names_it():
+    groups = [f"bracket/face {row + 1}" for row in range(12)]
+    assert zone_place({"groups": groups[2:3]}) == "bracket/face 3"
+    assert zone_place({"groups": groups}) == "bracket"
+    assert zone_place({"groups": [*groups, "arm"]}) == "bracket and 1 more"

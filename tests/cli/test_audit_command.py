@@ -99,6 +99,32 @@ def test_without_scale_all_is_in_units_and_suggested_images_keep_their_promise(h
         assert re.search('alt="[^"]+"', image)
 
 
+def test_pages_of_evaluate_and_audit_have_the_title_block_of_a_file(here, capsys):
+    (here / "job.toml").write_text(
+        'name = "x"\n[sheet]\ncustomer = "A & B"\nrevision = "C"\nnorth = 3\n'
+    )
+    commands = {
+        "audit sparse torus.obj --pose-unit 1 --by face -o out": "audit.html",
+        "evaluate torus.obj -c khepra -p sphere:2 --by face -o out2": "report.html",
+    }
+    block = "<dt>Customer</dt><dd>A &amp; B</dd></div><div><dt>Revision</dt><dd>C</dd>"
+    for line, page in commands.items():
+        done(capsys, f"{line} --sheet job.toml")
+        (found,) = here.glob(f"out*/{page}")
+        assert block in found.read_text()
+        assert "North" not in found.read_text()
+    line = "evaluate torus.obj -c khepra -p sphere:2 -o no --sheet"
+    for text, words in {
+        "a = 1": "job.toml: expected a table [sheet] with the title block, got none",
+        "sheet = 1": "job.toml: expected a table [sheet] with the title block, got none",
+        "[sheet]\ncustomr = 'x'": "job.toml: sheet: customr: there is no such entry",
+        "[": "job.toml: not valid TOML",
+    }.items():
+        (here / "job.toml").write_text(text)
+        assert words in refusal(capsys, f"{line} job.toml")
+    assert "none.toml: cannot be read" in refusal(capsys, f"{line} none.toml")
+
+
 def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
     np.save("poses.npy", np.array(POSES))
     assert "give --pose-unit" in refusal(capsys, "audit sparse torus.obj --unit mm -o out")

@@ -1,13 +1,22 @@
 """Lines that commands print for people: bounded, and one for an interrupt whatever it met."""
 
 import signal
+import threading
+import time
 from pathlib import Path
 
 import pytest
-from commands import INTERRUPTIBLE, refusal
+from commands import INTERRUPTIBLE, refusal, without_progress
 from processes import python
 
-from rastercov.cli.console import LONGEST_LINE, LONGEST_WORD, progress_bar, say
+from rastercov.cli.console import (
+    LONGEST_LINE,
+    LONGEST_WORD,
+    exit_code,
+    progress_bar,
+    say,
+    shown,
+)
 
 COMMAND = "evaluate box -c camera.toml -p sphere:2 -o out"
 OPTIONS = (
@@ -70,7 +79,7 @@ cli.main()
 def test_an_interrupt_ends_in_one_line_whatever_becomes_of_it(name, fate):
     done = python("-c", INTERRUPTIBLE + INTERRUPTED.format(name=name, fate=fate), timeout=30)
     code = 128 + getattr(signal, name)
-    assert (done.returncode, done.stderr) == (code, "interrupted\n")
+    assert (done.returncode, without_progress(done.stderr)) == (code, "interrupted\n")
 
 
 def test_a_wait_without_a_terminal_has_a_line_after_two_seconds_and_then_every_ten(
@@ -95,3 +104,37 @@ def test_a_short_wait_has_no_line(capsys):
         for done in range(100):
             progress(done, 100)
     assert capsys.readouterr().err == ""
+
+
+def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
+    monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 0.04)
+    monkeypatch.setattr("rastercov.cli.console.NEXT_LINE", 0.04)
+
+    def lines(app):
+        assert exit_code(lambda *_, **__: app(), ["audit", "x"]) == 0
+        return capsys.readouterr().err.splitlines()
+
+    def wait():
+        time.sleep(0.5)
+
+    found = lines(wait)
+    assert found
+    assert set(found) <= {"audit: 0 s so far", "audit: 1 s so far"}
+
+    def with_steps():
+        with progress_bar("poses") as progress:
+            progress(4, 4)
+            wait()
+        with progress_bar("area"):
+            wait()
+
+    found = lines(with_steps)
+    assert {line.partition(" s")[0][:-1] for line in found} >= {"poses: all 4 done, ", "area: "}
+    assert lines(lambda: None) == []
+
+    def serve():
+        with shown(None):
+            wait()
+
+    assert lines(serve) == []
+    assert not [each for each in threading.enumerate() if "watch" in each.name]

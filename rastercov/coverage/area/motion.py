@@ -7,7 +7,7 @@ equal length, and regions of two frames would have other coordinates.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +20,7 @@ from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
@@ -162,6 +162,10 @@ class Frames(NamedTuple):
         Of `carriers`.
     source : (T, P) int64
         Frame whose regions a pose has in each: the first, of `in_turn`, of equal `Sights`.
+    relaxed : mapping or None
+        As of `RegionPass`.
+    faces : (F,) bool, or None
+        Those that are asked, all for None.
     """
 
     motion: Motion
@@ -171,14 +175,23 @@ class Frames(NamedTuple):
     engine: Engine
     carried: FloatArray
     source: IntArray
+    relaxed: Mapping[str, float] | None = None
+    faces: BoolArray | None = None
 
     @classmethod
     def of(
-        cls, asked: MotionQuery, camera: Cameras, placed: Poses, task: Task, engine: Engine
+        cls,
+        asked: MotionQuery,
+        camera: Cameras,
+        placed: Poses,
+        task: Task,
+        engine: Engine,
+        relaxed: Mapping[str, float] | None = None,
+        faces: BoolArray | None = None,
     ) -> "Frames":
         """Frames of cameras on bodies."""
         motion = asked.motion
-        carried, sights = carriers(asked, camera, placed), Sights(motion)
+        carried, sights = carriers(asked, camera, placed), Sights(motion, faces)
         tasks = tasks_of(camera, task)
         first: dict[bytes, int] = {}
         source = np.empty((len(motion), len(placed)), np.int64)
@@ -189,7 +202,7 @@ class Frames(NamedTuple):
             surface = key_of(mesh, tasks)
             keys = sights.of(row, moved, near)
             source[row] = [first.setdefault(key + surface, row) for key in keys]
-        return cls(motion, camera, placed, task, engine, carried, source)
+        return cls(motion, camera, placed, task, engine, carried, source, relaxed, faces)
 
     def regions(self, rows: IntArray) -> Regions:
         """Regions of each pose in some frames, (K,), to the bit those of a run over all."""
@@ -214,12 +227,15 @@ class Frames(NamedTuple):
                 for row in of_bodies[is_used[of_bodies]].tolist():
                     mesh, kept = motion._at(row, of_occluders=False)
                     if finder is None:
-                        finder = RegionPass(mesh, camera, self.task, method=self.engine)
+                        finder = RegionPass(
+                            mesh, camera, self.task, method=self.engine, relaxed=self.relaxed
+                        )
                         stack.callback(finder.close)
                     finder.set_mesh(mesh)
                     moved = carried_by(self.carried[:, row], placed)
                     if is_found[row].any() or not none:
-                        own = at_rest(finder.find(moved[is_found[row]]), motion, kept)
+                        closed = None if self.faces is None else ~self.faces[kept]
+                        own = at_rest(finder.find(moved[is_found[row]], closed), motion, kept)
                         none = none or [taken(own, np.arange(0))]
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
                         known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
@@ -303,10 +319,12 @@ class Sights:
     separates from that of such a body; and the near plane, where a surface is not far beyond it.
     """
 
-    def __init__(self, motion: Motion) -> None:
-        self._motion, scored = motion, motion.mesh.task_mask
+    def __init__(self, motion: Motion, faces: BoolArray | None = None) -> None:
+        self._motion, scored = motion, motion.mesh.task_mask if faces is None else faces
         diagonal = motion._diagonal
         self._boxes = _grown(motion.boxes, BESIDE_REL * diagonal)
+        hides = np.unique(motion.body[scored | ~motion.mesh.target_mask])
+        self._boxes[np.isin(np.arange(len(motion.names)), hides, invert=True)] = np.nan
         low, high = np.full((2, len(motion.names), 3), np.inf)
         used = motion.mesh.vertices[motion.mesh.faces[scored]].reshape(-1, 3)
         of = np.repeat(motion.body[scored], 3)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.checks import is_one_of, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as area_text
+from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
 from rastercov.coverage.area.frames import frames_of
@@ -193,22 +194,23 @@ class AreaNetwork:
             if "covered" in part:
                 members[id(part)] = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
                 part["covered_area"] = self.summary(views, rows)
-        zones = self.zones(camera, poses, views)
-        reasons = self._reasons(zones)
+        zones, unseeable = self.zones(camera, poses, views), self._unseeable()
         for entry in (summary, *summary["groups"], *summary["parts"]):
             if "covered_area" in entry:
                 m2 = entry["covered_area"]["m2"]
+                if unseeable is not None:
+                    entry["unseeable_m2"] = float(unseeable[members[id(entry)]].sum())
                 entry["covered_of_seeable_percent"] = percent_of_seeable(m2, entry)
-                why = areas_by_reason(zones, members[id(entry)], reasons)
+                why = areas_by_reason(zones, members[id(entry)])
                 if entry is summary:
                     entry["not_covered_because"] = why
                 entry["seeable_not_covered_because"] = {
                     name: each for name, each in why.items() if name != "unseeable"
                 }
 
-    def _reasons(self, zones: DeadZones) -> NDArray[np.uint8]:
-        """(N,) row of `REASONS` of each piece of zones."""
-        return zones.reason
+    def _unseeable(self) -> FloatArray | None:
+        """(F,) area that no camera can see, m^2; None where that of the `Network` holds."""
+        return None
 
     def of_time(self) -> dict[str, Any]:
         """Entries of a summary on time, whose figures are then the only ones; often none."""

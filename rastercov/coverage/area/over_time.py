@@ -8,6 +8,7 @@ they are missed.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,9 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import FloatArray, IntArray, check_memory
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, led_by, names_of
+from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import (
@@ -33,12 +34,21 @@ from rastercov.coverage.area.motion import (
     regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.rows import tasks_of
+from rastercov.coverage.area.stages import (
+    Parts,
+    Stage,
+    any_in_front,
+    divided,
+    stages_of,
+    without_occlusion,
+)
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
-from rastercov.coverage.area.zones import DeadZones, dead_zones, points_of
+from rastercov.coverage.area.zones import DeadZones, points_of, zones_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.reasons import NAMES, RANK, TOO_FEW_VIEWS, Reason
+from rastercov.coverage.reasons import NAMES, NO_CAMERAS, RANK, TOO_FEW_VIEWS, Reason
 from rastercov.coverage.shards import (
     PAIRS_A_SHARD,
     Wanted,
@@ -50,8 +60,10 @@ from rastercov.coverage.shards import (
     store_in,
     unpacked,
 )
+from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh.motion import Motion
+from rastercov.mesh.unseeable import unseeable_areas, where_seen
 from rastercov.shards import ALONE, Staff, fill
 from rastercov.shards.inputs import POSES, Inputs, opened_once, read_npz
 from rastercov.shards.store import whole
@@ -213,22 +225,101 @@ class OverTime(InOneLine):
         return found
 
     @cached_property
+    def unseeable(self) -> FloatArray:
+        """(F,) area that no camera can see in any frame: proved, m^2; all of what is never there.
+
+        As of `rastercov.mesh.unseeable`; 0 of all if cameras see into a body.
+        """
+        motion, areas = self.motion, self.motion.mesh.areas
+        found = np.where(motion.mesh.task_mask, areas, 0.0)
+        for row in range(len(motion)):
+            if not found.any():
+                break
+            mesh, kept = motion._at(row, of_occluders=False)
+            found[kept] = np.minimum(found[kept], unseeable_areas(mesh))
+        return where_seen(motion.mesh, found, self.time.area[0] / np.maximum(areas, 1e-300))
+
+    @cached_property
     def zones(self) -> DeadZones:
-        """Dead zones: parts that are not covered long enough."""
-        n = len(self.time.area)
-        return dead_zones(self.time, np.clip(self.motion._needed(self.asked.over), 1, n))
+        """Dead zones: parts that are not covered long enough, each of one reason.
+
+        A point passes a criterion where cameras meet it, and all before it, for long enough; its
+        reason is the first that it does not pass.
+        """
+        covered, is_unseeable = self.areas.covered, self.unseeable > 0
+        one = np.ones(self.motion.mesh.n_faces, np.int64)
+        divide = self._divided if len(self.poses) else None
+        return zones_of(covered, one, is_unseeable, divide, NO_CAMERAS)
+
+    def _divided(self, rest: Parts) -> tuple[Parts, FloatArray]:
+        """As `divided`; a first stage is of one view where several are wanted."""
+        mesh, scene = self.motion.mesh, (self.camera, self.task)
+        one_view = Stage(TOO_FEW_VIEWS, *scene, None, hides=True)
+        stages = chain([one_view] * (self.task.views > 1), stages_of(mesh, *scene))
+        of_surface = own_reasons(mesh, tasks_of(*scene)[0])
+        for row in range(len(self.motion)) if CRITERIA else ():
+            moved, kept = self.motion._at(row, of_occluders=False)
+            own = own_reasons(moved, tasks_of(*scene)[0])
+            of_surface[kept] = np.maximum(of_surface[kept], own)
+        return divided(mesh, rest, stages, self._passes, of_surface)
+
+    def _passes(self, stage: Stage, asked: BoolArray) -> Covered:
+        """Area of faces, (F,), that passes all criteria before the reason of a stage."""
+        mesh, query, always = self.motion.mesh, self.asked, self.always()
+        union = RegionUnion(mesh)
+        if stage.reason == Reason.OUTSIDE:
+            union.fill(self._in_front(stage.camera, asked))
+            return union.covered()
+        if stage.reason in self._known:
+            return self._known.pop(stage.reason)
+        if stage.reason == TOO_FEW_VIEWS:
+            union.add(query.long_enough(self.regions))
+            return union.covered()
+        if not stage.hides:
+            query = replace(query, motion=self.motion._of_mesh(without_occlusion(mesh)))
+        if always is not self:
+            asked = asked | (always.areas.covered.area[0] < frames_of(mesh).areas)
+        scene = stage.camera, self.poses, stage.task, Engine()
+        job = Frames.of(query, *scene, stage.relaxed, asked)
+        found = job.regions(np.arange(len(self.motion)))
+        union.add(query.long_enough(found))
+        if always is not self:
+            of_all = RegionUnion(mesh)
+            of_all.add(replace(query, over="all").long_enough(found))
+            always._known[stage.reason] = of_all.covered()
+        return union.covered()
+
+    @cached_property
+    def _known(self) -> dict[int, Covered]:
+        """What passes stages, as far as it was found with that of another time."""
+        return {}
+
+    def _in_front(self, camera: Cameras, asked: BoolArray) -> BoolArray:
+        """(F,) faces that cameras are in front of for long enough."""
+        motion, rows = self.motion, rows_of_result(camera, self.poses)
+        if self.asked.views_at == "one time":
+            rows = np.zeros_like(rows)
+        carried = carriers(self.asked, camera, self.poses)
+        times = np.zeros((int(rows.max()) + 1, motion.mesh.n_faces), np.int64)
+        for row in range(len(motion)):
+            mesh, kept = motion._at(row, of_occluders=False)
+            placed = carried_by(carried[:, row], self.poses)
+            for own, time in enumerate(times):
+                is_front = any_in_front(mesh, camera, placed[rows == own], asked[kept])
+                time[kept] += motion.units[row] * is_front
+        return np.asarray((times >= motion._needed(self.asked.over)).any(axis=0))
 
     @cached_property
     def _judged(self) -> tuple[list[dict[str, Any]], dict[int, str | None]]:
         """Reason and hiding body of each listed zone; and the body that hides most in a frame."""
         motion, zones = self.motion, self.zones
         n = zones.listed()
+        winners = zones.reasons(n).tolist()
         if not n or not len(self.poses):
-            return [_said("no_cameras")] * n, {}
+            return [_said(NAMES[each]) for each in winners], {}
         points, piece = points_of(zones, n, POINTS_OF_ZONE)
         carried = carriers(self.asked, self.camera, self.poses)
         face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
-        reasons = np.zeros((n, len(NAMES)), np.int64)
         hides = np.zeros((n, len(motion.names)), np.int64)
         own_body = [int(np.bincount(motion.body[face[zone == row]]).argmax()) for row in range(n)]
         of_frames: dict[int, str | None] = {}
@@ -254,16 +345,13 @@ class OverTime(InOneLine):
                 hider[better] = np.where(fails == Reason.OCCLUDED, by, -1)[better]
                 best[better] = fails[better]
             weight = int(motion.units[row])
-            missed = np.flatnonzero(best != IS_COVERED)
-            np.add.at(reasons, (zone[there[missed]], best[missed]), weight)
-            hidden = missed[hider[missed] >= 0]
+            hidden = np.flatnonzero((best != IS_COVERED) & (hider >= 0))
             body = motion.body[kept[hider[hidden]]]
             np.add.at(hides, (zone[there[hidden]], body), weight)
             counts = np.bincount(body[body > 0], minlength=len(motion.names))
             of_frames[row] = motion.names[int(counts.argmax())] if counts.any() else None
         found = []
-        for own, moving, body_of in zip(reasons, hides[:, 1:], own_body, strict=True):
-            winner = int(own.argmax()) if own.any() else TOO_FEW_VIEWS
+        for winner, moving, body_of in zip(winners, hides[:, 1:], own_body, strict=True):
             if winner != Reason.OCCLUDED or not moving.any():
                 found.append(_said(NAMES[winner]))
                 continue
@@ -283,15 +371,17 @@ class OverTime(InOneLine):
 
     def always(self) -> "OverTime":
         """The same, where a point must be covered all the time."""
-        if self.asked.over == "all":
-            return self
+        return self if self.asked.over == "all" else self._always
+
+    @cached_property
+    def _always(self) -> "OverTime":
         found = replace(self, asked=replace(self.asked, over="all"))
         found.__dict__.update(time=self.time, frames=self.frames)
         return found
 
     def summary(self) -> dict[str, Any]:
         """Figures over time, ready for JSON."""
-        curve, mesh = self.curve(), self.motion.mesh
+        table, curve, mesh = self.table(), self.curve(), self.motion.mesh
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
         always, half = self.always(), self.half()
         found = self.areas.summary()
@@ -312,7 +402,7 @@ class OverTime(InOneLine):
             "half_the_frames_percent": half,
             "not_always": always.dead_zones()["dead_zones"][:MOST_NOT_ALWAYS],
             "curve": curve,
-            "by_frame": self.table(),
+            "by_frame": table,
         }
         return said | {"in_words": time_words(self.asked.over), "lines": _lines(said)}
 
@@ -373,11 +463,9 @@ class TimeAreas(AreaNetwork):
         """As of `AreaNetwork`; views are counted at each time already."""
         return super().of_faces(members, 1)
 
-    def _reasons(self, zones: DeadZones) -> NDArray[np.uint8]:
-        """As of `AreaNetwork`; those of zones in the frames, not of the rest."""
-        why = [each["reason"] for each in self.over_time.dead_zones()["dead_zones"]]
-        rows = np.array([*map(NAMES.index, why), TOO_FEW_VIEWS], np.uint8)
-        return rows[np.minimum(zones.zone, len(why))]
+    def _unseeable(self) -> FloatArray:
+        """As of `OverTime`."""
+        return self.over_time.unseeable
 
     def of_time(self) -> dict[str, Any]:
         """As of `AreaNetwork`."""

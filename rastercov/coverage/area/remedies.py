@@ -35,12 +35,13 @@ from rastercov.coverage.area.stages import united
 from rastercov.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS, UNSEEABLE, Reason
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.mesh.solids import rooms_at
 
 SURE, SCREENED = 0.55, 12
 """Part of the points of a zone that a change covers before it is said; points of a first look."""
 IN_SIGHT = 0.5
 """Part of some points of a zone from which a line of sight to it counts as free."""
-PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (1.2, 2.0, 3.5)
+PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
 """Directions around a zone of places that are tried; shares of the distance of the camera, and
 times the radius of the zone, at which they are."""
 LONGER = (1.05, 1.4)
@@ -97,7 +98,7 @@ class Change(NamedTuple):
     Attributes
     ----------
     words, other : str
-        What is done to the camera that is named, and to another one.
+        What is done to the camera that is named, and to another one; {room} is that of the eye.
     eye, target : (3,) float64
     camera : Camera or None
         In place of the camera.
@@ -283,7 +284,9 @@ class Remedies:
                     **(change.more or {}),
                     "covers_percent": 100 * share,
                 }
+                (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
+                words = words.format(room=f" in room {room}" if room else "")
                 return f"{words}: {percent(share)} of the zone is covered", entries
         return f"none of {count} places within {in_metres(reach)} covers half of the zone", {}
 
@@ -336,8 +339,8 @@ class Remedies:
                 continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
             yield Change(
-                f"move it {moved} to {text}, aimed at {to}",
-                f"add a camera at {text}, aimed at {to}",
+                f"move it {moved} to {text}{{room}}, aimed at {to}",
+                f"add a camera at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )
 

@@ -8,7 +8,7 @@ of cameras does not matter.
 `rastercov.reference.reasons` has the same for single points.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -85,7 +85,7 @@ class Parts(NamedTuple):
         return Parts(starts=polygons.starts_of(counts), **own)
 
 
-class _Stage(NamedTuple):
+class Stage(NamedTuple):
     """Criteria that come before a reason: what passes them has this reason, or a later one."""
 
     reason: int
@@ -96,13 +96,18 @@ class _Stage(NamedTuple):
 
 
 def divided(
-    covered: Covered, rest: Parts, camera: Cameras, task: Task, poses: Poses
+    mesh: Mesh,
+    rest: Parts,
+    stages: Iterator[Stage],
+    passes: Callable[[Stage, BoolArray], Covered],
+    of_surface: NDArray[np.uint8],
 ) -> tuple[Parts, FloatArray]:
     """Pieces that no camera covers, (N,), in parts of one reason, and (F,) bounds of their areas.
 
-    `rest` are these pieces, ordered by face, as of `with_rest` of `covered`.
+    `rest` are these pieces, ordered by face, as of `with_rest`; `passes` gives what passes a stage
+    of some faces, (F,), and `of_surface` the reasons of the surface itself, (F,).
     """
-    mesh, frames = covered.mesh, frames_of(covered.mesh)
+    frames = frames_of(mesh)
     own = polygons.polygon_areas(rest.xy, rest.starts)
     missing: FloatArray = np.bincount(rest.face, own, mesh.n_faces).astype(np.float64)
     overlay, number = Overlay(frames.corners, frames.areas, mesh.diagonal), 0
@@ -110,8 +115,8 @@ def divided(
     _add(overlay, number, (rest.xy, rest.starts, rest.face), faces, missing[faces])
     reasons, doubt = [int(Reason.BACK_FACING)], np.zeros(mesh.n_faces)
     is_open = missing > 0
-    for stage in _stages(mesh, camera, task):
-        passed = _passes(mesh, stage, poses, is_open)
+    for stage in stages:
+        passed = passes(stage, is_open)
         doubt += passed.bound
         rows = np.flatnonzero(is_open[passed.face])
         pieces = *polygons.chosen(passed.xy, passed.starts, rows), passed.face[rows]
@@ -131,7 +136,7 @@ def divided(
     xy, starts = polygons.chosen(whole.xy, whole.starts, kept)
     none = np.zeros(len(kept), np.int32)
     why, face = np.array(reasons, np.uint8)[latest], whole.face[kept]
-    of_surface = np.maximum(own_reasons(mesh, tasks_of(camera, task)[0])[face], Reason.OCCLUDED)
+    of_surface = np.maximum(of_surface[face], Reason.OCCLUDED)
     of_surface[of_surface == Reason.COVERED] = Reason.OCCLUDED
     found = Parts(
         xy, starts, face, none, np.where(why == OF_SURFACE, of_surface, why).astype(np.uint8)
@@ -165,43 +170,43 @@ def _without_slivers(parts: Parts, doubt: FloatArray) -> Parts:
     return parts._replace(reason=reason[own])
 
 
-def _stages(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[_Stage]:
+def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
     """Stages of the criteria that are asked for, the latest reason first."""
     lamps = lamps_of(camera)
     if lamps is not None:
         if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
             plain = replace(task, max_highlight_deg=0.0)
-            yield _Stage(HIGHLIGHT, camera, plain, None, hides=True)
+            yield Stage(HIGHLIGHT, camera, plain, None, hides=True)
         if task.max_illuminance is not None:
             plain = replace(task, max_highlight_deg=0.0, max_illuminance=None)
-            yield _Stage(TOO_BRIGHT, camera, plain, None, hides=True)
+            yield Stage(TOO_BRIGHT, camera, plain, None, hides=True)
         of_light: dict[str, Any] = dict.fromkeys(OF_LIGHT, 0.0) | {"max_illuminance": None}
         task = replace(task, **of_light)
-        yield _Stage(TOO_DARK, camera, task, None, hides=True)
+        yield Stage(TOO_DARK, camera, task, None, hides=True)
         if isinstance(camera, Rig):
             camera = camera._lit(None)
-        yield _Stage(UNLIT, camera, task, None, hides=True)
+        yield Stage(UNLIT, camera, task, None, hides=True)
     gates = gates_of(camera)
     if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates.values()):
         camera = _with_gates(camera, most_deviation=0.0)
-        yield _Stage(UNCERTAIN, camera, task, None, hides=True)
+        yield Stage(UNCERTAIN, camera, task, None, hides=True)
     if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates.values()):
         camera = _with_gates(camera, least_deg=0.0, most_deg=180.0)
-        yield _Stage(BASELINE, camera, task, None, hides=True)
+        yield Stage(BASELINE, camera, task, None, hides=True)
     tasks = tasks_of(camera, task)
     if any((own_reasons(mesh, each) > Reason.COVERED).any() for each in tasks):
-        yield _Stage(OF_SURFACE, camera, task, {}, hides=True)
+        yield Stage(OF_SURFACE, camera, task, {}, hides=True)
     rules = [each.rules(own) for own, each in zip(cameras_of(camera), tasks, strict=True)]
     if any(each.cos_incidence > 0 for each in rules):
-        yield _Stage(Reason.TOO_OBLIQUE, camera, task, INCIDENCE, hides=True)
+        yield Stage(Reason.TOO_OBLIQUE, camera, task, INCIDENCE, hides=True)
     relaxed = INCIDENCE
-    yield _Stage(Reason.OCCLUDED, camera, task, relaxed, hides=False)
+    yield Stage(Reason.OCCLUDED, camera, task, relaxed, hides=False)
     if any(getattr(each, name) > 0 for each in rules for name in DENSITIES):
         relaxed = relaxed | DENSITIES
-        yield _Stage(Reason.TOO_COARSE, camera, task, relaxed, hides=False)
+        yield Stage(Reason.TOO_COARSE, camera, task, relaxed, hides=False)
     if any(each.z_n > 0 or each.z_f < np.inf for each in rules):
-        yield _Stage(Reason.OUT_OF_FOCUS, camera, task, relaxed | FOCUS, hides=False)
-    yield _Stage(Reason.OUTSIDE, camera, task, None, hides=False)
+        yield Stage(Reason.OUT_OF_FOCUS, camera, task, relaxed | FOCUS, hides=False)
+    yield Stage(Reason.OUTSIDE, camera, task, None, hides=False)
 
 
 def _with_gates(rig: Rig, **limits: Any) -> Rig:
@@ -209,18 +214,21 @@ def _with_gates(rig: Rig, **limits: Any) -> Rig:
     return rig._with(gates={at: gate._replace(**limits) for at, gate in rig.gates.items()})
 
 
-def _passes(mesh: Mesh, stage: _Stage, poses: Poses, asked: BoolArray) -> Covered:
+def passes(mesh: Mesh, poses: Poses, stage: Stage, asked: BoolArray) -> Covered:
     """Area of faces, (F,), that passes all criteria before the reason of a stage."""
     if stage.reason == Reason.OUTSIDE:
         union = RegionUnion(mesh)
-        union.fill(_in_front(mesh, stage.camera, poses, asked))
+        union.fill(any_in_front(mesh, stage.camera, poses, asked))
         return union.covered()
-    scene = mesh
-    if not stage.hides:
-        groups = (replace(group, is_occluder=False, is_target=True) for group in mesh.groups)
-        scene = mesh._with_flags(tuple(groups))
+    scene = mesh if stage.hides else without_occlusion(mesh)
     own = stage.camera, stage.task
     return united(RegionPass(scene, *own, only_task=True, relaxed=stage.relaxed), poses, asked)
+
+
+def without_occlusion(mesh: Mesh) -> Mesh:
+    """The mesh, of which nothing hides anything."""
+    groups = (replace(group, is_occluder=False, is_target=True) for group in mesh.groups)
+    return mesh._with_flags(tuple(groups))
 
 
 def united(finder: RegionPass, poses: Poses, asked: BoolArray) -> Covered:
@@ -233,7 +241,7 @@ def united(finder: RegionPass, poses: Poses, asked: BoolArray) -> Covered:
     return union.covered()
 
 
-def _in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
+def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
     """(F,) faces of which enough cameras of a row of the result are in front."""
     frames, eyes = frames_of(mesh), poses.world_from_camera[:, :3, 3]
     found = np.zeros(mesh.n_faces, np.bool_)

@@ -9,8 +9,10 @@ that fails last in any camera, see `rastercov.coverage.area.stages`.
 """
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,8 +33,8 @@ from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.features import device_of
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.coverage.area.remedies import Places, Remedies, Spot
-from rastercov.coverage.area.rows import limit_advice
-from rastercov.coverage.area.stages import Parts, divided
+from rastercov.coverage.area.rows import limit_advice, tasks_of
+from rastercov.coverage.area.stages import Parts, divided, passes, stages_of
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import (
     BASELINE,
@@ -44,10 +46,11 @@ from rastercov.coverage.reasons import (
     UNSEEABLE,
     Reason,
 )
-from rastercov.coverage.surface import CRITERIA
+from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
+from rastercov.mesh.solids import rooms_at
 from rastercov.mesh.topology import components_of
 
 TOLERANCE_REL = 1e-10
@@ -117,7 +120,7 @@ class DeadZones(FacePolygons):
         """Area, centroid, extent and groups of the first n zones, ready for JSON.
 
         Groups are named by falling area; `m2_by_views` is the area that exactly 0, 1, ... cameras
-        cover.
+        cover. In a building with spaces, `rooms` are those before most of its points.
 
         Examples
         --------
@@ -153,6 +156,12 @@ class DeadZones(FacePolygons):
                 "m2_by_views": by_views.tolist(),
             }
             found.append(entry)
+        if mesh.spaces and n:
+            points, piece = points_of(self, n, LEAST_POINTS**2)
+            points += BEFORE_FACE * frames_of(mesh).normal[self.face[piece]]
+            every = np.reshape(rooms_at(mesh, points), (n, -1)).tolist()
+            for entry, rooms in zip(found, every, strict=True):
+                entry["rooms"] = [room for room, _ in Counter(rooms).most_common() if room]
         return found
 
     def reasons(self, n: int) -> NDArray[np.uint8]:
@@ -216,7 +225,6 @@ def dead_zones(
     [0.8125]
     """
     from rastercov.mesh.unseeable import unseeable_where_seen
-    from rastercov.native import area_zone as kernels
 
     if network is not None:
         if not isinstance(network, tuple) or len(network) != 3:
@@ -232,17 +240,45 @@ def dead_zones(
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
         raise ConfigError(f"expected views as {words}, got {shown(views)}; unite for more views")
-    wanted = np.broadcast_to(wanted, mesh.n_faces)
+    seen = covered.area[0] / np.maximum(frames_of(mesh).areas, np.finfo(float).tiny)
+    is_unseeable = unseeable_where_seen(mesh, seen) > 0
+    divide: Divide | None = None
+    if network is not None and len(network[2]):
+        camera, task, poses = network
+        make = partial(passes, mesh, poses)
+        own = own_reasons(mesh, tasks_of(camera, task)[0])
+
+        def divide(rest: Parts) -> tuple[Parts, FloatArray]:
+            return divided(mesh, rest, stages_of(mesh, camera, task), make, own)
+
+    left = TOO_FEW_VIEWS if network is None else NO_CAMERAS
+    return zones_of(covered, np.broadcast_to(wanted, mesh.n_faces), is_unseeable, divide, left)
+
+
+Divide = Callable[[Parts], tuple[Parts, FloatArray]]
+"""Divides pieces that no camera covers, ordered by face, as `divided` does."""
+
+
+def zones_of(
+    covered: Covered,
+    wanted: IntArray,
+    is_unseeable: BoolArray,
+    divide: Divide | None,
+    left: int,
+) -> DeadZones:
+    """Zones of what fewer views than wanted, (F,), cover.
+
+    `left` is the reason of what no camera covers and no proof explains, unless it is divided.
+    """
+    from rastercov.native import area_zone as kernels
+
+    mesh = covered.mesh
     whole = with_rest(covered)
     areas = polygons.polygon_areas(whole.xy, whole.starts)
-    frames = frames_of(mesh)
-    seen = covered.area[0] / np.maximum(frames.areas, np.finfo(float).tiny)
-    is_unseeable = unseeable_where_seen(mesh, seen) > 0
     is_dead = (whole.views < wanted[whole.face]) & (areas > 0)
     is_open = is_dead & (whole.views == 0) & ~is_unseeable[whole.face]
 
-    is_left = (whole.views == 0) & (network is not None)
-    known = np.where(is_left, NO_CAMERAS, TOO_FEW_VIEWS)
+    known = np.where(whole.views == 0, left, TOO_FEW_VIEWS)
     known[is_unseeable[whole.face]] = UNSEEABLE
     doubt = np.zeros(mesh.n_faces)
 
@@ -252,8 +288,8 @@ def dead_zones(
         return Parts(*cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint8))
 
     kept, divisible = taken(is_dead & ~is_open), taken(is_open)
-    if network is not None and len(network[2]):
-        divisible, doubt = divided(covered, divisible, *network)
+    if divide is not None:
+        divisible, doubt = divide(divisible)
     parts = Parts.joined(kept, divisible)
     parent = np.arange(len(parts.face))
     if len(parent):
@@ -298,15 +334,13 @@ def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatAr
     return rank[zone], sums[order]
 
 
-def areas_by_reason(
-    zones: DeadZones, members: BoolArray, reason: NDArray[np.uint8] | None = None
-) -> dict[str, dict[str, float]]:
+def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str, float]]:
     """Area of some faces, (F,), by the name of the reason, and percentage of their area.
 
-    `reason` is that of pieces unless given. The area of each is certain to `bound_m2`.
+    The area of each is certain to `bound_m2`.
     """
     own = zones.piece_area * members[zones.face]
-    m2 = np.bincount(zones.reason if reason is None else reason, own, len(NAMES))
+    m2 = np.bincount(zones.reason, own, len(NAMES))
     doubt, total = float(zones.doubt[members].sum()), frames_of(zones.mesh).areas[members].sum()
     factor = 100 / max(float(total), np.finfo(float).tiny)
     return {
@@ -458,6 +492,8 @@ TRIED_PERCENT = 1.0
 """Part of the task, in percent, from which advice for a zone is tried, beyond the first."""
 MOST_LINES = 5
 """Zones that have a line for people."""
+BEFORE_FACE = 0.1
+"""Distance from a face of points that are looked for in rooms, metres."""
 LEAST_PERCENT = 1e-3
 """Part of the task, in percent, from which a zone has one."""
 
@@ -502,10 +538,17 @@ def zone_line(zone: Mapping[str, Any]) -> str:
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
-    first, *others = zone_parts(zone)
-    more = f" and {len(others)} more" if others else ""
-    text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {first}{more}: "
+    text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {zone_place(zone)}: "
     return text + zone_reason(zone)
+
+
+def zone_place(zone: Mapping[str, Any]) -> str:
+    """Parts that a zone is on, or the one CAD face of one, and the room before it."""
+    first, *others = zone["groups"] if len(zone["groups"]) == 1 else zone_parts(zone)
+    more = f" and {len(others)} more" if others else ""
+    room, *rooms = zone.get("rooms") or ("",)
+    beside = f" and {len(rooms)} more" if rooms else ""
+    return f"{first}{more}" + (f", room {room}{beside}" if room else "")
 
 
 def zone_parts(zone: Mapping[str, Any]) -> list[str]:

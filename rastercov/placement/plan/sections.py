@@ -866,10 +866,9 @@ class SheetSection(Entry):
     north: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Direction of the north, degrees counter-clockwise from +x."""
 
-    def rows(self, plan: str) -> list[tuple[str, str]]:
-        """Headings and words of a title block, those that are given, and the name of the plan."""
-        words = self.model_dump(exclude={"north"}, exclude_none=True) | {"plan": plan}
-        return [(name.capitalize(), text) for name, text in words.items()]
+    def words(self, **more: str) -> dict[str, str]:
+        """Entries of a title block that are given, and more, such as the plan."""
+        return self.model_dump(exclude={"north"}, exclude_none=True) | more
 
 
 class PlanModel(Entry):
