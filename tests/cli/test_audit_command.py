@@ -117,7 +117,7 @@ def test_pages_of_evaluate_and_audit_have_the_title_block_of_a_file(here, capsys
     for text, words in {
         "a = 1": "job.toml: expected a table [sheet] with the title block, got none",
         "sheet = 1": "job.toml: expected a table [sheet] with the title block, got none",
-        "[sheet]\ncustomr = 'x'": "job.toml: sheet: customr: there is no such entry",
+        "[sheet]\ncustomr = 'x'": "job.toml: sheet: customr: expected one of customer, author and 4 more",
         "[": "job.toml: not valid TOML",
     }.items():
         (here / "job.toml").write_text(text)
