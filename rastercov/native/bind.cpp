@@ -14,11 +14,10 @@ namespace {
 
 // Sets the error of Python for memory that ran out in a function, by the sentence on it.
 void set_out_of_memory(const char *doing) {
-    const int length = int(std::min<size_t>(std::strcspn(doing, ".:;\n"), 100));
+    const int length = int(std::min<size_t>(std::strcspn(doing, ".:;\n"), 75));
     char text[200];
     std::snprintf(text, sizeof text,
-                  "expected memory to go on with \"%.*s\", got too little; pass less at once, or "
-                  "free some",
+                  "expected memory for \"%.*s\", got too little; pass less at once or free memory",
                   length, doing);
     try {
         const auto errors = nanobind::module_::import_("rastercov.base.errors");
@@ -50,8 +49,10 @@ void require_apart(std::vector<Extent> &all) {
               [](const Extent &a, const Extent &b) { return a.first < b.first; });
     const char *end = nullptr, *end_of_outputs = nullptr;
     for (const Extent &each : all) {
-        require(each.first >= (each.is_output ? end : end_of_outputs),
-                "an array to write to shares memory with another array");
+        require(
+            each.first >= (each.is_output ? end : end_of_outputs),
+            "expected outputs with memory of their own, got one that shares memory with another "
+            "array; pass a copy");
         end = std::max(end, each.end);
         if (each.is_output) end_of_outputs = std::max(end_of_outputs, each.end);
     }

@@ -1,8 +1,10 @@
-// The one error of the engine, and the one way to raise it; no Python in this file.
+// The one error of the engine, and the ways to raise it; no Python in this file.
 //
 // A build without exceptions replaces `fail`, which leaves through its host.
 #pragma once
+#include <cstdio>
 #include <stdexcept>
+#include <type_traits>
 
 namespace rastercov {
 
@@ -12,5 +14,18 @@ struct Error : std::invalid_argument {
 };
 
 [[noreturn]] inline void fail(const char *wanted) { throw Error(wanted); }
+
+// Checks what a user passes: expected `wanted`, got a number; do `remedy`.
+template <class Number>
+void expect(bool is_right, const char *wanted, Number got, const char *remedy) {
+    if (is_right) return;
+    char text[200];
+    if constexpr (std::is_floating_point_v<Number>)
+        std::snprintf(text, sizeof text, "expected %s, got %.9g; %s", wanted, got, remedy);
+    else
+        std::snprintf(text, sizeof text, "expected %s, got %lld; %s", wanted,
+                      static_cast<long long>(got), remedy);
+    fail(text);
+}
 
 } // namespace rastercov

@@ -113,13 +113,13 @@ TRIANGLE = np.eye(3), np.array([[0, 1, 2]])
 @pytest.mark.parametrize(
     ("changed", "error"),
     [
-        ({"vertices": np.full((3, 3), np.nan)}, "finite and within 1e30"),
-        ({"vertices": np.full((3, 3), 1e31)}, "finite and within 1e30"),
+        ({"vertices": np.full((3, 3), np.nan)}, "expected finite coordinates within 1e30"),
+        ({"vertices": np.full((3, 3), 1e31)}, "expected finite coordinates within 1e30"),
         ({"vertices": np.empty((0, 3))}, "faces must hold vertices"),
         ({"faces": np.array([[0, 1, 3]])}, "faces must hold vertices"),
         ({"faces": np.array([[0, 1, -1]])}, "faces must hold vertices"),
         ({"faces": np.array([[0, 1, 2**31]])}, "faces must hold vertices"),
-        ({"faces": np.empty((0, 3), np.int64)}, "there must be a face"),
+        ({"faces": np.empty((0, 3), np.int64)}, "expected 1 face or more, got 0"),
         ({"is_target": np.array([False, False])}, "opaque faces must be those of all"),
         ({"is_target": np.array([True]), "all_faces": np.array([[0, 1, 7]])}, "must hold vertices"),
     ],

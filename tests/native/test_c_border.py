@@ -184,7 +184,7 @@ def test_figures_of_c_and_of_python_agree_within_their_bounds(library, seed, met
     for name, handle in (("union", union), ("regions", regions), ("solver", solver),
                          ("surface", surface)):  # fmt: skip
         library.call(f"rc_{name}_free", handle)
-        with pytest.raises(RuntimeError, match="2: expected a handle"):
+        with pytest.raises(RuntimeError, match="2: expected a live handle"):
             library.call(f"rc_{name}_free", handle)
 
 

@@ -111,6 +111,6 @@ def test_memory_that_runs_out_is_one_line_and_the_object_goes_on(job):
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
     assert lines or JOBS[job] is None
-    begin = f'expected memory to go on with "{JOBS[job] or ""}'
-    end = "; pass less at once, or free some"
+    begin = f'expected memory for "{JOBS[job] or ""}'
+    end = "; pass less at once or free memory"
     assert [line for line in lines if not (line.startswith(begin) and line.endswith(end))] == []

@@ -54,8 +54,8 @@ class Handles {
 
   private:
     [[noreturn]] static void refuse(const void *handle, const char *kind) {
-        throw BadHandle(std::string("expected a handle of a ") + kind + ", got " +
-                        (handle ? "one that was freed or is of another kind" : "null") +
+        throw BadHandle(std::string("expected a live handle of type ") + kind + ", got " +
+                        (handle ? "one that was freed or has another type" : "null") +
                         "; create one, and free it once");
     }
 

@@ -79,34 +79,24 @@ template <class Call> rc_status guard(const char *doing, Call call) noexcept {
     } catch (const Error &error) {
         return failed(RC_BAD_ARGUMENT, error.what());
     } catch (const Interrupted &) {
-        return failed(RC_STOPPED, "stopped by the callback; finished rows stay");
+        return failed(RC_STOPPED, "stopped by the callback; finished rows are kept");
     } catch (const std::bad_alloc &) {
         char text[160];
-        std::snprintf(text, sizeof text, "out of memory while %s; ask for less, or free objects",
+        std::snprintf(text, sizeof text,
+                      "expected memory for %s, got too little; pass fewer poses or free handles",
                       doing);
         return failed(RC_OUT_OF_MEMORY, text);
     } catch (const std::exception &error) {
         return failed(RC_FAILED, error.what());
     } catch (...) {
-        return failed(RC_FAILED, "a callback threw an exception that is no std::exception");
+        return failed(
+            RC_FAILED,
+            "expected a std::exception from the callback, got another type; catch it there");
     }
 }
 
-// Refuses an argument: expected `wanted`, got a number; do what `then` says.
-template <class Number>
-void expect(bool is_right, const char *wanted, Number got, const char *then) {
-    if (is_right) return;
-    char text[200];
-    if constexpr (std::is_floating_point_v<Number>)
-        std::snprintf(text, sizeof text, "expected %s, got %.9g; %s", wanted, got, then);
-    else
-        std::snprintf(text, sizeof text, "expected %s, got %lld; %s", wanted,
-                      static_cast<long long>(got), then);
-    throw Error(text);
-}
-
 void expect_array(const void *array, const char *name) {
-    if (!array) throw Error(std::string("expected an array for ") + name + ", got null; pass one");
+    if (!array) throw Error(std::string("expected a pointer to ") + name + ", got null; pass one");
 }
 
 template <class T> T *expect_result(T *result) {
@@ -117,35 +107,35 @@ template <class T> T *expect_result(T *result) {
 void check_camera(const rc_camera *camera) {
     expect_array(camera, "camera");
     for (const double each : {camera->width, camera->height, camera->fx, camera->fy})
-        expect(each >= 1e-6 && each <= 1e9, "width, height, fx and fy within 1e-6 ... 1e9 px", each,
-               "give them in pixels");
+        expect(each >= 1e-6 && each <= 1e9, "width, height, fx and fy of 1e-6 to 1e9 px", each,
+               "convert them to pixels");
     for (const double each : {camera->cx, camera->cy})
-        expect(std::abs(each) <= 1e9, "cx and cy within 1e9 px", each, "give them in pixels");
-    expect(camera->near >= 0.0 && camera->near <= engine::LARGEST_COORDINATE,
-           "near of 0 or more, metres", camera->near, "give a depth");
+        expect(std::abs(each) <= 1e9, "cx and cy within 1e9 px", each, "convert them to pixels");
+    expect(camera->near >= 0.0 && camera->near <= engine::LARGEST_COORDINATE, "near of 0 to 1e30 m",
+           camera->near, "pass 0 for the default");
 }
 
 void check_pose(const double *pose) {
     for (int k = 0; k < 16; k++)
-        expect(std::abs(pose[k]) <= engine::LARGEST_COORDINATE, "finite poses", pose[k],
-               "correct it");
+        expect(std::abs(pose[k]) <= engine::LARGEST_COORDINATE, "finite numbers in a pose", pose[k],
+               "pass world_from_camera in metres");
     for (int k = 0; k < 4; k++)
-        expect(pose[12 + k] == (k == 3 ? 1.0 : 0.0), "0 0 0 1 in the last row of a pose",
-               pose[12 + k], "give world_from_camera row by row");
+        expect(pose[12 + k] == (k == 3 ? 1.0 : 0.0), "0 0 0 1 as the last row of a pose",
+               pose[12 + k], "pass world_from_camera row by row");
     const auto at = [&](int i, int k) { return pose[4 * i + k]; };
     for (int i = 0; i < 3; i++)
         for (int k = i; k < 3; k++) {
             double product = 0.0;
             for (int row = 0; row < 3; row++) product += at(row, i) * at(row, k);
             expect(std::abs(product - (i == k)) <= RIGID,
-                   "a rotation in a pose, columns of length 1", product,
-                   "give world_from_camera without scale");
+                   "orthonormal columns in the rotation of a pose", product,
+                   "remove scale and shear");
         }
     double volume = 0.0;
     for (int k = 0; k < 3; k++)
         volume += at(k, 0) * (at((k + 1) % 3, 1) * at((k + 2) % 3, 2) -
                               at((k + 2) % 3, 1) * at((k + 1) % 3, 2));
-    expect(volume > 0.0, "a rotation in a pose, of determinant 1", volume, "flip no axis");
+    expect(volume > 0.0, "a rotation of determinant 1 in a pose", volume, "do not mirror an axis");
 }
 
 // Poses as a pass takes them.
@@ -155,7 +145,7 @@ struct Placed {
     std::vector<int64_t> rows;
 
     Placed(const double *poses, int64_t n) {
-        expect(n >= 0 && n <= MOST_FACES, "a number of poses of 0 or more", n, "correct it");
+        expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 poses", n, "pass the number of matrices");
         if (n > 0) expect_array(poses, "poses");
         for (int64_t p = 0; p < n; p++) check_pose(poses + 16 * p);
         if (n > 0) matrices.assign(poses, poses + 16 * n);
@@ -171,13 +161,17 @@ struct Placed {
 };
 
 Rules rules_of(const rc_task &task) {
-    expect(task.min_depth >= 0.0, "min_depth of 0 or more, metres", task.min_depth, "correct it");
-    expect(task.max_depth >= task.min_depth, "max_depth of min_depth or more", task.max_depth,
-           "correct it");
+    expect(task.min_depth >= 0.0, "min_depth of 0 m or more", task.min_depth,
+           "pass 0 for no limit");
+    expect(task.max_depth >= task.min_depth, "max_depth of at least min_depth", task.max_depth,
+           "pass INFINITY for no limit");
     expect(task.max_incidence_deg > 0.0 && task.max_incidence_deg <= 90.0,
-           "max_incidence_deg within 0 ... 90", task.max_incidence_deg, "correct it");
+           "max_incidence_deg above 0 and at most 90", task.max_incidence_deg,
+           "pass 90 for no limit");
     for (const double each : {task.min_pixel_density, task.min_pixels_per_m2})
-        expect(each >= 0.0 && each <= 1e300, "densities of 0 or more", each, "correct them");
+        expect(each >= 0.0 && each <= 1e300,
+               "min_pixel_density and min_pixels_per_m2 of 0 to 1e300", each,
+               "pass 0 for no limit");
     const double angle = task.max_incidence_deg * (3.14159265358979323846 / 180.0);
     const bool is_limited = task.max_incidence_deg < 90.0;
     return {.min_pixels = 1.0,
@@ -236,16 +230,16 @@ engine::GoOn go_on_of(rc_go_on function, void *context) {
 const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {
     const auto n = int64_t(regions.poses.size());
     if (!(pose >= 0 && pose < n))
-        throw Error("expected a pose within 0 ... " + std::to_string(n - 1) + ", got " +
-                    std::to_string(pose) + "; count from 0");
+        throw Error("expected a pose index below " + std::to_string(n) + ", got " +
+                    std::to_string(pose) + "; count poses from 0");
     return regions.poses[size_t(pose)];
 }
 
 void check_faces(const SurfaceObject &surface, int64_t n_faces) {
     const int64_t n = surface.mesh.n_faces();
     if (n_faces != n)
-        throw Error("expected room for the " + std::to_string(n) + " faces of the surface, got " +
-                    std::to_string(n_faces) + "; make the arrays as long");
+        throw Error("expected arrays for " + std::to_string(n) + " faces, got " +
+                    std::to_string(n_faces) + "; pass one element for each face of the surface");
 }
 } // namespace
 } // namespace rastercov::c
@@ -264,14 +258,14 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
     return guard("making a surface", [&] {
         expect_result(surface);
         expect(n_vertices > 0 && n_vertices <= INT32_MAX, "1 to 2147483647 vertices", n_vertices,
-               "correct the number");
+               "pass the number of rows");
         expect(n_faces > 0 && n_faces <= MOST_FACES, "1 to 715827882 faces", n_faces,
-               "split the mesh");
+               "pass the number of rows, or split the mesh");
         expect_array(vertices, "vertices");
         expect_array(faces, "faces");
         for (int64_t f = 0; roles && f < n_faces; f++)
             expect(roles[f] < 8, "roles of 0 to 7", roles[f],
-                   "add RC_OCCLUDER, RC_TARGET, RC_TWO_SIDED");
+                   "combine RC_OCCLUDER, RC_TARGET and RC_TWO_SIDED");
         const auto made = std::make_shared<SurfaceObject>();
         made->mesh = engine::make_mesh({vertices, {n_vertices}}, {faces, {n_faces}},
                                        {roles, {roles ? n_faces : 0}});
@@ -279,11 +273,11 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
     });
 }
 rc_status rc_surface_free(rc_surface *surface) {
-    return guard("freeing", [&] { handles().free<SurfaceObject>(surface, "surface"); });
+    return guard("freeing a handle", [&] { handles().free<SurfaceObject>(surface, "rc_surface"); });
 }
 rc_status rc_surface_areas(const rc_surface *surface, int64_t n_faces, double *areas) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<SurfaceObject>(surface, "surface");
+        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
         check_faces(*object, n_faces);
         const auto own = object->mesh.arrays->areas.rows();
         std::copy(own.begin(), own.end(), expect_result(areas));
@@ -297,22 +291,22 @@ rc_status rc_solver_create(const rc_surface *surface, int32_t method, int32_t n_
         expect(method == RC_CERTIFIED || method == RC_EXACT, "RC_CERTIFIED or RC_EXACT", method,
                "pass one of them");
         expect(n_threads >= 1 && n_threads <= MOST_THREADS, "1 to 1024 threads", n_threads,
-               "correct it");
+               "pass the number of processor cores");
         const auto made = std::make_shared<SolverObject>();
-        made->surface = handles().get<SurfaceObject>(surface, "surface");
+        made->surface = handles().get<SurfaceObject>(surface, "rc_surface");
         made->is_certifying = method == RC_CERTIFIED;
         made->n_threads = n_threads;
         *solver = handles().add<rc_solver>(made);
     });
 }
 rc_status rc_solver_free(rc_solver *solver) {
-    return guard("freeing", [&] { handles().free<SolverObject>(solver, "solver"); });
+    return guard("freeing a handle", [&] { handles().free<SolverObject>(solver, "rc_solver"); });
 }
 
 rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *poses,
                      int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures) {
     return guard("observing poses", [&] {
-        const auto object = handles().get<SolverObject>(solver, "solver");
+        const auto object = handles().get<SolverObject>(solver, "rc_solver");
         check_camera(camera);
         expect_array(figures, "figures");
         const engine::Mesh &mesh = object->surface->mesh;
@@ -352,7 +346,7 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
                           rc_regions **regions) {
     return guard("finding regions", [&] {
         expect_result(regions);
-        const auto object = handles().get<SolverObject>(solver, "solver");
+        const auto object = handles().get<SolverObject>(solver, "rc_solver");
         check_camera(camera);
         expect_array(task, "task");
         rules_of(*task);
@@ -368,13 +362,13 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
     });
 }
 rc_status rc_regions_free(rc_regions *regions) {
-    return guard("freeing", [&] { handles().free<RegionsObject>(regions, "result of regions"); });
+    return guard("freeing a handle", [&] { handles().free<RegionsObject>(regions, "rc_regions"); });
 }
 
 rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_faces, double *areas,
                            double *bounds) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<RegionsObject>(regions, "result of regions");
+        const auto object = handles().get<RegionsObject>(regions, "rc_regions");
         const engine::Regions &own = pose_of(*object, pose);
         check_faces(*object->surface, n_faces);
         expect_array(areas, "areas");
@@ -391,7 +385,7 @@ rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_fa
 rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_polygons,
                           int64_t *n_corners) {
     return guard("reading regions", [&] {
-        const auto object = handles().get<RegionsObject>(regions, "result of regions");
+        const auto object = handles().get<RegionsObject>(regions, "rc_regions");
         const engine::Regions &own = pose_of(*object, pose);
         expect_array(n_polygons, "n_polygons");
         expect_array(n_corners, "n_corners");
@@ -403,10 +397,11 @@ rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_po
 rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_polygons,
                           int64_t n_corners, int32_t *faces, int32_t *counts, double *corners) {
     return guard("reading regions", [&] {
-        const auto object = handles().get<RegionsObject>(regions, "result of regions");
+        const auto object = handles().get<RegionsObject>(regions, "rc_regions");
         const engine::Regions &own = pose_of(*object, pose);
         expect(n_polygons == int64_t(own.face.size()) && n_corners == int64_t(own.xy.size() / 2),
-               "the numbers of rc_regions_size", n_polygons, "ask for them");
+               "n_polygons and n_corners of rc_regions_size", n_polygons,
+               "call it for this pose first");
         if (own.face.empty()) return;
         expect_array(faces, "faces");
         expect_array(counts, "counts");
@@ -430,9 +425,10 @@ rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_pol
 rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **unite) {
     return guard("making a union", [&] {
         expect_result(unite);
-        expect(views >= 1 && views <= MOST_VIEWS, "views of 1 to 10000", views, "correct it");
+        expect(views >= 1 && views <= MOST_VIEWS, "views of 1 to 10000", views,
+               "pass the largest number of poses to count");
         const auto made = std::make_shared<UnionObject>();
-        made->surface = handles().get<SurfaceObject>(surface, "surface");
+        made->surface = handles().get<SurfaceObject>(surface, "rc_surface");
         const engine::Mesh &mesh = made->surface->mesh;
         const area::Planes planes = mesh.arrays->planes();
         made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
@@ -441,16 +437,16 @@ rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **u
     });
 }
 rc_status rc_union_free(rc_union *unite) {
-    return guard("freeing", [&] { handles().free<UnionObject>(unite, "union"); });
+    return guard("freeing a handle", [&] { handles().free<UnionObject>(unite, "rc_union"); });
 }
 
 rc_status rc_union_add(rc_union *unite, const rc_regions *regions) {
     return guard("uniting regions", [&] {
-        const auto object = handles().get<UnionObject>(unite, "union");
-        const auto more = handles().get<RegionsObject>(regions, "result of regions");
+        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto more = handles().get<RegionsObject>(regions, "rc_regions");
         require(object->surface == more->surface,
-                "expected regions of the surface of the union, got "
-                "those of another one; make a union for it");
+                "expected regions of the surface of the union, got those of another surface; "
+                "create a union for each surface");
         engine::Regions all;
         std::vector<int64_t> starts = {0};
         std::vector<int32_t> pose, pair_pose;
@@ -484,13 +480,13 @@ rc_status rc_union_add(rc_union *unite, const rc_regions *regions) {
 rc_status rc_union_areas(const rc_union *unite, int32_t views, int64_t n_faces, double *areas,
                          double *bounds) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<UnionObject>(unite, "union");
+        const auto object = handles().get<UnionObject>(unite, "rc_union");
         check_faces(*object->surface, n_faces);
         expect_array(areas, "areas");
         expect_array(bounds, "bounds");
         const std::scoped_lock lock(object->changes);
-        expect(views >= 1 && views <= object->all->views(), "views within those of the union",
-               views, "make a union that counts as far");
+        expect(views >= 1 && views <= object->all->views(),
+               "views of 1 to those of rc_union_create", views, "create a union with more views");
         engine::Room<double> levels(views * n_faces), both(2 * n_faces);
         object->all->write_areas({levels.begin(), {views, n_faces}});
         object->all->write_bounds({both.begin(), {2, n_faces}});

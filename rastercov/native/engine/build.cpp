@@ -371,15 +371,15 @@ Room<double> positions_of(Array<const int64_t, Any> source, Vertices vertices) {
     Room<double> positions(3 * source.rows());
     for (int64_t v = 0; v < source.rows(); v++)
         std::copy_n(vertices[source[v]].data, 3, positions.begin() + 3 * v);
-    require(std::all_of(positions.begin(), positions.end(),
-                        [](double each) { return std::abs(each) <= LARGEST_COORDINATE; }),
-            "coordinates must be finite and within 1e30");
+    for (const double each : positions)
+        expect(std::abs(each) <= LARGEST_COORDINATE, "finite coordinates within 1e30 m", each,
+               "check the vertices");
     return positions;
 }
 
 BuiltPart build_part(const Welded &mesh, int64_t least_sorted) {
     const int64_t n = mesh.faces.rows();
-    require(n <= MOST_FACES, "there must be 715827882 faces or fewer; split the mesh");
+    expect(n <= MOST_FACES, "715827882 faces or fewer", n, "split the mesh");
     BuiltPart part;
     weld(mesh, part);
     part.vertices = positions_of(part.source.rows(), mesh.vertices);
@@ -447,8 +447,8 @@ bool is_flat(const double *first, const double *second, const double *third) {
 
 void find_first_equal(Rows rows, Array<int64_t, Any> first) {
     require(first.rows() == rows.rows(), "first must have one value for each row");
-    require(rows.rows() <= std::numeric_limits<int32_t>::max(),
-            "there must be fewer than 2^31 rows");
+    expect(rows.rows() <= std::numeric_limits<int32_t>::max(), "fewer than 2^31 rows", rows.rows(),
+           "split the mesh");
     if (!find_by_digest(rows, first)) find_by_order(rows, first);
 }
 
@@ -457,7 +457,8 @@ std::shared_ptr<const Surface> build_surface(const Welded &opaque, const Welded 
                                              int64_t least_sorted) {
     const int64_t n_targets = std::count(is_target.begin(), is_target.end(), true);
     const int64_t n_rest = is_target.rows() - n_targets;
-    require(opaque.faces.rows() > 0, "there must be a face");
+    expect(opaque.faces.rows() > 0, "1 face or more", opaque.faces.rows(),
+           "pass a mesh with faces");
     require(is_target.rows() == 0 ||
                 (is_target.rows() == all.faces.rows() &&
                  (n_rest == opaque.faces.rows() || (n_rest == 0 && opaque.faces.rows() == 1))),

@@ -134,12 +134,14 @@ double diagonal_of(const std::array<Vector, 2> &bounds) {
 
 Mesh make_mesh(exact::Vertices vertices, Faces faces, Array<const uint8_t, Any> roles) {
     const int64_t n = faces.rows();
-    require(n > 0, "there must be a face");
-    require_indices(faces, vertices.rows(), "faces must hold vertices");
-    for (const int32_t v : faces)
+    expect(n > 0, "1 face or more", n, "pass a mesh with faces");
+    for (const int32_t v : faces) {
+        expect(v >= 0 && v < vertices.rows(), "faces with indices of vertices", v,
+               "count vertices from 0");
         for (int axis = 0; axis < 3; axis++)
-            require(std::abs(vertices(v, axis)) <= LARGEST_COORDINATE,
-                    "coordinates must be finite and within 1e30");
+            expect(std::abs(vertices(v, axis)) <= LARGEST_COORDINATE,
+                   "finite coordinates within 1e30 m", vertices(v, axis), "check the vertices");
+    }
     const auto mesh = std::make_shared<MeshArrays>();
     mesh->vertices = Room<double>(vertices.size());
     std::copy(vertices.begin(), vertices.end(), mesh->vertices.begin());

@@ -30,7 +30,7 @@ struct Pose {
 inline Pose pose_of(Array<const double, 4, 4> world_from_camera) {
     constexpr double LARGEST = 1e31; // 10 times the largest coordinate of a mesh
     for (const double each : world_from_camera)
-        require(std::abs(each) <= LARGEST, "poses must be finite and within 1e30 m");
+        expect(std::abs(each) <= LARGEST, "finite poses within 1e30 m", each, "check the poses");
     Pose pose;
     for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 3; k++) pose.rotation[3 * i + k] = world_from_camera(i, k);

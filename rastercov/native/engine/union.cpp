@@ -103,7 +103,8 @@ Union::Union(const FlatFaces &faces, double least, int64_t views, int64_t most)
     : _faces(faces), _least(least), _views(views), _most(most) {
     const int64_t n = n_faces();
     require(faces.corners.rows() == n, "corners and areas must have one row for each face");
-    require(n < std::numeric_limits<int32_t>::max() / 4, "faces must be fewer than 2^29");
+    expect(n < std::numeric_limits<int32_t>::max() / 4, "fewer than 2^29 faces", n,
+           "split the mesh");
     const auto is_finite = [](double value) { return std::isfinite(value); };
     require(std::all_of(faces.corners.begin(), faces.corners.end(), is_finite) &&
                 std::isfinite(least) && least >= 0,
@@ -353,8 +354,9 @@ bool Union::make_halves(int64_t cell, const Divider &line) {
     _halver.halve(outline, 0, line, nearest_of(face), halves,
                   [&](bool is_above) { sides.push_back(is_above); });
     if (sides != std::vector<bool>{false, true}) return false;
-    require(_cells.size() < size_t(std::numeric_limits<int32_t>::max() - 2),
-            "a union must have fewer than 2^31 cells");
+    expect(_cells.size() < size_t(std::numeric_limits<int32_t>::max() - 2),
+           "a union of fewer than 2^31 pieces", _cells.size(),
+           "unite fewer poses or faces at once");
     Cell half;
     half.most = _most;
     half.face = face;

@@ -24,7 +24,7 @@ extern "C" {
 
 typedef enum rc_status {
     RC_OK = 0,
-    RC_BAD_ARGUMENT = 1,  /* expected X, got Y */
+    RC_BAD_ARGUMENT = 1,  /* expected X, got Y; do Z */
     RC_BAD_HANDLE = 2,    /* null, freed, or of another kind */
     RC_OUT_OF_MEMORY = 3, /* objects are as they were */
     RC_STOPPED = 4,       /* a callback returned 0; finished rows stay */

@@ -38,7 +38,8 @@ struct Handle {
 };
 
 template <class Use> auto use(Handle &self, Use with) {
-    require(!self.is_busy.exchange(true), "a union must be used by one thread at a time");
+    require(!self.is_busy.exchange(true),
+            "expected one thread in a union, got a second one; pass each thread its own");
     struct Leave {
         Handle &self;
         ~Leave() { self.is_busy = false; }

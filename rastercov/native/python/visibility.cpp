@@ -29,7 +29,8 @@ using Mask = Array<const bool, Any>;
 void make_camera(Camera *self, const Lens &image, double near) {
     const double sizes[] = {image.fx, image.fy, image.width, image.height};
     for (const double each : sizes)
-        require(each > 0 && each < INFINITY, "a camera must have a positive size and focal length");
+        expect(each > 0 && each < INFINITY, "a positive image size and focal length", each,
+               "correct the camera");
     require(std::abs(image.cx) < INFINITY && std::abs(image.cy) < INFINITY && near >= 0 &&
                 near < INFINITY,
             "a camera must have a finite principal point and near plane");
@@ -159,12 +160,14 @@ struct OneSolver {
 
 // Uses a solver; what fails on the way leaves it useless.
 template <class Use> auto use(OneSolver &self, Use with) {
-    require(!self.is_busy.exchange(true), "a solver must be used by one thread at a time");
+    require(!self.is_busy.exchange(true),
+            "expected one thread in a solver, got a second one; pass each thread its own");
     struct Leave {
         OneSolver &self;
         ~Leave() { self.is_busy = false; }
     } leave = {self};
-    require(self.is_whole, "a solver that failed must be replaced by another one");
+    require(self.is_whole,
+            "expected a working solver, got one whose last call failed; create another one");
     self.is_whole = false;
     struct Keep {
         OneSolver &self;

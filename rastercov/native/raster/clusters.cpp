@@ -326,7 +326,7 @@ struct Moved {
 ClusterMemory group_faces(const Points &given, const Triples &faces,
                           const Array<const double, 3> &centre, bool is_wound) {
     const int64_t n_faces = faces.rows(), n_vertices = given.rows();
-    require(n_faces > 0 && n_faces <= MOST_FACES, "there must be 1 to 89,478,485 faces");
+    expect(n_faces > 0 && n_faces <= MOST_FACES, "1 to 89478485 faces", n_faces, "split the mesh");
     require_indices(faces, n_vertices, "faces must hold rows of vertices");
     const Moved moved(given, centre);
     const Points vertices = moved.memory.rows<3>(n_vertices);

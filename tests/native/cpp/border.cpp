@@ -155,7 +155,7 @@ TEST_CASE("what is asked for in vain has a code and a line") {
     refused(rc_surface_create(scene.vertices.data(), 8, scene.faces.data(), -1, nullptr, &none),
             "expected 1 to 715827882 faces, got -1");
     refused(rc_surface_create(scene.vertices.data(), 7, scene.faces.data(), 12, nullptr, &none),
-            "must hold vertices");
+            "faces with indices of vertices, got 7; count");
     refused(rc_surface_create(nullptr, 8, scene.faces.data(), 12, nullptr, &none), "got null");
     refused(rc_surface_create(scene.vertices.data(), 8, scene.faces.data(), 12, nullptr, nullptr),
             "got null");

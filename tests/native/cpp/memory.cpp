@@ -33,7 +33,7 @@ template <class Call> int64_t starve(Call call) {
         left = -1;
         if (status == RC_OK) return n;
         REQUIRE(status == RC_OUT_OF_MEMORY);
-        CHECK(std::string(rc_last_error()).find("out of memory") == 0);
+        CHECK(std::string(rc_last_error()).find("expected memory for ") == 0);
         CHECK(n_handles() == handles);
     }
 }

@@ -50,7 +50,8 @@ TEST_CASE("a surface at other positions keeps the one at rest") {
 }
 
 TEST_CASE("meshes that are none are refused") {
-    CHECK_THROWS_WITH_AS(mesh_of(SQUARE, {}), "there must be a face", Error);
+    CHECK_THROWS_WITH_AS(mesh_of(SQUARE, {}),
+                         "expected 1 face or more, got 0; pass a mesh with faces", Error);
     CHECK_THROWS_AS(mesh_of({}, {0, 0, 0}), Error);
     CHECK_THROWS_AS(mesh_of(SQUARE, {0, 1, 4}), Error);
     CHECK_THROWS_AS(mesh_of(SQUARE, {0, 1, -1}), Error);
