@@ -166,7 +166,9 @@ def test_a_bad_pose_is_named_before_anything_runs(monkeypatch):
         lambda: evaluate(TEAPOT, SMALL, poses, by="face"),
         lambda: evaluate_batches(None, poses),
     ):
-        with pytest.raises(PoseError, match="pose 4 is not finite") as caught:
+        with pytest.raises(
+            PoseError, match="expected a rigid transform, got one that is not finite"
+        ) as caught:
             attempt()
         assert caught.value.pose_ids == (4,)
 
@@ -210,7 +212,7 @@ LIMITS = {
 def test_a_threshold_outside_its_range_is_refused_and_its_ends_are_not(name):
     refused, ends = LIMITS[name]
     for value in refused:
-        with pytest.raises(ConfigError, match=f"^{name} must be .{{,140}}$"):
+        with pytest.raises(ConfigError, match=f"^expected {name} to be .{{,140}}$"):
             Task(**{name: value})
     for value in ends:
         assert getattr(Task(**{name: value}), name) == value

@@ -55,7 +55,9 @@ def test_a_density_is_a_number_a_name_or_text_with_a_unit(threshold, text, figur
 
 @pytest.mark.parametrize("text", ["idntify", "", "250 px", "1.2.3", "250 px/mile", "nan", "px/m"])
 def test_a_wrong_name_gives_one_line_with_units_and_similar_levels(text):
-    with pytest.raises(ConfigError, match=r"^min_facing_density must be px/m, px/cm") as caught:
+    with pytest.raises(
+        ConfigError, match=r"^expected min_facing_density to be px/m, px/cm"
+    ) as caught:
         rc.Task(min_facing_density=text)
     line = str(caught.value)
     assert "\n" not in line
@@ -64,7 +66,7 @@ def test_a_wrong_name_gives_one_line_with_units_and_similar_levels(text):
 
 @pytest.mark.parametrize("value", [-1, "-1 px/m", math.nan, None, [250]])
 def test_a_density_within_no_limits_is_refused(value):
-    with pytest.raises(ConfigError, match="min_facing_density must be 0 or more"):
+    with pytest.raises(ConfigError, match="min_facing_density to be 0 or more"):
         rc.Task(min_facing_density=value)
 
 

@@ -224,28 +224,34 @@ WITHOUT_UNIT = rc.Views(
     [
         (evaluated(method="sampled", by="area"), "method sampled counts whole faces"),
         (evaluated(by="mesh"), "expected by area or face, got 'mesh'"),
-        (lambda: rc.check(PLAN, rc.Poses.of(POSES, camera=1)), "has camera 1, but there are 1"),
-        (lambda: rc.check(PLAN, WITHOUT_UNIT), "the poses have no unit"),
+        (
+            lambda: rc.check(PLAN, rc.Poses.of(POSES, camera=1)),
+            "expected cameras of poses below 1, got 1 for pose 0",
+        ),
+        (lambda: rc.check(PLAN, WITHOUT_UNIT), "expected poses with a unit, got none"),
         (
             lambda: rc.audit(rc.Mesh.load("part.obj"), WITHOUT_UNIT, suggest=0),
             "expected 1 image or more",
         ),
         (lambda: rc.place({}), "plan: meshes: expected an entry, got none; add it"),
         (lambda: rc.place("gone.toml"), "gone.toml"),
-        (lambda: rc.place(3), "plan must be a plan file, a mapping or a Plan, got 3"),
+        (lambda: rc.place(3), "plan to be a plan file, a mapping or a Plan, got 3"),
         (lambda: rc.place({**PLAN, "camera": None}), "camera: expected an entry"),
-        (lambda: rc.place(PLAN, camera="khepra"), "camera must be a Camera"),
+        (lambda: rc.place(PLAN, camera="khepra"), "camera to be a Camera"),
         (
             lambda: rc.place(NAMED, camera=rc.Rig([rc.Camera(**CAMERA)], ["other"])),
             r"candidates\[0\]: expected a camera, got 'camera'; cameras are other",
         ),
         (lambda: rc.check(PLAN, "gone.json"), "gone.json"),
         (lambda: rc.check(PLAN, POSES, baseline="part.obj"), "part.obj: "),
-        (lambda: rc.check(PLAN, [[1, 2]]), "poses must"),
-        (lambda: rc.check(PLAN, POSES, groups={"door": 0.5}), "no group 'door'"),
+        (lambda: rc.check(PLAN, [[1, 2]]), r"expected poses of shape \(P, 4, 4\), got \(1, 1, 2\)"),
+        (
+            lambda: rc.check(PLAN, POSES, groups={"door": 0.5}),
+            "expected a group or mesh file, such as lid, rest, got 'door'",
+        ),
         (lambda: rc.check(PLAN, POSES, groups={"lid": 2}), "lid to be a share of 0 to 1, got 2"),
         (lambda: rc.audit(rc.Mesh.load("part.obj"), rc.Camera(**CAMERA)), "expected poses, got"),
-        (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh must be a Mesh"),
+        (lambda: rc.audit("part.obj", rc.Camera(**CAMERA), POSES), "mesh to be a Mesh"),
     ],
 )
 def test_wrong_arguments_are_one_line(job, words):

@@ -37,6 +37,16 @@ RETIRED = re.compile(
 )
 """Phrases that no user reads any more; the terms are in docs/conventions.md."""
 
+OF_FORM = ["base", "camera", "exact", "mesh", "native", "raster"]
+"""Folders of the package whose errors all have the form."""
+FORM = re.compile(
+    r"(.*: |0)?expected .*, got\b.*|expected \w+ to be 0|(.*: )?0|0(?!.*\bmust\b).*, got.*"
+)
+"""Form of an error: where, expected X, got Y; do Z. Each value that is put in is a 0; texts that a
+function or another error gives may come first or last."""
+OTHERS = ("ValueError", "LookupError", "AttributeError", "OSError", "UnparsedError", "_FaultError")
+"""Errors that others catch, and those whose text is what came."""
+
 
 def prose_of(source):
     """Line and text of each docstring (also of assigned names) and each comment."""
@@ -58,6 +68,39 @@ def faults(source, suffix=".py"):
         prose = CODE.sub(lambda code: "\n" * code[0].count("\n"), text)
         for hit in BANNED.finditer(prose):
             yield line + prose.count("\n", 0, hit.start()), " ".join(hit[0].split())
+
+
+def errors_of(tree):
+    """Line and text of each error, as far as it is a literal or a name for one."""
+    known = {}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                known[name] = value
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
+                known |= dict(zip(map(ast.unparse, names), values, strict=False))
+
+    def text(node, above=()):
+        match node:
+            case ast.Constant(value=str(found)):
+                return found
+            case ast.JoinedStr(values=parts):
+                return "".join(text(part, above) or "0" for part in parts)
+            case ast.FormattedValue(value=ast.Name(id=name)) | ast.Name(id=name):
+                return None if name in above else text(known.get(name), (*above, name))
+
+    for node in ast.walk(tree):
+        match node:
+            case ast.Raise(exc=ast.Call(func=func, args=args)):
+                args = args[:1] if ast.unparse(func) == "broken" else args
+            case ast.Call(func=ast.Name(id="check"), args=[_, *args]):
+                func, args = ast.Name("check"), args[:1]
+            case _:
+                continue
+        name, found = ast.unparse(func), next(filter(None, map(text, args)), None)
+        is_error = name.endswith("Error") or name in ("error", "broken", "check")
+        if found and is_error and name not in OTHERS:
+            yield node.lineno, found
 
 
 def files():
@@ -85,6 +128,33 @@ def test_users_read_none_of_the_retired_phrases():
         said = {node.value for node in nodes if isinstance(node, ast.Expr)}
         texts += [str(x.value) for x in nodes if isinstance(x, ast.Constant) and x not in said]
     assert [hit[0] for hit in map(RETIRED.search, texts) if hit] == []
+
+
+def test_errors_have_one_form():
+    """What was expected, what came, what to do: one line of at most 160 characters."""
+    paths = [path for name in OF_FORM for path in (ROOT / "rastercov" / name).rglob("*.py")]
+    texts = [
+        (f"{path.relative_to(ROOT)}:{line}", text)
+        for path in sorted(paths)
+        for line, text in errors_of(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert len(texts) > 400
+    assert [each for each in texts if not FORM.fullmatch(each[1]) or len(each[1]) > 160] == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x must be 0 or more, got 0",
+        "missing fx",
+        "Expected x, got 0",
+        "expected x",
+        "0 must be x, got 0",
+    ],
+)
+def test_an_error_of_another_form_is_found(text):
+    [(_, found)] = errors_of(ast.parse(f"raise MeshError({text!r})"))
+    assert not FORM.fullmatch(found)
 
 
 @pytest.mark.parametrize(

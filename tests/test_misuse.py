@@ -97,13 +97,19 @@ def test_arguments_that_do_not_fit_the_signature_are_refused_in_one_line(name):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: rc.evaluate("part.stl", CAMERA, POSES), r"mesh must be a Mesh \(Mesh\.load"),
-        (lambda: rc.evaluate(MESH, {"width": 3}, POSES), r"camera must be a Camera \(Camera\."),
-        (lambda: rc.evaluate(MESH, CAMERA, "poses.npy"), "poses must be numbers"),
+        (lambda: rc.evaluate("part.stl", CAMERA, POSES), r"mesh to be a Mesh \(Mesh\.load"),
+        (lambda: rc.evaluate(MESH, {"width": 3}, POSES), r"camera to be a Camera \(Camera\."),
+        (lambda: rc.evaluate(MESH, CAMERA, "poses.npy"), "poses to be numbers"),
         (lambda: evaluate_batches(MESH, POSES), "expected an observer of open_observer"),
-        (lambda: rc.Mesh(MESH.vertices, MESH.faces, ["a"]), "groups must be Group values .* 'a'"),
-        (lambda: rc.look_at((0, 0, 1e160), (0, 0, 0)), r"beyond ±1e\+30 m"),
-        (lambda: rc.open_observer(MESH, CAMERA, threads=1.5), "threads must be 1 or more, got 1.5"),
+        (lambda: rc.Mesh(MESH.vertices, MESH.faces, ["a"]), "groups to be Group values .* 'a'"),
+        (
+            lambda: rc.look_at((0, 0, 1e160), (0, 0, 0)),
+            r"expected eye and target within ±1e\+30 m, got more",
+        ),
+        (
+            lambda: rc.open_observer(MESH, CAMERA, threads=1.5),
+            r"expected threads to be a whole number 1 to 1024, got 1\.5",
+        ),
     ],
     ids=range(7),
 )
@@ -115,7 +121,9 @@ def test_the_line_says_what_was_wanted_and_what_came(call, words):
 def test_a_pose_too_far_away_is_named_among_others():
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[1, 2, 3] = -1e160
-    with pytest.raises(rc.PoseError, match="pose 1 is beyond") as caught:
+    with pytest.raises(
+        rc.PoseError, match=r"expected a rigid transform, got one that is beyond ±1e\+30 m"
+    ) as caught:
         rc.evaluate(MESH, CAMERA, poses)
     assert caught.value.pose_ids == (1,)
     assert rc.evaluate(MESH, CAMERA, poses, skip_bad_poses=True).pose_ids.tolist() == [0, 2]
@@ -163,7 +171,7 @@ def test_a_value_is_shown_in_a_few_characters():
 def test_a_path_object_fits_the_annotation_of_a_path():
     """An error inside a function must not blame a path that was right."""
     check_type("path", Path("a"), StrPath)
-    with pytest.raises(rc.ConfigError, match="path must be a text or a path, got 3"):
+    with pytest.raises(rc.ConfigError, match="path to be a text or a path, got 3"):
         check_type("path", 3, StrPath)
 
 
@@ -175,6 +183,7 @@ def test_more_than_the_memory_holds_is_refused_before_any_is_taken(n):
     with pytest.raises(rc.ResourceError, match="at most 2147483647 vertices"):
         rc.Mesh(np.broadcast_to(one, (n, 3)), MESH.faces)
     with pytest.raises(
-        rc.ResourceError, match=r"poses take .* GiB\), but only .* free; pass fewer"
+        rc.ResourceError,
+        match=r"expected poses to fit in .* GiB of free memory, got .* GiB; pass fewer",
     ):
         rc.evaluate(MESH, CAMERA, np.broadcast_to(np.eye(4, dtype=np.int8), (n, 4, 4)))

@@ -127,9 +127,9 @@ def test_edges_along_the_rows_of_the_image_are_sampled_without_bias():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "seen"}, "method must be certified, exact or sampled, got 'seen'"),
-        ({"method": None}, "method must be certified, exact or sampled, got None"),
-        ({"threads": 0}, "threads must be 1 or more, got 0"),
+        ({"method": "seen"}, "method to be certified, exact or sampled, got 'seen'"),
+        ({"method": None}, "method to be certified, exact or sampled, got None"),
+        ({"threads": 0}, "expected threads to be a whole number 1 to 1024, got 0"),
     ],
 )
 def test_what_a_method_has_not_is_refused(options, words):

@@ -147,7 +147,7 @@ def test_indices_that_are_none_are_refused(camera, text):
 def test_a_camera_that_is_not_there_is_refused(method):
     poses = Poses.of(POSES, camera=[0] * 8 + [2])
     for call in (partial(evaluate, method=method), regions):
-        with pytest.raises(PoseError, match="pose 8 has camera 2, but there are 2"):
+        with pytest.raises(PoseError, match="expected cameras of poses below 2, got 2 for pose 8"):
             call(MESH, CAMERAS[:2], poses)
 
 

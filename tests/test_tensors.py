@@ -34,7 +34,7 @@ def test_a_tensor_gives_what_its_array_gives(kind):
     found = rc.evaluate(again, camera, kind(poses), fields=["coverage"])
     asked = rc.evaluate(mesh, camera, poses, fields=["coverage"])
     assert np.array_equal(np.from_dlpack(found.coverage), asked.coverage)
-    with pytest.raises(rc.MeshError, match="faces must be integers"):
+    with pytest.raises(rc.MeshError, match="faces to be integers"):
         rc.Mesh(kind(mesh.vertices.copy()), kind(mesh.vertices.copy()))
     with pytest.raises(rc.PoseError):
         rc.Poses.of(kind(poses.astype(np.complex128)))

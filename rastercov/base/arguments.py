@@ -1,4 +1,4 @@
-"""Checks of arguments at the public edge: what was wanted, what came, in one line.
+"""Checks of arguments at the public edge: what was expected and what came, in one line.
 
 Serves whatever takes arrays, groups and options. numpy would take the real part of complex numbers,
 read texts as numbers, count True as 1, and lose the mask of a masked array: each is refused here.
@@ -37,14 +37,14 @@ def check_kind(
 ) -> None:
     """Raise `error` unless a value is of that kind; `wanted` says what it must be."""
     if not isinstance(value, kind):
-        raise error(f"{name} must be {wanted}, got {shown(value)}")
+        raise error(f"expected {name} to be {wanted}, got {shown(value)}")
 
 
 def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raise ConfigError unless a value is one of these words."""
     if not isinstance(value, str) or value not in choices:
         words = f"{', '.join(choices[:-1])} or {choices[-1]}"
-        raise ConfigError(f"{name} must be {words}, got {shown(value)}")
+        raise ConfigError(f"expected {name} to be {words}, got {shown(value)}")
 
 
 def flag(name: str, value: object) -> bool:
@@ -63,7 +63,7 @@ def members(
             raise TypeError
         each = iter(values)
     except TypeError:
-        raise error(f"{name} must be {wanted}, got {shown(values)}") from None
+        raise error(f"expected {name} to be {wanted}, got {shown(values)}") from None
     for value in each:
         check_kind(name, value, kind, wanted, error)
         found.append(value)
@@ -73,7 +73,7 @@ def members(
 def check_seed(seed: int) -> None:
     """Raise ConfigError for a seed that numpy does not take."""
     if seed < 0:
-        raise ConfigError(f"seed must be 0 or more, got {shown(seed)}")
+        raise ConfigError(f"expected seed to be 0 or more, got {shown(seed)}")
 
 
 def finite_points(
@@ -90,11 +90,11 @@ def finite_points(
     array = checked_array(name, values, "iuf", wanted, error)
     sides = zip(array.shape, shape, strict=False)
     if array.ndim != len(shape) or any(side not in (got, -1) for got, side in sides):
-        raise error(f"{name} must be {wanted}, got shape {array.shape}")
+        raise error(f"expected {name} to be {wanted}, got shape {array.shape}")
     points = owned(name, array, np.float64)
     if not (np.abs(points) <= LARGEST_COORDINATE).all():
         limit = f"within ±{LARGEST_COORDINATE:g}"
-        raise error(f"{name} must be {wanted}, {limit}, got {shown(values)}")
+        raise error(f"expected {name} to be {wanted}, {limit}, got {shown(values)}")
     return points
 
 
@@ -118,21 +118,22 @@ def checked_array(
 
     Nothing is copied: an array that repeats one row without storing it stays small.
     """
+    expected = f"expected {name} to be {wanted}"
     try:
         array = as_array(values)
     except MemoryError:
         raise ResourceError(
-            f"{name} take more than the memory of this machine; pass fewer"
+            f"expected {name} to fit in memory, got more than this machine has; pass fewer"
         ) from None
     except ValueError:
-        raise error(f"{name} must be {wanted}, got rows of unequal length") from None
+        raise error(f"{expected}, got rows of unequal length") from None
     except Exception:  # whatever conversion an object brings
-        raise error(f"{name} must be {wanted}, got {type(values).__name__}") from None
+        raise error(f"{expected}, got {type(values).__name__}") from None
     if array.size and array.dtype.kind not in kinds:
-        raise error(f"{name} must be {wanted}, got dtype {array.dtype}; convert them first")
+        raise error(f"{expected}, got dtype {array.dtype}; convert them first")
     rows = values if isinstance(values, list | tuple) else ()
     if np.ma.is_masked(values) or any(np.ma.is_masked(row) for row in rows):
-        raise error(f"{name} must be {wanted}, got masked entries; fill them or leave them out")
+        raise error(f"{expected}, got masked entries; fill them or leave them out")
     return array
 
 
@@ -275,13 +276,14 @@ class _Rule:
             try:
                 value = self.reader.read(value)
             except ValueError as error:
-                raise ConfigError(f"{name} must be {error}") from None
+                raise ConfigError(f"expected {name} to be {error}") from None
         number = finite_number(value)
         is_whole = kind is not int or number.is_integer()
         is_within = all(IS_WITHIN[name](number, limit) for name, limit in limits.items())
         if math.isnan(number) or not is_whole or not is_within:
             meant = share_meant(number) if limits.get("le") == 1 else ""
-            raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
+            words = _words(kind, limits)
+            raise ConfigError(f"expected {name} to be {words}, got {shown(given)}{meant}")
         return value if isinstance(value, Quantity) else kind(number)
 
 

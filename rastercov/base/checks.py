@@ -1,4 +1,4 @@
-"""Single values of a camera, checked: what was wanted, what came, in one line."""
+"""Checks of single values of a camera."""
 
 import math
 import reprlib
@@ -25,7 +25,7 @@ SHORTEST = 1e-12
 1e-12 rad beside the image plane."""
 
 
-BEYOND = "beyond that float64 does not tell pixels apart: check its unit"
+BEYOND = "float64 does not resolve pixels there, check the unit"
 
 
 def number(
@@ -33,15 +33,15 @@ def number(
 ) -> float:
     """`value` as a finite float; `wanted` says what it must be, where it has limits in pixels."""
     if not is_number(value):
-        raise CameraError(f"{name} must be a number, got {shown(value)}")
+        raise CameraError(f"expected {name} to be a number, got {shown(value)}")
     try:
         result = float(value)
     except OverflowError:
-        raise CameraError(f"{name} must be below 1e308, got a greater integer") from None
+        raise CameraError(f"expected {name} to be below 1e308, got a larger integer") from None
     if not math.isfinite(result):
-        raise CameraError(f"{name} must be finite, got {result}")
+        raise CameraError(f"expected {name} to be finite, got {result}")
     if not least <= result <= most:
-        raise CameraError(f"{name} must be {wanted}, got {result:g}; {BEYOND}")
+        raise CameraError(f"expected {name} to be {wanted}, got {result:g}; {BEYOND}")
     return result
 
 
@@ -49,7 +49,7 @@ def positive(name: str, value: object) -> float:
     """`value` as a finite float above 0."""
     result = number(name, value)
     if result <= 0:
-        raise CameraError(f"{name} must be positive, got {result:g}")
+        raise CameraError(f"expected {name} to be positive, got {result:g}")
     return result
 
 
@@ -68,7 +68,7 @@ def pair(name: str, value: object) -> tuple[float, float]:
     """One or two positive numbers as two."""
     values = value if isinstance(value, tuple | list) else (value, value)
     if len(values) != 2:
-        raise CameraError(f"{name} must be one or two numbers, got {shown(value)}")
+        raise CameraError(f"expected {name} to be one or two numbers, got {shown(value)}")
     return positive(name, values[0]), positive(name, values[1])
 
 
@@ -77,7 +77,7 @@ def two(name: str, value: object) -> tuple[Any, Any]:
     if isinstance(value, np.ndarray) and value.shape == (2,):
         value = value.tolist()
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise CameraError(f"{name} must be two numbers, got {shown(value)}")
+        raise CameraError(f"expected {name} to be two numbers, got {shown(value)}")
     return value[0], value[1]
 
 
@@ -86,7 +86,7 @@ def image_side(name: str, value: object) -> int:
     result = number(name, value)
     if result != int(result) or not 1 <= result <= MAX_IMAGE_SIDE:
         wanted = f"a whole number of pixels, 1 to {MAX_IMAGE_SIDE}"
-        raise CameraError(f"{name} must be {wanted}, got {value}")
+        raise CameraError(f"expected {name} to be {wanted}, got {shown(value)}")
     return int(result)
 
 
@@ -97,8 +97,8 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
         if size <= MOST_COEFFICIENTS:
             return tuple(np.ravel(np.asarray(distortion, dtype=object)))
     except Exception:  # whatever conversion an object brings
-        raise CameraError(f"distortion must be numbers, got {shown(distortion)}") from None
-    raise CameraError(f"distortion must be at most {MOST_COEFFICIENTS} numbers, got {size}")
+        raise CameraError(f"expected distortion to be numbers, got {shown(distortion)}") from None
+    raise CameraError(f"expected at most {MOST_COEFFICIENTS} distortion coefficients, got {size}")
 
 
 def is_number(value: object) -> bool:
@@ -133,4 +133,4 @@ def shown(value: object) -> str:
 def share_meant(value: Any) -> str:
     """End of a line about a share above 1, which was probably given in percent."""
     is_percent = is_number(value) and 1 < value <= 100
-    return f"; {value / 100:g} for {value:g} %?" if is_percent else ""
+    return f"; pass {value / 100:g} for {value:g} %" if is_percent else ""

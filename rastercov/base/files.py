@@ -60,7 +60,7 @@ class UnreadableError(ValueError):
     """
 
     def __init__(self, reason: str, is_of_system: bool = False) -> None:
-        super().__init__(f"cannot be read ({reason})")
+        super().__init__(reason)
         self.reason, self.is_of_system = reason, is_of_system
 
 
@@ -73,7 +73,7 @@ class UnparsedError(UnreadableError):
 
     def __init__(self, form: str, reason: str) -> None:
         super().__init__(reason)
-        self.args = (f"not valid {form} ({reason})",)
+        self.args = (f"expected valid {form}, got: {reason}",)
 
 
 def suffix_of(path: StrPath) -> str:
@@ -106,9 +106,7 @@ def printable(text: str, most: int = 200) -> str:
 
 
 @contextmanager
-def open_file(
-    path: StrPath, most: int, advice: str = "is this the right file?"
-) -> Iterator[BinaryIO]:
+def open_file(path: StrPath, most: int, advice: str = "check the path") -> Iterator[BinaryIO]:
     """Regular file of at most `most` bytes, open for reading; links are followed.
 
     UnreadableError for what is no path, a folder, pipe, socket or device, a file that is larger
@@ -123,7 +121,7 @@ def open_file(
     except UnreadableError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
-        raise UnreadableError(_reason(error), is_of_system=True) from None
+        raise UnreadableError(reason_of(error), is_of_system=True) from None
     with os.fdopen(descriptor, "rb") as file:
         now = os.fstat(descriptor)
         _check(now, most, advice)
@@ -131,10 +129,10 @@ def open_file(
         try:
             yield file
         except OSError as error:
-            raise UnreadableError(_reason(error), is_of_system=True) from None
+            raise UnreadableError(reason_of(error), is_of_system=True) from None
 
 
-def file_bytes(path: StrPath, most: int, advice: str = "is this the right file?") -> bytes:
+def file_bytes(path: StrPath, most: int, advice: str = "check the path") -> bytes:
     """Bytes of a regular file, at most `most`; UnreadableError as for `open_file`."""
     with open_file(path, most, advice) as file:
         size = os.fstat(file.fileno()).st_size
@@ -151,10 +149,9 @@ def written_file(path: StrPath) -> Iterator[BinaryIO]:
         with replacing(path) as part, part.open("wb") as file:
             yield file
     except OSError as error:
-        raise UnwritableError(f"cannot be written ({_reason(error)})") from None
+        raise UnwritableError(reason_of(error)) from None
     except ConfigError as error:
-        reason = str(error).removeprefix(f"{path}: ")
-        raise UnwritableError(f"cannot be written ({reason})") from None
+        raise UnwritableError(str(error).removeprefix(f"{path}: ")) from None
 
 
 def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
@@ -189,7 +186,7 @@ def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
     except UnicodeDecodeError as error:
         raise UnparsedError(form, f"{one_line(error)}; save it as UTF-8") from None
     except RecursionError:
-        raise UnparsedError(form, "nested too deep") from None
+        raise UnparsedError(form, "tables nested too deeply; flatten them") from None
     except ValueError as error:
         reason = one_line(error).partition("; use sys.")[0]  # advice for code, on long integers
         raise UnparsedError(form, reason) from None
@@ -225,7 +222,7 @@ def check_number(value: object, name: str) -> None:
     if isinstance(value, int) or math.isfinite(value):
         raise UnreadableError(
             f"{printable(name) or 'the file'}: expected a number within ±{LARGEST_NUMBER:g}, got "
-            f"{shown(value)}; correct it"
+            f"{shown(value)}; correct the file"
         )
 
 
@@ -234,7 +231,7 @@ def unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):  # the standard takes the last one, without a word
         [(twice, _)] = Counter(name for name, _ in pairs).most_common(1)
-        raise ValueError(f"{twice[:50]!r} comes twice in one table; leave one")
+        raise ValueError(f"{twice[:50]!r} twice in one table; remove one")
     return table
 
 
@@ -251,12 +248,14 @@ def _check(status: os.stat_result, most: int, advice: str) -> None:
 def _check_size(wanted: int, got: int) -> None:
     if got != wanted:
         raise UnreadableError(
-            f"expected {wanted} bytes, got {got}; the file changed while it was read, try again"
+            f"expected {wanted} bytes, got {got}: the file changed while it was read; try again"
         )
 
 
-def _reason(error: OSError | ValueError) -> str:
-    return getattr(error, "strerror", None) or one_line(error)
+def reason_of(error: OSError | ValueError) -> str:
+    """Words of the system for an error, such as "no such file or directory"."""
+    reason = getattr(error, "strerror", None) or one_line(error)
+    return reason[:1].lower() + reason[1:]
 
 
 def _as_path(path: StrPath) -> Path:
@@ -264,7 +263,7 @@ def _as_path(path: StrPath) -> Path:
         return Path(path)
     except TypeError:
         kind = type(path).__name__
-        raise UnreadableError(f"expected a path, got {kind}; pass a string or a Path") from None
+        raise UnreadableError(f"expected a path, got {kind}; pass a str or a Path") from None
 
 
 SHORTEST = 3
@@ -321,7 +320,7 @@ class UnknownNames:
         meant = next((other for other in _slips(name, needed) if other not in names), None)
         if meant is not None:
             raise self._error(
-                f"{where} has {shown(name)}, which the format does not have, and no {meant!r}; "
+                f"{where}: expected {meant!r}, got {shown(name)}, unknown to the format; "
                 "correct the name"
             )
         self._found.setdefault(name, where)

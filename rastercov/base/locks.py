@@ -41,9 +41,10 @@ def locked(path: Path) -> Iterator[Path]:
         named_folder(path)
         descriptor = os.open(path / LOCK, _FLAGS)
     except (FileExistsError, NotADirectoryError):
-        raise ConfigError(f"{path}: expected a folder, got a file; move it away") from None
+        raise ConfigError(f"{path}: expected a folder, got a file; move the file") from None
     except OSError as error:
-        raise ConfigError(f"{path}: the folder cannot be used ({error.strerror})") from None
+        reason = f"{error.strerror}".lower()
+        raise ConfigError(f"{path}: expected a usable folder, got: {reason}") from None
     is_free = True
     with suppress(OSError):  # a file system without locks
         try:
@@ -54,7 +55,8 @@ def locked(path: Path) -> Iterator[Path]:
     if not is_free:
         os.close(descriptor)
         raise ConfigError(
-            f"{path}: another process is writing to this folder; wait or name another"
+            f"{path}: expected an unused folder, got one that another process is writing to; wait, "
+            "or pass another folder"
         )
     try:
         yield path

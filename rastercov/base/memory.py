@@ -1,4 +1,4 @@
-"""Memory that results would take, held against what the machine has before any of it is taken.
+"""Checks of the memory of results against what is free, before any of it is allocated.
 
 And arrays as loops want them; `Lists` has lists of numbers of any lengths in one array.
 
@@ -26,7 +26,7 @@ Int32Array = NDArray[np.int32]
 CACHE_LINE = 64
 """Bytes of a cache line."""
 UNCHECKED = 1 << 28
-"""Bytes up to which results are not held against the machine: to ask it takes 0.1 ms."""
+"""Bytes up to which free memory is not checked: the check takes 0.1 ms."""
 LARGEST_REUSED = 31 << 20
 """Bytes of a freed array that the allocator uses again. glibc gives the pages of a large array back
 when it is freed, and maps fresh ones for the next, until it has seen one as large come and go; it
@@ -61,8 +61,8 @@ def check_memory(what: str, n_bytes: int, remedy: str) -> None:
     """
     if n_bytes > UNCHECKED and n_bytes > (free := free_memory()):
         raise ResourceError(
-            f"{what} take {n_bytes:,} bytes ({n_bytes / 2**30:,.1f} GiB), but only "
-            f"{free / 2**30:,.1f} GiB of memory are free; {remedy}"
+            f"expected {what} to fit in {free / 2**30:,.1f} GiB of free memory, got "
+            f"{n_bytes / 2**30:,.1f} GiB; {remedy}"
         )
 
 

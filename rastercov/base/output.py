@@ -77,7 +77,7 @@ def is_own_folder(path: Path) -> bool:
     if stat.S_ISDIR(mode):
         return True
     kind = "a symbolic link" if stat.S_ISLNK(mode) else "a file"
-    raise ConfigError(f"{path}: expected a folder, got {kind}; move it away or delete it")
+    raise ConfigError(f"{path}: expected a folder, got {kind}; move or delete it")
 
 
 def own_place(path: Path) -> Path:
@@ -118,8 +118,8 @@ def move(path: Path, place: Path) -> None:
 def check_place(path: Path) -> None:
     """Raise ConfigError where no file can be written: at a folder, and in one that is not there."""
     if path.is_dir() or not path.parent.is_dir():
-        fault = "is a folder" if path.is_dir() else "its folder does not exist"
-        raise ConfigError(f"{path}: {fault}; name a file in an existing folder")
+        got = "a folder" if path.is_dir() else "a folder that does not exist"
+        raise ConfigError(f"{path}: expected a file in an existing folder, got {got}")
 
 
 @contextmanager
@@ -166,7 +166,7 @@ def _followed(path: Path) -> Path:
         there = Path(os.sep)
     if there.parent != folder or there.is_symlink():
         raise ConfigError(
-            f"{path}: expected a file, got a symbolic link to {path.readlink()}; name that file, "
+            f"{path}: expected a file, got a symbolic link to {path.readlink()}; pass that file, "
             "or delete the link"
         )
     return there

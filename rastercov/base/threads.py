@@ -35,8 +35,8 @@ def thread_count(threads: int | None) -> int:
     number = finite_number(threads)
     if not number.is_integer() or not 1 <= number <= MOST_THREADS:
         raise ConfigError(
-            f"threads must be 1 or more, got {shown(threads)}; pass a whole number up to "
-            f"{MOST_THREADS}, or None for one a core"
+            f"expected threads to be a whole number 1 to {MOST_THREADS}, got {shown(threads)}; "
+            "pass None for one per core"
         )
     return int(number)
 
@@ -187,8 +187,8 @@ class Unique:
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         name = type(self).__name__.lstrip("_")
         raise ConfigError(
-            f"a {name} cannot be copied or pickled: it holds a device or memory of this process; "
-            "open another one there, of the same mesh and camera"
+            f"expected a {name} to stay in its process, got a copy or pickle of it; open another "
+            "one there"
         )
 
 

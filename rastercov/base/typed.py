@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import as_array, check_room
 from rastercov.base.checks import finite_number, is_inf, is_number, shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError
+from rastercov.base.format import first_of
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -122,7 +123,8 @@ def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 def _no_member(kind: type[Enum], value: object) -> None:
     names = ", ".join(kind.__members__)
-    raise ConfigError(f"{kind.__name__} must be one of {names} or its number, got {shown(value)}")
+    name = kind.__name__
+    raise ConfigError(f"expected {name} to be one of {names} or its number, got {shown(value)}")
 
 
 def _check_arguments(
@@ -148,17 +150,15 @@ def _signature(function: Callable[..., Any]) -> inspect.Signature:
 def _not_bound(
     function: Callable[..., Any], signature: inspect.Signature, named: Mapping[str, Any], fault: str
 ) -> str:
-    """Words for arguments that do not fit a signature, with those that it takes."""
+    """Message for arguments that do not fit a signature, with those that it has."""
     all_of = [each for each in signature.parameters.values() if each.name not in ("self", "cls")]
     name = function.__qualname__.removesuffix(".__init__")
     unknown = [each for each in named if each not in signature.parameters]
     if unknown and not any(each.kind == inspect.Parameter.VAR_KEYWORD for each in all_of):
         fault = f"unknown argument {shown(unknown[0])}"
-    by_name = [each.name for each in all_of if each.kind == inspect.Parameter.KEYWORD_ONLY]
-    takes = [each.name for each in all_of if each.kind == inspect.Parameter.POSITIONAL_OR_KEYWORD]
-    takes += [f"and by name {by_name[0]}", *by_name[1:]] if by_name else []
-    words = ", ".join(takes) or "no arguments"
-    return f"{name}: {fault}; it takes {words}".replace("takes and by", "takes by")
+    takes = [each.name for each in all_of if each.kind not in VARIADIC]
+    words = f"arguments {first_of(takes, 8)}" if takes else "no arguments"
+    return f"{name}: expected {words}, got: {fault}"
 
 
 def check_fields(value: Any) -> None:
@@ -177,7 +177,7 @@ def check_type(name: str, value: object, hint: object) -> None:
     if not fits(value, hint):
         kinds = [kind.__name__ for kind in (hint, *get_args(hint)) if hasattr(kind, "__name__")]
         error = next((ERRORS[kind] for kind in kinds if kind in ERRORS), ConfigError)
-        raise error(f"{name} must be {_wanted(hint)}, got {shown(value)}")
+        raise error(f"expected {name} to be {_wanted(hint)}, got {shown(value)}")
 
 
 class _Names(dict[str, Any]):

@@ -44,6 +44,7 @@ from rastercov.base.files import (
 from rastercov.base.memory import FloatArray
 from rastercov.camera.catalogue import entries_of, is_name
 from rastercov.camera.models import MODELS, checked_model
+from rastercov.mesh.groups import listed
 
 OF_LENS = ("principal_point", "f_number")
 OPTICS = (
@@ -69,13 +70,14 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     CameraError for an entry that does not exist, is missing, or contradicts another one.
     """
     if not isinstance(entries, Mapping):
-        raise CameraError(f"a camera is a table of names and values, got {shown(entries)}")
+        raise CameraError(f"expected a table of the entries of a camera, got {shown(entries)}")
     if "preset" in entries:
         entries = _changed_preset(entries)
     known = {*fields, *OF_LENS, *ANGLES}
     if unknown := sorted(map(shown, entries.keys() - known)):
+        near = listed(sorted(known), unknown[0])
         raise CameraError(
-            f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
+            f"expected entries of a camera, such as {near}, got {', '.join(unknown)}; rename them"
         )
     given = {
         name: tuple(value) if isinstance(value, list) else value
@@ -92,16 +94,20 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
     if missing := [name for name in wanted if name not in given]:
         raise CameraError(
-            f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size or hfov_deg"
+            f"expected {', '.join(wanted)}, got no {', '.join(missing)}; give fx, fy or "
+            "focal_length, pixel_size or hfov_deg"
         )
     if by_lens:
         given = _of_lens(given)
     elif "principal_point" in given:
-        raise CameraError("principal_point goes with focal_length and pixel_size, not fx, fy")
+        raise CameraError(
+            "expected fx and fy, or focal_length, pixel_size and principal_point, got both; remove "
+            "one"
+        )
     n = given.pop("f_number", None)
     has_aperture = given.get("aperture") is not None
     if n is not None and has_aperture:
-        raise CameraError("give f_number or aperture, not both")
+        raise CameraError("expected f_number or aperture, got both; remove one")
     if (n is not None or has_aperture) and given.get("focal_length") is None:
         given["focal_length"] = _focal_length_m(given)
     if n is not None:
@@ -114,7 +120,7 @@ def check_optics(entries: Mapping[str, Any]) -> None:
     """CameraError for an entry beside `file` that a calibration has itself."""
     if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
         raise CameraError(
-            f"file stands beside {', '.join(OPTICS)}, got {others} too; put them into the file"
+            f"expected only {', '.join(OPTICS)} beside file, got {others}; put them into the file"
         )
 
 
@@ -125,7 +131,7 @@ def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
     entries |= {"fx": f / s_u, "fy": f / s_v, "focal_length": f, "pixel_size": (s_u, s_v)}
     if "principal_point" in entries:
         if entries.get("cx") is not None or entries.get("cy") is not None:
-            raise CameraError("give principal_point or cx and cy, not both")
+            raise CameraError("expected principal_point, or cx and cy, got both; remove one")
         point = two("principal_point", entries.pop("principal_point"))
         r_u, r_v = (number("principal_point", each) for each in point)
         entries |= {"cx": r_u / s_u, "cy": r_v / s_v}
@@ -142,15 +148,21 @@ def _with_focal_lengths(entries: dict[str, Any]) -> dict[str, Any]:
     """Entries with fx and fy in place of hfov_deg and vfov_deg; one of these is of both."""
     given = [name for name in ("fx", "fy", "focal_length", "principal_point") if name in entries]
     if given:
-        raise CameraError(f"give hfov_deg and vfov_deg, or {', '.join(given)}, not both")
+        raise CameraError(
+            f"expected hfov_deg and vfov_deg, or {', '.join(given)}, got both; remove one"
+        )
     if entries.get("model", "pinhole") != "pinhole":
-        raise CameraError("hfov_deg and vfov_deg are of a pinhole; give fx and fy of other lenses")
+        raise CameraError(
+            "expected hfov_deg and vfov_deg for a pinhole, got another model; give fx and fy"
+        )
     found = {}
     for name, focal, centre in (("hfov_deg", "fx", "cx"), ("vfov_deg", "fy", "cy")):
         if name not in entries:
             continue
         if (side := CENTRES[centre]) not in entries:
-            raise CameraError(f"missing {side}; {name} needs it")
+            raise CameraError(
+                f"expected {side} with {name}, got none; give the image size in pixels"
+            )
         length = image_side(side, entries[side])
         at = entries.get(centre)
         at = length / 2 if at is None else principal_point_px(centre, at)
@@ -166,9 +178,12 @@ def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
     """
     radians = math.radians(angle)  # 0 for the least angles
     if not 0 < radians < math.pi:
-        raise CameraError(f"{name} must be above 0 and below 180, got {angle:g}")
+        raise CameraError(f"expected {name} above 0 and below 180 degrees, got {angle:g}")
     if not 0 < centre < side:
-        raise CameraError(f"{name} needs a principal point inside the image, got {centre:g}")
+        raise CameraError(
+            f"expected a principal point inside the image for {name}, got {centre:g} px; give fx "
+            "and fy"
+        )
     sine, cosine = math.sin(radians), math.cos(radians)
     root = math.sqrt((side * cosine) ** 2 + 4 * sine * sine * centre * (side - centre))
     return (side * cosine + root) / (2 * sine)
@@ -178,14 +193,15 @@ def _focal_length_m(entries: Mapping[str, Any]) -> float:
     """Focal length in metres that fx, fy and pixel_size give."""
     if entries.get("pixel_size") is None:
         raise CameraError(
-            "f_number and aperture need the focal length in metres; give pixel_size or focal_length"
+            "expected a focal length in metres with f_number or aperture, got none; give "
+            "pixel_size or focal_length"
         )
     s_u, s_v = pair("pixel_size", entries["pixel_size"])
     across, down = positive("fx", entries["fx"]) * s_u, positive("fy", entries["fy"]) * s_v
     if not abs(across - down) <= MOST_DIFFERENCE_REL * max(across, down):
         raise CameraError(
-            f"fx, fy and pixel_size give focal lengths of {across:g} m and {down:g} m; "
-            "correct pixel_size"
+            f"expected one focal length from fx, fy and pixel_size, got {across:g} m and {down:g} "
+            "m; correct pixel_size"
         )
     return (across + down) / 2
 
@@ -193,14 +209,12 @@ def _focal_length_m(entries: Mapping[str, Any]) -> float:
 def _near(name: str, value: object) -> float:
     near = number(name, value)
     if not 0 <= near <= LARGEST_COORDINATE:
-        raise CameraError(
-            f"{name} must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
-        )
+        raise CameraError(f"expected {name} of 0 to {LARGEST_COORDINATE:g} m, got {near:g}")
     return near
 
 
 def field_angle(name: str, value: object) -> float:
-    """Angle from an axis, degrees: up to `WIDEST_DEG`, or 180; CameraError for another one."""
+    """Angle from an axis, degrees: up to `WIDEST_DEG`, or 180; otherwise CameraError."""
     angle = number(name, value)
     if not (0 < angle <= WIDEST_DEG or angle == 180):
         raise CameraError(
@@ -212,7 +226,7 @@ def field_angle(name: str, value: object) -> float:
 
 def _text(name: str, value: object) -> str:
     if not isinstance(value, str) or not value.isprintable():
-        raise CameraError(f"{name} must be a printable text, got {shown(value)}")
+        raise CameraError(f"expected {name} to be printable text, got {shown(value)}")
     return value
 
 
@@ -221,7 +235,7 @@ def _range(name: str, value: object) -> tuple[float, float]:
     is_open = second is None or is_inf(second)  # JSON has no infinity
     z_n, z_f = number(name, first), math.inf if is_open else number(name, second)
     if not 0 <= z_n < z_f:
-        raise CameraError(f"{name} must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
+        raise CameraError(f"expected {name} to satisfy 0 <= near < far, got [{z_n}, {z_f}]")
     return z_n, z_f
 
 
@@ -292,7 +306,7 @@ class Camera:
         Largest angle from the optical axis at which the lens is trusted, up to 175, or 180 for
         none; otherwise as far as the image reaches, or as the model is proved not to fold.
     product : str, optional
-        Camera and lens as they are sold, for people; that of the catalogue for a preset.
+        Product name of camera and lens, for display; set by presets.
     ir_range : float, optional
         Reach of its own infrared lamps, metres, for plan sheets; nothing is computed with it.
 
@@ -318,8 +332,8 @@ class Camera:
     height: Annotated[int, Doc("Pixels.")]
     fx: Annotated[float, Doc("Focal length over pixel width, px.")]
     fy: Annotated[float, Doc("Focal length over pixel height, px.")]
-    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the middle
-    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # never None afterwards
+    cx: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # None asks for the middle
+    cy: Annotated[float, Doc("Principal point, px; default: the image centre.")] = None  # type: ignore[assignment] # never None afterwards
     near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
     focal_length: Annotated[float, Doc("Metres; instead of fx and fy.")] | None = None
     pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
@@ -335,7 +349,7 @@ class Camera:
     max_angle_deg: Annotated[
         float | None, Doc("Largest angle from the axis at which the lens is trusted, deg.")
     ] = None
-    product: Annotated[str, Doc("Camera and lens as they are sold.")] = field(
+    product: Annotated[str, Doc("Product name of camera and lens.")] = field(
         default="", compare=False
     )
     ir_range: Annotated[float | None, Doc("Reach of its own infrared lamps, m.")] = field(
@@ -353,29 +367,38 @@ class Camera:
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "distortion", coefficients)
         if model == "equirectangular" and self.max_angle_deg is not None:
-            raise CameraError("an equirectangular image has no largest angle")
+            raise CameraError(
+                "expected no max_angle_deg of an equirectangular image, got "
+                f"{self.max_angle_deg:g}; remove it"
+            )
         if (self.aperture is None) != (self.focus_distance is None):
-            raise CameraError("aperture and focus_distance come together: give both or neither")
+            raise CameraError(
+                "expected aperture and focus_distance together, got one of them; give both or "
+                "neither"
+            )
         if self.aperture is not None:
             self._check_aperture()
 
     def _check_aperture(self) -> None:
         """Raise `CameraError` unless the lens has a plane in focus at `focus_distance`."""
         if self.focal_length is None or self.pixel_size is None:
-            raise CameraError("aperture needs focal_length and pixel_size: see Camera.from_lens")
+            raise CameraError(
+                "expected focal_length and pixel_size with an aperture, got none; see "
+                "Camera.from_lens"
+            )
         if self.focus_range is not None:
-            raise CameraError("give focus_range or aperture, not both")
+            raise CameraError("expected focus_range or aperture, got both; remove one")
         is_tilted = any(self.distortion[12:])
         if is_tilted or not MODELS[self.model].is_planar:
             lens = "a tilted sensor" if is_tilted else f"a lens of model {self.model}"
             raise CameraError(
-                f"{lens} has no plane in focus at one depth; give focus_range, in metres from the "
-                "camera, instead of an aperture"
+                f"expected a lens with a plane of focus for an aperture, got {lens}; give "
+                "focus_range instead"
             )
         if (self.focus_distance or 0) <= self.focal_length:
             raise CameraError(
-                f"focus_distance must exceed focal_length {self.focal_length:g} m, "
-                f"got {self.focus_distance:g} m"
+                f"expected focus_distance above focal_length {self.focal_length:g} m, got "
+                f"{self.focus_distance:g} m"
             )
 
     @classmethod
@@ -485,11 +508,13 @@ class Camera:
         >>> camera.opencv_K.tolist() == K.tolist()
         True
         """
-        k = checked_array("K", K, "iuf", "real numbers and must have shape (3, 3)", CameraError)
+        k = checked_array("K", K, "iuf", "real numbers of shape (3, 3)", CameraError)
         if k.shape != (3, 3):
-            raise CameraError(f"K must have shape (3, 3), got {k.shape}")
+            raise CameraError(f"expected K of shape (3, 3), got {k.shape}")
         if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
-            raise CameraError("K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+            raise CameraError(
+                f"expected K to be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got {k.tolist()}"
+            )
         coefficients = coefficients_of(distortion)
         return cls(
             width=width,
@@ -538,10 +563,15 @@ class Camera:
         with errors_as(CameraError, printable(str(path)), (UnreadableError, CameraError)):
             suffix = suffix_of(path)
             if suffix not in (".json", ".toml"):
-                raise CameraError("a camera file ends in .json or .toml; read_views reads others")
+                raise CameraError(
+                    "expected a camera file .json or .toml, got another suffix; read_views reads "
+                    "other formats"
+                )
             entries = read_json(path) if suffix == ".json" else read_toml(path)
             if isinstance(entries, Mapping) and "file" in entries:
-                raise CameraError("it names another file: rastercov.read_views(...).cameras()")
+                raise CameraError(
+                    "expected a camera, got an entry file; use rastercov.read_views(...).cameras()"
+                )
             return cls.from_dict(entries)
 
     @classmethod
@@ -570,7 +600,9 @@ class Camera:
         """
         with errors_as(CameraError, printable(str(path)), ValueError):
             if suffix_of(path) != ".json":
-                raise CameraError("a camera is saved as .json")
+                raise CameraError(
+                    "expected the suffix .json for a camera, got another one; rename the file"
+                )
             with written_file(path) as file:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
 
@@ -597,7 +629,7 @@ class Camera:
 
     @property
     def is_pinhole(self) -> bool:
-        """True where the lens is all in fx, fy, cx and cy."""
+        """True where fx, fy, cx and cy describe the lens completely."""
         return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
 
     def check_pinhole(self, what: str, instead: str = "undistort the images") -> None:
@@ -606,7 +638,7 @@ class Camera:
         Parameters
         ----------
         what : str
-            What wants a pinhole, and why, in words.
+            What is expected, in words.
         instead : str
             What to do.
         """
@@ -621,11 +653,11 @@ class Camera:
 
     @property
     def opencv_K(self) -> FloatArray:  # noqa: N802 - the same
-        """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
+        """Intrinsic matrix in OpenCV's convention, pixel centres at integers."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
     def resized(self, scale: float) -> "Camera":
-        """Camera with the same view and `scale` times the pixels a side (rounded, at least 1).
+        """Camera with the same view and `scale` times the pixels per side (rounded, at least 1).
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Cameras and lenses that are sold, by name: NAME with a lens of its own, or NAME+LENS; heads.
+"""Camera catalogue: cameras and lenses by name, NAME with its own lens or NAME+LENS; heads.
 
 `data/cameras.toml` has them, one line a model, in the tables `cameras`, `lenses` and `heads`: two
 cameras side by side, NAME, NAME:BASELINE or NAME:BASELINE:CAMERA. A file of the same form adds
@@ -72,13 +72,16 @@ class Catalogue(NamedTuple):
             if part not in table:
                 near = listed([each for each in table if part in each] or table, part.lower())
                 raise CameraError(
-                    f"no {shown(part)} among the {what} of the catalogue; there are {near}: see "
-                    "rastercov cameras"
+                    f"expected a name among the {what} of the catalogue, such as {near}, got "
+                    f"{shown(part)}; see rastercov cameras"
                 )
             parts.append(table[part])
         if len(parts) == 2 and (why := misfit(*parts)):
             fitting = listed(self.lenses_of(words[0])) or "none"
-            raise CameraError(f"{name}: {why}; lenses that fit: {fitting}")
+            raise CameraError(
+                f"expected a lens that fits {words[0]}, got {words[1]}: {why}; lenses that fit: "
+                f"{fitting}"
+            )
         return parts
 
 
@@ -88,7 +91,7 @@ def has_lens(camera: Entries) -> bool:
 
 
 def misfit(camera: Entries, lens: Entries) -> str:
-    """Reason for which a lens does not go with a camera; empty where it does."""
+    """Reason why a lens does not fit a camera; empty if it does."""
     if has_lens(camera):
         return "the camera has a lens of its own"
     mounts = camera.get("mount"), lens.get("mount")
@@ -115,7 +118,7 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
     Raises
     ------
     CameraError
-        For a file that is no catalogue.
+        For a file that is not a catalogue.
     """
     tables = {name: dict(table) for name, table in _sold()._asdict().items()}
     path = file or os.environ.get("RASTERCOV_CATALOGUE")
@@ -125,16 +128,22 @@ def catalogue(file: StrPath | None = None) -> Catalogue:
                 whole = tables[what][name] = tables[what].get(name, {}) | entry
                 for text in (name, whole.get("mount", "")):
                     if not isinstance(text, str) or not text.isprintable():
-                        why = f"{what}: names and mounts must be printable, got {shown(text)}"
+                        why = (
+                            f"{what}: expected printable names and mounts, got {shown(text)}; "
+                            "correct it"
+                        )
                         raise CameraError(why)
                 needed = NEEDED[what][: 2 if has_lens(whole) else 3]
                 for each in (*needed, *(each for each in NUMBERS if each in whole)):
-                    check = pair if each in ("pixel_size", "f_numbers") else positive
-                    whole[each] = check(f"{what}.{name}.{each}", whole.get(each))
+                    checked = pair if each in ("pixel_size", "f_numbers") else positive
+                    whole[each] = checked(f"{what}.{name}.{each}", whole.get(each))
     except (UnreadableError, CameraError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
     except (KeyError, AttributeError, TypeError):
-        words = "expected [cameras.NAME], [lenses.NAME] and [heads.NAME]; correct it"
+        words = (
+            "expected [cameras.NAME], [lenses.NAME] and [heads.NAME], got another layout; correct "
+            "it"
+        )
         raise CameraError(f"{printable(str(path))}: {words}") from None
     return Catalogue(**tables)
 
@@ -161,14 +170,14 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, float]:
     Raises
     ------
     CameraError
-        For a name that is no head, and a distance that is none.
+        For an unknown head, and an invalid distance.
     """
     first, *others = str(name).split(":")
     heads = catalogue(file).heads
     if first not in heads or len(others) > 2:
         known = listed(heads, first)
         raise CameraError(
-            f"a head is NAME:BASELINE or NAME:BASELINE:CAMERA with NAME one of {known}"
+            f"expected a head NAME[:BASELINE[:CAMERA]] with NAME one of {known}, got {shown(name)}"
         )
     baseline, camera = heads[first]["baseline"], heads[first].get("camera")
     if others:
@@ -193,13 +202,18 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
         entries = {k: v for k, v in entries.items() if k not in (*OF_VIEW, "f_numbers", "nearest")}
     elif not has_lens(entries):
         lens = listed(found.lenses_of(name)) or f"none of mount {entries.get('mount')}"
-        raise CameraError(f"{name} has no lens; give {name}+LENS or focal_length; lenses: {lens}")
+        raise CameraError(
+            f"expected a lens for {name}, got none; give {name}+LENS or focal_length; lenses: "
+            f"{lens}"
+        )
     low, high = entries.get("f_numbers", (0, math.inf))
     n, z = changes.get("f_number"), changes.get("focus_distance")
     if is_number(n) and not low <= n <= high:
-        raise CameraError(f"f_number of {name} must be {low:g} to {high:g}, got {shown(n)}")
+        raise CameraError(f"expected f_number of {name} to be {low:g} to {high:g}, got {shown(n)}")
     if is_number(z) and z < entries.get("nearest", 0):
-        raise CameraError(f"{name} focuses from {entries['nearest']:g} m on, got {shown(z)} m")
+        raise CameraError(
+            f"expected a focus_distance of {name} from {entries['nearest']:g} m, got {shown(z)} m"
+        )
     if z is not None and low and changes.keys().isdisjoint({"f_number", "aperture"}):
         entries["f_number"] = low
     if changes.keys().isdisjoint(OF_VIEW) or not (has_lens(parts[0]) or parts[1:]):
@@ -208,7 +222,7 @@ def entries_of(name: str, changes: Mapping[str, Any], file: StrPath | None = Non
 
 
 def product_of(parts: Sequence[Entries]) -> str:
-    """Names of a camera and its lens, as they are sold."""
+    """Product names of a camera and its lens."""
     names = (" ".join(filter(None, map(part.get, ("maker", "product")))) for part in parts)
     return " + ".join(filter(None, names))
 

@@ -45,7 +45,7 @@ _TABLE = """
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """Sensor, lens and time of a camera, and the surface before it.
+    """Sensor, lens and exposure time of a camera, and the surface it images.
 
     Light is of one wavelength. In lx it is by the luminous efficiency V there, of the CIE 1924
     photopic curve, within 0.3 %.
@@ -65,13 +65,13 @@ class Exposure:
     dark_noise : float
         sigma_d, electrons.
     gain : float, optional
-        K, digital numbers an electron; no quantisation noise unless given.
+        K, digital numbers per electron; no quantisation noise unless given.
     reflectance, transmission : float
         rho and tau, (0, 1].
     wavelength : float
         Metres.
     magnification : float
-        m, size of the image over that of the object; 0 for what is far away.
+        m, size of the image over that of the object; 0 for distant objects.
     min_snr : float
         Least SNR, 0 for none.
     max_saturation : float
@@ -97,11 +97,11 @@ class Exposure:
     exposure_time: Annotated[float, Ge(1e-12), Le(1e9), Doc("Time, seconds.")]
     f_number: Annotated[float, Ge(1e-3), Le(1e6), Doc("f-number.")]
     pixel_size: Annotated[float, Ge(1e-9), Le(1), Doc("Side of a pixel, metres.")]
-    quantum_efficiency: Annotated[float, Ge(1e-9), Le(1), Doc("Electrons a photon.")]
+    quantum_efficiency: Annotated[float, Ge(1e-9), Le(1), Doc("Electrons per photon.")]
     full_well: Annotated[float, Gt(0), Le(1e12), Doc("Electrons at saturation.")]
     dark_noise: Annotated[float, Ge(0), Le(1e12), Doc("Noise in the dark, electrons.")] = 0.0
     gain: (
-        Annotated[float, Ge(1e-9), Le(1e9), Doc("Digital numbers an electron, for quantisation.")]
+        Annotated[float, Ge(1e-9), Le(1e9), Doc("Digital numbers per electron, for quantisation.")]
         | None
     ) = None
     reflectance: Annotated[float, Ge(1e-9), Le(1), Doc("Reflectance of the surface.")] = 0.5
@@ -118,8 +118,8 @@ class Exposure:
         least, most = self.electrons()
         if least >= most:
             raise ConfigError(
-                f"min_snr {number(self.min_snr)} needs {number(least)} electrons, and saturation "
-                f"allows {number(most)}; lower one, or take a sensor of more full_well"
+                f"expected min_snr to be reached below saturation, {number(most)} electrons, got "
+                f"{number(least)}; lower it, or take a sensor with more full_well"
             )
 
     def electrons(self) -> tuple[float, float]:
@@ -132,7 +132,7 @@ class Exposure:
     def band(self, unit: str = "lx") -> tuple[float, float]:
         """Least and greatest illuminance, in "lx" or "W/m2".
 
-        ConfigError for lx of light that the eye does not see, and for another unit.
+        ConfigError for lx of invisible light, and for another unit.
 
         Examples
         --------
@@ -152,14 +152,15 @@ class Exposure:
         if unit == "lx":
             if not VISIBLE[0] <= self.wavelength <= VISIBLE[1]:
                 raise ConfigError(
-                    f"illuminance in lux is undefined at {self.wavelength * 1e9:.0f} nm; use W/sr"
+                    f"expected W/m2 at {self.wavelength * 1e9:.0f} nm, got lx, undefined there; "
+                    "give lamps in W/sr"
                 )
             per_electron *= LUMENS_PER_WATT * luminous_efficiency(self.wavelength)
         least, most = self.electrons()
         return least * per_electron, most * per_electron
 
     def in_words(self, unit: str = "lx") -> str:
-        """Line on the band."""
+        """Text for the band."""
         least, most = self.band(unit)
         asked = [f"SNR {number(self.min_snr)} or more"] if self.min_snr else []
         asked.append(f"saturation {number(self.max_saturation)} or less")

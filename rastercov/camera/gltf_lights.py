@@ -65,7 +65,7 @@ def read_lights(data: bytes) -> list[Light]:
             if "light" in (own := _extension(node))
         ]
     if not found:
-        raise CameraError(f"it has no lights of {EXTENSION}")
+        raise CameraError(f"expected lights of {EXTENSION}, got none; export them as well")
     return found
 
 
@@ -79,7 +79,7 @@ def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
     kind = entries.get("type")
     if kind not in ("point", "spot"):
         raise CameraError(
-            f"light {shown(name)} is of type {shown(kind)}; a lamp has a place: point or spot"
+            f"expected light {shown(name)} to be of type point or spot, got {shown(kind)}"
         )
     angle = math.pi
     if kind == "spot":
@@ -88,7 +88,9 @@ def _light(entries: dict[str, Any], name: str, place: FloatArray) -> Light:
         angle = number(f"outerConeAngle of light {shown(name)}", given)
     scale = np.linalg.norm(place[:3, :3], axis=0)
     if not (scale > 0).all():
-        raise CameraError(f"light {shown(name)} is in a node of scale 0")
+        raise CameraError(
+            f"expected light {shown(name)} in a node of scale above 0, got 0; correct the node"
+        )
     rotation = place.copy()
     rotation[:3, :3] /= scale
     intensity = positive(f"intensity of light {shown(name)}", entries.get("intensity", 1.0))

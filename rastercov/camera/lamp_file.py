@@ -68,7 +68,7 @@ def load_lamps(path: StrPath) -> Lamps:
             return lamps_of_json(read_json(path))
         return lamps_of(read_toml(path), Path(path).parent)
     except (LookupError, TypeError, AttributeError):
-        shape = "lamps, places, names, rides and ambient, as of Lamps.to_json"
+        shape = "lamps, places, names, rides and ambient of Lamps.to_json, got other entries"
         raise CameraError(f"{printable(str(path))}: expected {shape}; save it again") from None
     except (UnreadableError, CameraError, ConfigError, PoseError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
@@ -101,7 +101,7 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
         entries.get("lamps"), Mapping
     ):
         raise CameraError(
-            "a file of lamps has a table [lamps.NAME] for each, and ambient, got "
+            "expected a table [lamps.NAME] per lamp, ambient and exposure, got "
             f"{shown(sorted(map(str, entries)))}"
         )
     lamps, places, names, rides = [], [], [], []
@@ -122,12 +122,16 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
         own = entries["exposure"]
         known = {each.name for each in fields(Exposure)}
         if not isinstance(own, Mapping) or not set(own) <= known:
-            raise CameraError(f"exposure has {', '.join(sorted(known))}, got {shown(own)}")
+            raise CameraError(
+                f"expected exposure to have {', '.join(sorted(known))}, got {shown(own)}"
+            )
         try:
             exposure = Exposure(**own)
         except TypeError:
             needed = [each.name for each in fields(Exposure) if each.default is MISSING]
-            raise CameraError(f"exposure needs {', '.join(needed)}, got {shown(own)}") from None
+            raise CameraError(
+                f"expected exposure to have {', '.join(needed)}, got {shown(own)}"
+            ) from None
     matrices = np.reshape(places, (-1, 4, 4))
     return Lamps(lamps, matrices, names, rides=rides, ambient=ambient, exposure=exposure)
 
@@ -136,16 +140,16 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
     """Lamp of the entries of a file in a folder, `ENTRIES`; its place is not looked at."""
     if "ies" in entries:
         if others := sorted(set(entries) & set(ENTRIES[:7])):
-            raise CameraError(f"ies has {', '.join(others)} of its own; leave out one")
+            raise CameraError(f"expected ies or {', '.join(others)}, got both; remove one")
         return Lamp.from_ies(folder / str(entries["ies"]))
     kind = entries.get("kind", "point")
     if kind not in KINDS:
-        raise CameraError(f"kind of a lamp must be {', '.join(KINDS)}, got {shown(kind)}")
+        raise CameraError(f"expected kind of a lamp to be {', '.join(KINDS)}, got {shown(kind)}")
     names = ("half_angle_deg", "exponent", "share", "points")
     own = {name: entries[name] for name in names if name in entries}
     own |= {"intensity": entries.get("intensity_cd"), "power_w_sr": entries.get("power_w_sr")}
     if kind == "spot" and "half_angle_deg" not in own:
-        raise CameraError("a lamp of kind spot needs half_angle_deg")
+        raise CameraError("expected half_angle_deg for a lamp of kind spot, got none; add it")
     if kind in KINDS[:2]:
         return Lamp(kind=kind, **own)
     size = entries.get("size")
@@ -161,23 +165,28 @@ def _read(entries: object, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
     """Lamp of its entries, its places and whether it rides on the rig."""
     if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
         raise CameraError(
-            f"a lamp has {', '.join(ENTRIES)}, got "
+            f"expected entries of a lamp, {', '.join(ENTRIES)}, got "
             f"{shown(entries if not isinstance(entries, Mapping) else unknown)}"
         )
     if "position" in entries and "positions" in entries:
-        raise CameraError("give position or positions, not both")
+        raise CameraError("expected position or positions, got both; remove one")
     on_rig = entries.get("rig", False)
     if not isinstance(on_rig, bool | str):
-        raise CameraError(f"rig must be true, or the name of a camera or rig, got {shown(on_rig)}")
+        raise CameraError(
+            f"expected rig to be true, or the name of a camera or rig, got {shown(on_rig)}"
+        )
     points = entries.get("positions", [entries.get("position", [0.0, 0.0, 0.0])])
     if "position" not in entries and "positions" not in entries and not on_rig:
         raise CameraError(
-            "a lamp needs position, [x, y, z] in metres, rig = true, or candidates in a plan"
+            "expected position, rig = true, or candidates in a plan, got none; add position = [x, "
+            "y, z], metres"
         )
     try:
         at = np.array(points, np.float64).reshape(-1, 3)
     except (TypeError, ValueError):
-        raise CameraError(f"position must be [x, y, z] in metres, got {shown(points)}") from None
+        raise CameraError(
+            f"expected position to be [x, y, z] in metres, got {shown(points)}"
+        ) from None
     lamp = lamp_of(entries, folder)
     if "aim" in entries:
         return lamp, look_at(at, entries["aim"]), on_rig
@@ -190,6 +199,6 @@ def _illuminance(text: str, unit: str) -> float:
     try:
         found = illuminance(text)
     except ValueError as error:
-        raise CameraError(f"ambient must be {error}") from None
+        raise CameraError(f"expected ambient to be {error}") from None
     check_unit("ambient", found, unit)
     return float(found)

@@ -119,12 +119,14 @@ class Lamp:
 
     def __post_init__(self) -> None:
         if not is_one_of(self.kind, KINDS):
-            raise CameraError(f"kind of a lamp must be {', '.join(KINDS)}, got {shown(self.kind)}")
+            raise CameraError(
+                f"expected kind of a lamp to be {', '.join(KINDS)}, got {shown(self.kind)}"
+            )
         given = {"intensity": self.intensity, "power_w_sr": self.power_w_sr}
         if sum(value is not None for value in given.values()) != 1:
             raise CameraError(
-                "a lamp has an intensity in cd or power_w_sr in W/sr, one of them, got "
-                f"{shown(self.intensity)} and {shown(self.power_w_sr)}"
+                "expected intensity (cd) or power_w_sr (W/sr) of a lamp, got "
+                f"{shown(self.intensity)} and {shown(self.power_w_sr)}; give one of them"
             )
         for name, value in given.items():
             if value is not None:
@@ -134,24 +136,23 @@ class Lamp:
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
-                f"exponent of a lamp must be 0, or 1 to 1000, got {shown(self.exponent)}"
+                f"expected exponent of a lamp to be 0, or 1 to 1000, got {shown(self.exponent)}"
             )
         if self.exponent > 0 and self.half_angle_deg > 90:
             raise CameraError(
-                "a lamp with an exponent sends light forwards: half_angle_deg must be up to 90, "
-                f"got {shown(self.half_angle_deg)}"
+                "expected half_angle_deg of a lamp with an exponent to be up to 90, got "
+                f"{shown(self.half_angle_deg)}"
             )
         if not 0 < finite_number(self.share) <= 1:
             raise CameraError(
-                f"share of a lamp must be more than 0, up to 1, got {shown(self.share)}"
+                f"expected share of a lamp to be more than 0, up to 1, got {shown(self.share)}"
             )
         n = finite_number(self.points)
         is_single = self.kind in KINDS[:2]
         if not n.is_integer() or not 1 <= n <= (1 if is_single else MOST_POINTS):
             raise CameraError(
-                f"points of a lamp of kind {self.kind} must be "
-                f"{'1' if is_single else f'1 to {MOST_POINTS}'}, got {shown(self.points)}; "
-                "shares change by less than 0.2 points beyond 16"
+                f"expected points of a lamp of kind {self.kind} to be "
+                f"{'1' if is_single else f'1 to {MOST_POINTS}'}, got {shown(self.points)}"
             )
         for name in ("exponent", "share"):
             object.__setattr__(self, name, float(getattr(self, name)))
@@ -166,7 +167,7 @@ class Lamp:
         object.__setattr__(self, "size", (width, height))
         object.__setattr__(self, "profile", _checked(self.profile))
         if self.profile and self.exponent:
-            raise CameraError("a lamp has a profile or an exponent, got both")
+            raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
 
     @classmethod
     def from_ies(cls, path: StrPath) -> "Lamp":
@@ -418,12 +419,13 @@ class Lamps(InOneLine):
         n, n_points = len(found), sum(lamp.points for lamp in found)
         if not 1 <= n_points <= MOST_LAMPS:
             raise CameraError(
-                f"lamps must have 1 to {MOST_LAMPS} points together, got {n_points}; "
-                "give lamps of size fewer points"
+                f"expected 1 to {MOST_LAMPS} points of all lamps, got {n_points}; give lamps with "
+                "size fewer points"
             )
         if len({lamp.unit for lamp in found}) > 1:
             raise CameraError(
-                "lamps must be all in cd or all in W/sr, since lx and W/m2 do not add up, got both"
+                "expected lamps all in cd or all in W/sr, got both; convert one, since lx and W/m2 "
+                "do not add up"
             )
         words = members(
             "names",
@@ -434,11 +436,13 @@ class Lamps(InOneLine):
         )
         if len(words) != n or len(set(words)) != n or not all(words):
             raise CameraError(
-                f"names of lamps must be {n} different texts, got {shown(list(words))}"
+                f"expected names of lamps to be {n} different texts, got {shown(list(words))}"
             )
         matrices = np.repeat(np.eye(4)[None], n, axis=0) if places is None else valid_poses(places)
         if len(matrices) != n:
-            raise PoseError(f"places must be one for each of {n} lamps, got {len(matrices)}")
+            raise PoseError(
+                f"expected places to have one pose for each of {n} lamps, got {len(matrices)}"
+            )
         wanted = f"True, False or the name of a camera for each of {n} lamps"
         on_rig = (
             (False,) * n
@@ -446,10 +450,10 @@ class Lamps(InOneLine):
             else members("rides", rides, (bool, np.bool_, str), wanted, CameraError)
         )
         if len(on_rig) != n:
-            raise CameraError(f"rides must be {wanted}, got {len(on_rig)}")
+            raise CameraError(f"expected rides to be {wanted}, got {len(on_rig)}")
         on_rig = tuple(each if isinstance(each, str) else bool(each) for each in on_rig)
         if not finite_number(ambient) >= 0:
-            raise CameraError(f"ambient must be 0 or more, got {shown(ambient)}")
+            raise CameraError(f"expected ambient to be 0 or more, got {shown(ambient)}")
         if exposure is not None:
             check_kind("exposure", exposure, Exposure, "an Exposure", CameraError)
         for name, value in (
@@ -480,10 +484,10 @@ class Lamps(InOneLine):
     def at(self, lamp: int, place: ArrayLike) -> "Lamps":
         """The same with another place of a lamp by its row; errors as of the class."""
         if finite_number(lamp) not in range(len(self)):
-            raise CameraError(f"lamp must be 0 to {len(self) - 1}, got {shown(lamp)}")
+            raise CameraError(f"expected lamp to be 0 to {len(self) - 1}, got {shown(lamp)}")
         given, places = valid_poses(place), self.places.copy()
         if len(given) != 1:
-            raise PoseError(f"place must be one pose, got {len(given)}")
+            raise PoseError(f"expected place to be one pose, got {len(given)}")
         places[int(lamp)] = given[0]
         own: dict[str, Any] = {"rides": self.rides, "ambient": self.ambient}
         own |= {"exposure": self.exposure}
@@ -502,8 +506,8 @@ class Lamps(InOneLine):
                 found[lamp] = [name == own or name.startswith(f"{own}/") for name in cameras]
                 if not found[lamp].any():
                     raise CameraError(
-                        f"lamp {shown(self.names[lamp])} rides on {shown(own)}; cameras are "
-                        f"{', '.join(map(shown, cameras[:8]))}"
+                        f"expected lamp {shown(self.names[lamp])} to ride on one of "
+                        f"{', '.join(map(shown, cameras[:8]))}, got {shown(own)}"
                     )
         return found
 
@@ -607,5 +611,5 @@ def _checked(profile: object) -> Profile:
         and all(0 <= share <= LARGEST_NUMBER for _, share in found)
     ):
         wanted = f"shares of 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
-        raise CameraError(f"profile must have {wanted}")
+        raise CameraError(f"expected profile to have {wanted}, got others; correct it")
     return found

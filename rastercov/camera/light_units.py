@@ -11,7 +11,7 @@ def illuminance(text: str) -> Quantity:
     """Illuminance of text such as "300", "300 lx" or "5 W/m2"; ValueError for other text."""
     found = _ILLUMINANCE.fullmatch(text.strip())
     if not found:
-        raise ValueError(f"a number, lx or W/m2, such as 300 lx; got {shown(text)}")
+        raise ValueError(f"a number, lx or W/m2, such as 300 lx, got {shown(text)}")
     return Quantity(float(found[1]), (found[2] or "").replace("²", "2"))
 
 
@@ -25,7 +25,8 @@ def check_unit(name: str, value: float, unit: str) -> None:
     given = getattr(value, "unit", "")
     if given not in ("", unit):
         raise CameraError(
-            f"{name} is in {given}, and the lamps give {unit}; lx and W/m2 do not compare"
+            f"expected {name} in {unit}, the unit of the lamps, got {given}; lx and W/m2 cannot be "
+            "converted"
         )
 
 
@@ -38,7 +39,7 @@ def gloss(text: str) -> float:
     try:
         return GLOSSES[text.strip()] if text.strip() in GLOSSES else float(text)
     except ValueError:
-        raise ValueError(f"degrees, or one of {', '.join(GLOSSES)}; got {shown(text)}") from None
+        raise ValueError(f"degrees, or one of {', '.join(GLOSSES)}, got {shown(text)}") from None
 
 
 GLOSS = Reads(gloss, tuple(GLOSSES), r"[0-9.]+", "DEG|NAME")

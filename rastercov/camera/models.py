@@ -185,14 +185,14 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         out of its range.
     """
     if not isinstance(model, str) or model not in MODELS:
-        raise CameraError(f"model must be one of {', '.join(MODELS)}, got {shown(model)}")
+        raise CameraError(f"expected model to be one of {', '.join(MODELS)}, got {shown(model)}")
     values = tuple(number("distortion", value) for value in coefficients_of(distortion))
     if model == "pinhole" and not any(values):
         return model, ()
     if model == "pinhole":
         raise CameraError(
-            f"a pinhole has no distortion, got {shown(list(values))}; give model as well, "
-            'such as "opencv" or "opencv_fisheye"'
+            f"expected no distortion of a pinhole, got {shown(list(values))}; give model as well, "
+            "such as opencv or opencv_fisheye"
         )
     its = MODELS[model]
     names = its.coefficients.split()
@@ -201,19 +201,21 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         return "pinhole", ()
     if len(values) not in counts:
         words = " or ".join(map(str, counts))
+        own = f" ({its.coefficients})" if names else ""
         raise CameraError(
-            f"distortion of model {model} must be {words} numbers"
-            f"{f' ({its.coefficients})' if names else ''}, got {len(values)}"
+            f"expected {words} distortion coefficients{own} for model {model}, got {len(values)}"
         )
     for name, value in zip(names, values, strict=False):
         if abs(value) > LARGEST:
             raise CameraError(
-                f"{name} of model {model} must be within {LARGEST:g}, got {value:g}; check its unit"
+                f"expected {name} of model {model} to be within {LARGEST:g}, got {value:g}; check "
+                "its unit"
             )
         is_good, wanted = RANGES.get((model, name), (None, ""))
         if is_good is not None and not is_good(value):
             raise CameraError(
-                f"{name} of model {model} must be {wanted}, got {value:g}; correct distortion"
+                f"expected {name} of model {model} to be {wanted}, got {value:g}; correct "
+                "distortion"
             )
     return model, values
 

@@ -39,9 +39,14 @@ def _profile(text: str) -> tuple[float, Profile]:
     head, tilt, body = text.partition("TILT=")
     kind, _, numbers = body.partition("\n")
     if not tilt or not head.lstrip().upper().startswith("IES"):
-        raise CameraError("expected an IES LM-63 file, which begins with IES and has a line TILT=")
+        raise CameraError(
+            "expected an IES LM-63 file, with IES at its start and a line TILT=, got another file; "
+            "name one"
+        )
     if kind.strip().upper() != "NONE":
-        raise CameraError(f"expected TILT=NONE, got TILT={printable(kind.strip()[:20])}")
+        raise CameraError(
+            f"expected TILT=NONE, got TILT={printable(kind.strip()[:20])}; export it without tilt"
+        )
     try:
         values = np.array([float(each) for each in _NUMBER.split(numbers.strip()) if each])
         values[~(np.abs(values) <= LARGEST_NUMBER)] = np.nan  # which no whole number is
@@ -50,22 +55,27 @@ def _profile(text: str) -> tuple[float, Profile]:
         down, around = values[13 : 13 + n_down], values[13 + n_down : 13 + n_down + n_around]
         candela = values[13 + n_down + n_around :].reshape(n_around, n_down)
     except (ValueError, IndexError):
-        raise CameraError("its numbers are not as many as it says, or no numbers") from None
+        raise CameraError(
+            "expected as many numbers as declared, got fewer, or words; the file is damaged"
+        ) from None
     if type_c != 1:
-        raise CameraError(f"expected photometric type C, 1, got {type_c}")
+        raise CameraError(f"expected photometric type C (1), got {type_c}; export it as type C")
     if not are_angles(down):
-        raise CameraError(f"vertical angles must {ASCEND}")
+        raise CameraError(f"expected vertical angles that {ASCEND}, got others; correct the file")
     weights = _weights(around)
     if not (candela >= 0).all() or not factor > 0:
-        raise CameraError(f"intensities must be 0 or more, within {LARGEST_NUMBER:g}")
+        raise CameraError(
+            f"expected intensities of 0 or more, within {LARGEST_NUMBER:g}, got others; correct "
+            "the file"
+        )
     largest = float(candela.max())
     if not largest > 0:
-        raise CameraError("its intensities are all zero")
+        raise CameraError("expected intensities above zero, got all zero; correct the file")
     differs = float(np.ptp(candela, axis=0).max()) / largest
     if differs > MOST_AROUND:
         raise CameraError(
-            f"its intensity varies by {100 * differs:.0f} % around its axis, of "
-            f"{100 * MOST_AROUND:.0f} % at most; give a lamp of size in its place"
+            f"expected an intensity that varies by at most {100 * MOST_AROUND:.0f} % around its "
+            f"axis, got {100 * differs:.0f} %; use a lamp with size instead"
         )
     mean = weights @ candela
     share = mean / mean.max()
@@ -89,8 +99,8 @@ def _weights(around: FloatArray) -> FloatArray:
         gaps = np.r_[rest, gaps, rest]
     if len(gaps) <= len(around) or not (np.diff(around) >= LEAST_STEP).all():
         raise CameraError(
-            "horizontal angles must ascend over 90, 180 or 360 degrees, each "
-            f"{LEAST_STEP:g} degrees or more above the last"
+            "expected horizontal angles that ascend over 90, 180 or 360 degrees, each by "
+            f"{LEAST_STEP:g} degrees or more, got others; correct the file"
         )
     return (gaps[1:] + gaps[:-1]) / (gaps[1:] + gaps[:-1]).sum()
 

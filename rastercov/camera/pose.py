@@ -24,7 +24,12 @@ DRIFT_TOLERANCE, ROUNDING = 1e-6, 1e-14
 second, it is made orthonormal."""
 LIMITS = LARGEST_COORDINATE, DRIFT_TOLERANCE, ROUNDING
 FAULTS = (
-    *("", "is not finite", f"is beyond ±{LARGEST_COORDINATE:g} m", "must end in the row 0 0 0 1"),
+    *(
+        "",
+        "is not finite",
+        f"is beyond ±{LARGEST_COORDINATE:g} m",
+        "does not end in the row 0 0 0 1",
+    ),
     *("is not a rotation (scaled, sheared or drifted)", "is a reflection, not a rotation"),
 )
 DRIFTED = camera_pose.DRIFTED
@@ -148,7 +153,10 @@ class Poses(InOneLine):
             return poses
         matrices, faults = check_poses(poses)
         if faults and not skip_bad:
-            raise error_of(tuple(sorted(faults)), f" {faults[min(faults)]}")
+            raise error_of(
+                tuple(sorted(faults)),
+                f": expected a rigid transform, got one that {faults[min(faults)]}",
+            )
         ids = np.arange(len(matrices))
         indices = np.zeros(len(ids), np.int32)
         if camera is not None:
@@ -181,8 +189,8 @@ class Poses(InOneLine):
         if used and max(used) >= n_cameras:
             row = int(self.camera.argmax())
             raise PoseError(
-                f"pose {self.ids[row]} has camera {self.camera[row]}, but there are {n_cameras} "
-                "cameras, from 0; give all cameras, or correct the index"
+                f"expected cameras of poses below {n_cameras}, got {self.camera[row]} for pose "
+                f"{self.ids[row]}; give all cameras, or correct the index"
             )
         return used
 
@@ -199,10 +207,11 @@ def _camera_indices(camera: ArrayLike, n_poses: int) -> Int32Array:
         indices = np.broadcast_to(indices, n_poses)
     if indices.shape != (n_poses,):
         raise PoseError(
-            f"camera must have one index for each of {n_poses} poses, got shape {indices.shape}"
+            f"expected camera to have one index for each of {n_poses} poses, got shape "
+            f"{indices.shape}"
         )
     if n_poses and not 0 <= int(indices.min()) <= int(indices.max()) < 2**31:
-        raise PoseError(f"camera indices must be 0 or more, got {int(indices.min())}")
+        raise PoseError(f"expected camera indices of 0 or more, got {int(indices.min())}")
     return indices.astype(np.int32)
 
 
@@ -217,11 +226,11 @@ def as_matrices(poses: NDArray[Any]) -> FloatArray:
     if poses.shape == (0,):
         return np.zeros((0, 4, 4))
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
-        raise PoseError(f"poses must have shape (P, 4, 4), got {poses.shape}")
+        raise PoseError(f"expected poses of shape (P, 4, 4), got {poses.shape}")
     return owned("poses", poses, np.float64)
 
 
 def real_numbers(name: str, values: ArrayLike, shape: str) -> NDArray[Any]:
     """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
-    wanted = f"numbers and must have shape {shape}"
+    wanted = f"numbers of shape {shape}"
     return checked_array(name, values, "iuf", wanted, PoseError)

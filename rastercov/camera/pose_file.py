@@ -51,7 +51,9 @@ def read_poses(path: StrPath) -> FloatArray:
         array = _read_npy(path) if _is_npy(path) else _read_json(path)
         return as_matrices(array[None] if array.shape == (4, 4) else array)
     except MemoryError:
-        raise ResourceError(f"{printable(str(path))}: too large for the memory; split it") from None
+        raise ResourceError(
+            f"{printable(str(path))}: expected poses that fit in memory, got more; split the file"
+        ) from None
     except (UnreadableError, PoseError) as error:
         raise PoseError(f"{printable(str(path))}: {error}") from None
 
@@ -60,7 +62,9 @@ def _is_npy(path: StrPath) -> bool:
     """True for a file of numpy, False for one of JSON, by its name; PoseError for another."""
     suffix = suffix_of(path)
     if suffix not in (".npy", ".json"):
-        raise PoseError("a pose file ends in .npy or .json")
+        raise PoseError(
+            "expected a pose file .npy or .json, got another suffix; rename or convert it"
+        )
     return suffix == ".npy"
 
 
@@ -72,16 +76,18 @@ def _read_npy(path: StrPath) -> NDArray[Any]:
         except (OSError, MemoryError):
             raise
         except Exception as error:  # the parser lets a dozen kinds through
-            raise PoseError(f"not a pose file ({one_line(error)})") from None
+            raise PoseError(f"expected an array of numpy, got: {one_line(error)}") from None
     if array.dtype.kind not in "iuf":
-        raise PoseError(f"poses must be real numbers, got {array.dtype}")
+        raise PoseError(f"expected poses to be real numbers, got {array.dtype}")
     return array
 
 
 def _read_json(path: StrPath) -> NDArray[Any]:
     content = read_json(path, LARGEST_ARRAY)
     if not isinstance(content, dict) or "world_from_camera" not in content:
-        raise PoseError('a pose file holds {"world_from_camera": [4 x 4, ...]}')
+        raise PoseError(
+            'expected {"world_from_camera": [4 x 4, ...]}, got other entries; correct the file'
+        )
     return real_numbers("poses", content["world_from_camera"], "(P, 4, 4)")
 
 
@@ -118,12 +124,13 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
         content["camera"] = members("camera", camera, str, "the name of each camera", PoseError)
         if len(content["camera"]) != len(array) or not all(content["camera"]):
             raise PoseError(
-                f"camera must have a name for each of {len(array)} poses, got {shown(camera)}"
+                f"expected camera to have a name for each of {len(array)} poses, got "
+                f"{shown(camera)}"
             )
     with errors_as(PoseError, printable(str(path)), ValueError):
         is_npy = _is_npy(path)
         if camera is not None and is_npy:
-            raise PoseError("names of cameras need a .json file; .npy holds matrices alone")
+            raise PoseError("expected a .json file for names of cameras, got .npy; rename it")
         with written_file(path) as file:
             if is_npy:
                 np.save(file, array)

@@ -121,27 +121,25 @@ class Rig(InOneLine):
             names = names_of(found)
         words = members("names", names, str, f"{n} texts", CameraError)
         if len(words) != n or len(set(words)) != n or not all(words):
-            raise CameraError(
-                f"names must be {n} different texts, one for each camera, got {shown(list(words))}"
-            )
+            raise CameraError(f"expected names to be {n} different texts, got {shown(list(words))}")
         places = np.broadcast_to(np.eye(4), (n, 4, 4))
         if rig_from_camera is not None:
             places = valid_poses(rig_from_camera)
             if len(places) != n:
                 raise CameraError(
-                    f"rig_from_camera must have one place for each of {n} cameras, "
-                    f"got {len(places)}"
+                    f"expected rig_from_camera to have one pose for each of {n} cameras, got "
+                    f"{len(places)}"
                 )
         rule, tasks = AnyOf() if rule is None else rule, {} if tasks is None else tasks
         if not isinstance(tasks, Mapping) or not all(name in words for name in tasks):
             raise CameraError(
-                f"tasks must be thresholds by names of cameras, {_listed(words)}, "
-                f"got {shown(list(tasks) if isinstance(tasks, Mapping) else tasks)}"
+                f"expected tasks by names of cameras, {_listed(words)}, got "
+                f"{shown(list(tasks) if isinstance(tasks, Mapping) else tasks)}"
             )
         still = members("fixed", fixed, str, "names of cameras", CameraError)
         if not set(still) <= set(words) or set(still) == set(words):
             raise CameraError(
-                f"fixed must be some of the cameras, {_listed(words)}, and not all of them, got "
+                f"expected fixed to be some of the cameras, {_listed(words)}, but not all, got "
                 f"{shown(list(still))}"
             )
         gate = gate_of(rule, words, [min(each.fx, each.fy) for each in found])
@@ -357,7 +355,7 @@ def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
         return with_lamps(found, lamps_of_json(entries["lamps"]))
     except (TypeError, AttributeError, KeyError):
         raise CameraError(
-            f"lamps must be as place writes them, got {shown(entries['lamps'])}"
+            f"expected lamps as written by place, got {shown(entries['lamps'])}; write them again"
         ) from None
 
 
@@ -421,7 +419,7 @@ def shared_rows(cameras: Cameras, poses: Poses) -> IntArray:
     if not isinstance(cameras, Rig) or not cameras.fixed:
         return found
     first: dict[tuple[int, bytes], int] = {}
-    # 1 us a pose of a fixed camera.
+    # 1 us per pose of a fixed camera.
     for row in np.flatnonzero(cameras.is_fixed[poses.camera]).tolist():
         key = int(poses.camera[row]), poses.world_from_camera[row].tobytes()
         found[row] = first.setdefault(key, row)
@@ -454,8 +452,8 @@ def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
         row = int(off[0]) if len(off) else min(n, len(index) - 1)
         name = names_of(cameras)[index[row]]
         raise PoseError(
-            f"pose {poses.ids[row]}, of {shown(name)}, is not among those of all cameras of its "
-            "rig, one after the other, which its rule needs; make them by Rig.poses",
+            f"expected poses of all cameras of a rig in turn, got pose {poses.ids[row]} of "
+            f"{shown(name)} out of order; make them by Rig.poses",
             (int(poses.ids[row]),),
         )
     return np.repeat(np.arange(len(leads)), size[leads])
@@ -513,7 +511,7 @@ def _checked(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
     found = members("camera", cameras, Camera, wanted, CameraError)
     if not 1 <= len(found) <= MOST_CAMERAS:
-        raise CameraError(f"camera must be 1 to {MOST_CAMERAS:,} cameras, got {len(found)}")
+        raise CameraError(f"expected camera to be 1 to {MOST_CAMERAS:,} cameras, got {len(found)}")
     return found
 
 
@@ -583,7 +581,9 @@ class Views(InOneLine):
         n = len(self.poses)
         for name, words in (("images", self.images), ("frames", self.frames or self.images)):
             if len(words) != n:
-                raise PoseError(f"{name} must have a name for each of {n} poses, got {len(words)}")
+                raise PoseError(
+                    f"expected {name} to have a name for each of {n} poses, got {len(words)}"
+                )
 
     @typed
     def camera(self, name: str | None = None) -> Camera:
@@ -608,7 +608,7 @@ class Views(InOneLine):
     def cameras(self) -> tuple[Camera, ...]:
         """All cameras; CameraError where the file has poses alone."""
         if self.rig is None:
-            raise CameraError("there are poses and no camera; give a camera as well")
+            raise CameraError("expected cameras, got only poses; give a camera as well")
         return self.rig.cameras
 
     @typed
@@ -639,7 +639,8 @@ class Views(InOneLine):
         """Raise `PoseError` unless lengths are metres."""
         if not self.has_unit:
             raise PoseError(
-                "the poses have no unit; read them with Conventions(pose_unit=), 1 if it is metres"
+                "expected poses with a unit, got none; read them with Conventions(pose_unit=), 1 "
+                "for metres"
             )
 
     @typed
@@ -658,16 +659,16 @@ class Views(InOneLine):
             return self._of_rig(rig)
         if not self.camera_names:
             raise PoseError(
-                f"the poses do not say which camera each is of, and there are {len(rig)}, {known}; "
-                "name them under camera in the pose file, or choose one by --camera-name"
+                f"expected the camera of each pose, one of {known}, got none; add camera to the "
+                "pose file, or choose one by --camera-name"
             )
         row_of = {name: row for row, name in enumerate(rig.names)}
         index = np.zeros(len(self.camera_names), np.int32)
         for row in np.unique(self.poses.camera):
             if (name := self.camera_names[row]) not in row_of:
                 raise PoseError(
-                    f"the poses are of a camera {shown(name)}, and cameras are {known}; give it, "
-                    "or correct the name"
+                    f"expected poses of cameras {known}, got camera {shown(name)}; give it, or "
+                    "correct the name"
                 )
             index[row] = row_of[name]
         poses = replace(self.poses, camera=index[self.poses.camera])
@@ -730,9 +731,11 @@ class Views(InOneLine):
             return 0
         known = _listed(self.rig.names)
         if name is None:
-            raise CameraError(f"there are {n} cameras, {known}; choose one by --camera-name")
+            raise CameraError(
+                f"expected one of {n} cameras, {known}, got no name; choose one by --camera-name"
+            )
         if name not in self.rig.names:
-            raise CameraError(f"there is no camera {shown(name)}; cameras are {known}")
+            raise CameraError(f"expected one of the cameras {known}, got {shown(name)}")
         return self.rig.names.index(name)
 
 

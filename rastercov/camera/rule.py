@@ -219,29 +219,32 @@ def gate_of(
     if isinstance(rule, Any):
         return None
     if not isinstance(rule, All | AtLeast):
-        raise CameraError(f"rule must be Any(), All() or AtLeast(k), got {shown(rule)}")
+        raise CameraError(f"expected rule to be Any(), All() or AtLeast(k), got {shown(rule)}")
     n, known = len(names), ", ".join(map(shown, names[:8])) + (", ..." if len(names) > 8 else "")
     if not 2 <= n <= MOST_DEVICES:
-        raise CameraError(
-            f"a rule is of 2 to {MOST_DEVICES} devices that measure together, got {n}, {known}"
-        )
+        raise CameraError(f"expected 2 to {MOST_DEVICES} sensors for a rule, got {n}: {known}")
     if isinstance(rule, All):
         least, most = map(finite_number, (rule.min_baseline_deg, rule.max_baseline_deg))
         if not 0 <= least <= most <= 180:
             raise CameraError(
-                "min_baseline_deg and max_baseline_deg must be 0 to 180, in this order, got "
+                "expected 0 <= min_baseline_deg <= max_baseline_deg <= 180, got "
                 f"{shown(rule.min_baseline_deg)} and {shown(rule.max_baseline_deg)}"
             )
         gate = Gate(n, n, (), least, most)
         return gate if rule == All(least, most) else _with_noise(gate, rule, names, pixels_a_radian)
     k, needs = finite_number(rule.k), rule.needs
     if not k.is_integer() or not 1 <= k <= n:
-        raise CameraError(f"k of AtLeast must be a whole number of 1 to {n}, got {shown(rule.k)}")
+        raise CameraError(
+            f"expected k of AtLeast to be a whole number of 1 to {n}, got {shown(rule.k)}"
+        )
     if isinstance(needs, str) or not all(name in names for name in needs):
-        raise CameraError(f"needs of AtLeast must be some of {known}, got {shown(needs)}")
+        raise CameraError(f"expected needs of AtLeast to be some of {known}, got {shown(needs)}")
     rows = tuple(sorted({list(names).index(name) for name in needs}))
     if len(rows) > k:
-        raise CameraError(f"AtLeast({int(k)}) cannot need {len(rows)} devices; give a larger k")
+        raise CameraError(
+            f"expected AtLeast to need at most k = {int(k)} sensors, got {len(rows)}; give a "
+            "larger k"
+        )
     return Gate(n, int(k), rows)
 
 
@@ -250,24 +253,28 @@ def _with_noise(gate: Gate, rule: All, names: Sequence[str], scale: Sequence[flo
     limit, noise, stripes = finite_number(rule.max_uncertainty), rule.noise_px, rule.stripes
     if not SHORTEST_LIMIT <= limit <= LARGEST_COORDINATE:
         raise CameraError(
-            "max_uncertainty must be a length above 0, 1e-30 to 1e30 m, and comes with noise_px "
-            f"and stripes, got {shown(rule.max_uncertainty)}"
+            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got "
+            f"{shown(rule.max_uncertainty)}"
         )
     if isinstance(noise, Mapping) and set(noise) != set(names):
-        raise CameraError(f"noise_px must have each of {shown(list(names))}, got {shown(noise)}")
+        raise CameraError(f"expected noise_px of each of {shown(list(names))}, got {shown(noise)}")
     of_devices = [noise[name] if isinstance(noise, Mapping) else noise for name in names]
     values = [finite_number(value) for value in of_devices]
     least, most = NOISE_PX
     if not all(least <= value <= most for value in values):
         raise CameraError(
-            f"noise_px must be above 0 with max_uncertainty, {least:g} to {most:g} px, got "
+            f"expected noise_px to be {least:g} to {most:g} px with max_uncertainty, got "
             f"{shown(noise)}"
         )
     if isinstance(stripes, str) or not all(name in names for name in stripes):
-        raise CameraError(f"stripes must be some of {shown(list(names))}, got {shown(stripes)}")
+        raise CameraError(
+            f"expected stripes to be some of {shown(list(names))}, got {shown(stripes)}"
+        )
     rows = tuple(sorted({list(names).index(name) for name in stripes}))
     if len(rows) == len(names):
-        raise CameraError("stripes alone fix no point: a device must know both coordinates")
+        raise CameraError(
+            "expected a sensor without stripes, got none; stripes give one coordinate of a point"
+        )
     radians = tuple(value / each for value, each in zip(values, scale, strict=True))
     return gate._replace(most_deviation=limit, noise=radians, stripes=rows)
 
@@ -303,15 +310,15 @@ def rule_of(entries: Mapping[str, Anything]) -> Rule:
     """Rule of its entries: "rule", one of `KINDS`, and the fields of its class."""
     kind, own = entries.get("rule", "any"), {k: v for k, v in entries.items() if k != "rule"}
     if kind == "at_least" and "k" not in own:
-        raise CameraError('rule "at_least" needs k, a number of devices')
+        raise CameraError("expected k, a number of sensors, for rule at_least, got none; add it")
     for made, name in KINDS.items():
         if kind == name and set(own) <= set(made.__dataclass_fields__):
             if isinstance(own.get("max_uncertainty"), str):
                 own["max_uncertainty"] = length_of("max_uncertainty", own["max_uncertainty"])
             return made(**own)
     raise CameraError(
-        f'rule must be {", ".join(map(shown, KINDS.values()))}, with k and needs for "at_least" '
-        f'and {", ".join(All.__dataclass_fields__)} for "all", got {shown(dict(entries))}'
+        f"expected rule any, at_least with k and needs, or all with "
+        f"{', '.join(All.__dataclass_fields__)}, got {shown(dict(entries))}"
     )
 
 
@@ -322,7 +329,8 @@ def length_of(name: str, text: str) -> float:
         return float(number) / UNITS[unit.strip()]
     except (ValueError, KeyError):
         raise CameraError(
-            f"{name} must be a length in m, mm or um, such as {shown('50 um')}, got {shown(text)}"
+            f"expected {name} to be a length in m, mm or um, such as {shown('50 um')}, got "
+            f"{shown(text)}"
         ) from None
 
 

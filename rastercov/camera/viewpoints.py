@@ -84,14 +84,16 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
         eye, target, upward = np.broadcast_arrays(eye, target, upward)
     except ValueError:
         shapes = f"{eye.shape}, {target.shape}, {upward.shape}"
-        raise PoseError(f"eyes, targets and up must broadcast to (P, 3), got {shapes}") from None
+        raise PoseError(
+            f"expected eyes, targets and up to broadcast to (P, 3), got {shapes}"
+        ) from None
     finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
-    _refuse(~finite.all(axis=1), "eye, target or up is not finite")
+    _refuse(~finite.all(axis=1), "expected finite eye, target and up, got inf or NaN")
     far = np.maximum(np.abs(eye), np.abs(target)) > LARGEST_COORDINATE
-    _refuse(far.any(axis=1), f"eye or target is beyond ±{LARGEST_COORDINATE:g} m")
+    _refuse(far.any(axis=1), f"expected eye and target within ±{LARGEST_COORDINATE:g} m, got more")
 
     forward = target - eye
-    _refuse(~forward.any(axis=1), "eye and target are the same point")
+    _refuse(~forward.any(axis=1), "expected eye and target at different points, got the same")
     forward, upward = _scaled(forward), _scaled(upward)  # no square of them can vanish or overflow
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
 
@@ -145,17 +147,17 @@ def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArra
     away = finite_number(distance)
     if not 0 < away <= LARGEST_COORDINATE:
         raise PoseError(
-            f"distance must be positive and finite, at most {LARGEST_COORDINATE:g} m, "
-            f"got {shown(distance)}"
+            f"expected distance to be above 0, at most {LARGEST_COORDINATE:g} m, got "
+            f"{shown(distance)}"
         )
     number = finite_number(count)
     if not number.is_integer() or not 0 <= number <= MOST_POSES:
         raise PoseError(
-            f"count must be a whole number, 0 or more, at most {MOST_POSES}, got {shown(count)}"
+            f"expected count to be a whole number, 0 to {MOST_POSES}, got {shown(count)}"
         )
     middle = _triples("centre", centre)
     if len(middle) != 1:
-        raise PoseError(f"centre must have shape (3,), got {middle.shape}")
+        raise PoseError(f"expected centre of shape (3,), got {middle.shape}")
     return look_at(middle + away * fibonacci_sphere(int(number)), middle)
 
 
@@ -210,8 +212,8 @@ def half_angles(camera: Camera) -> tuple[float, float]:
         across, down = _inscribed(camera) if is_inside else (0.0, 0.0)
     if not is_inside:
         raise ConfigError(
-            f"the optical axis ({axis[0]:g}, {axis[1]:g}) px must meet the image of "
-            f"{camera.width} x {camera.height} px; a camera cannot be aimed by an axis it lacks"
+            f"expected the optical axis inside the image of {camera.width} x {camera.height} px, "
+            f"got ({axis[0]:g}, {axis[1]:g}) px; correct cx and cy"
         )
     return across, down
 
@@ -256,7 +258,7 @@ def _least_tangent(camera: Camera, ends: FloatArray, axis: int) -> float:
 def _triples(name: str, value: ArrayLike) -> FloatArray:
     array = np.atleast_2d(real_numbers(name, value, "(3,) or (P, 3)"))
     if array.ndim != 2 or array.shape[1] != 3:
-        raise PoseError(f"{name} must have shape (3,) or (P, 3), got {array.shape}")
+        raise PoseError(f"expected {name} of shape (3,) or (P, 3), got {array.shape}")
     return owned(name, array, np.float64)
 
 

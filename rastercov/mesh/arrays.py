@@ -38,9 +38,9 @@ def check_coordinates(vertices: FloatArray, faces: IntArray) -> None:
     unusable = unusable_points(vertices)
     if unusable.any():
         raise MeshError(
-            f"coordinates must be finite and within ±{LARGEST_COORDINATE:g}, those of faces "
-            f"{some(np.any(unusable[faces], axis=1))} (vertices {some(unusable)}) are not; "
-            "repair the mesh, or load its file with drop_invalid=True"
+            f"expected finite coordinates within ±{LARGEST_COORDINATE:g}, got others in faces "
+            f"{some(np.any(unusable[faces], axis=1))} (vertices {some(unusable)}); repair the "
+            "mesh, or load its file with drop_invalid=True"
         )
 
 
@@ -55,16 +55,18 @@ def checked_faces(faces: ArrayLike) -> IntArray:
     """(F, 3) int64 copy with F in 1 ... 2^31 - 1, or MeshError, or ResourceError."""
     corners = checked_array("faces", faces, "iu", "integers", MeshError)
     if corners.size == 0:
-        raise MeshError("no triangles: faces must have at least one row, got none; add faces")
+        raise MeshError("expected faces of at least one row, got none; add triangles")
     _check_rows("faces", "F", corners, "triangulate quads first")
     return owned("faces", corners, np.int64)
 
 
 def _check_rows(name: str, letter: str, rows: NDArray[Any], advice: str) -> None:
     if rows.ndim != 2 or rows.shape[1] != 3:
-        raise MeshError(f"{name} must have shape ({letter}, 3), got {rows.shape}; {advice}")
+        raise MeshError(f"expected {name} of shape ({letter}, 3), got {rows.shape}; {advice}")
     if len(rows) > MOST_FACES:
-        raise ResourceError(f"a mesh holds at most {MOST_FACES} {name}, got {len(rows)}; split it")
+        raise ResourceError(
+            f"expected at most {MOST_FACES} {name}, got {len(rows)}; split the mesh"
+        )
 
 
 def bounds_of(vertices: FloatArray, faces: NDArray[Any]) -> FloatArray:
@@ -80,7 +82,7 @@ def face_labels(name: str, values: ArrayLike, n_faces: int) -> IntArray:
     labels = checked_array(name, values, "iu", "integers", MeshError)
     if labels.shape not in ((), (n_faces,)):
         raise MeshError(
-            f"{name} must have shape ({n_faces},), got {labels.shape}; pass one value a face"
+            f"expected {name} of shape ({n_faces},), got {labels.shape}; pass one value per face"
         )
     return owned(name, np.broadcast_to(labels, n_faces), np.int64)
 
@@ -184,7 +186,7 @@ def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> Bo
 def checked_poses(name: str, given: ArrayLike) -> FloatArray:
     """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError for what is no rigid motion."""
     rigid = "(T, 4, 4) rigid motions"
-    wanted = f"{name} must be {rigid}"
+    wanted = f"expected {name} to be {rigid}"
     array = checked_array(name, given, "iuf", rigid, ConfigError)
     array = finite_points(name, array[None] if array.ndim == 2 else array, (-1, 4, 4), rigid)
     if not len(array):
@@ -195,7 +197,7 @@ def checked_poses(name: str, given: ArrayLike) -> FloatArray:
         is_rigid = (off <= RIGID) & (np.linalg.det(turns) > 0)
     is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
     if not is_rigid.all():
-        raise ConfigError(f"{wanted}: pose {int(is_rigid.argmin())} is none")
+        raise ConfigError(f"{wanted}, got none in row {int(is_rigid.argmin())}")
     found = array.copy()
     moved = off > 1e-15
     u, _, vt = np.linalg.svd(turns[moved])

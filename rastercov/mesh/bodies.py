@@ -44,7 +44,7 @@ LEAST_ROOM = 1024
 
 
 class JointPath(NamedTuple):
-    """Configurations of a robot, one a frame.
+    """Configurations of a robot, one per frame.
 
     Attributes
     ----------
@@ -196,7 +196,8 @@ class Rest:
         mesh_bodies.move_points(mesh.vertices, self.vertex_body, poses, moved, bounds)
         if not np.abs(bounds).max() <= LARGEST_COORDINATE:
             raise MeshError(
-                f"bodies must stay within ±{LARGEST_COORDINATE:g} m, a pose moves them farther"
+                f"expected poses that keep bodies within ±{LARGEST_COORDINATE:g} m, got one that "
+                "moves them farther"
             )
         own: dict[str, Any] = {"moved_from": Moved(self, poses), "_opaque": None}
         if mesh.has_targets and self.opaque is None:

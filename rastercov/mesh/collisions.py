@@ -34,7 +34,7 @@ SCENE = ""
 
 
 class Contact(NamedTuple):
-    """The bodies that are most in each other's way in a configuration.
+    """Deepest collision of a configuration, or its nearest pair of bodies.
 
     Attributes
     ----------
@@ -108,7 +108,9 @@ class Collisions(InOneLine):
         for pair in members("allowed", allowed, tuple, "pairs of links", ConfigError):
             for link in pair:
                 if link not in robot.links:
-                    raise ConfigError(f"allowed: there is no link {shown(link)}")
+                    raise ConfigError(
+                        f"expected allowed pairs of links of the robot, got {shown(link)}"
+                    )
             free.add(frozenset(pair))
         object.__setattr__(self, "robot", robot)
         object.__setattr__(self, "scene", opaque)
@@ -182,7 +184,7 @@ class Collisions(InOneLine):
         (N,) float64
         """
         if not most > 0:
-            raise ConfigError(f"most must be above 0, got {shown(most)}")
+            raise ConfigError(f"expected most to be above 0, got {shown(most)}")
         frames, n = self._frames(joints)
         found = np.full(n, float(most))
         contact = CONTACT_REL * self.robot.mesh.diagonal
@@ -226,7 +228,7 @@ class Collisions(InOneLine):
         return found
 
     def contacts(self, joints: ArrayLike) -> list[Contact]:
-        """The bodies that are most in each other's way in each of (N, J) configurations.
+        """Deepest collision, or nearest pair of bodies, in each of (N, J) configurations.
 
         Those of the greatest depth; without a depth, those that are nearest to each other; none at
         all of a robot of which no two bodies are compared.

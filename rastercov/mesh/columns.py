@@ -1,4 +1,4 @@
-"""Tables of numbers in CSV with a row a frame, and their times."""
+"""Tables of numbers in CSV, one row per frame, and their times."""
 
 import csv
 import io
@@ -23,35 +23,41 @@ def durations_of(content: Mapping[str, Any]) -> dict[str, Any]:
     if "times" not in content:
         return {"durations": content["durations"]} if "durations" in content else {}
     if "durations" in content:
-        raise ConfigError("times and durations exclude each other; give one of them")
+        raise ConfigError("expected times or durations, got both; remove one")
     given = content["times"]
     if not isinstance(given, list) or not given:
-        raise ConfigError(f"times must be a list of numbers, got {shown(given)}")
+        raise ConfigError(f"expected times to be a list of numbers, got {shown(given)}")
     times = [finite_number(each) for each in given]
     if not np.isfinite(times).all():
-        raise ConfigError(f"times must be finite numbers, got {shown(given)}")
+        raise ConfigError(f"expected times to be finite numbers, got {shown(given)}")
     for row, (before, after) in enumerate(pairwise(times), start=1):
         if not after > before:
             raise ConfigError(
-                f"times must be strictly increasing, got {after:g} after {before:g} in frame {row}"
+                f"expected times to be strictly increasing, got {after:g} after {before:g} in "
+                f"frame {row}"
             )
     lengths = np.diff(times).tolist() or [1.0]
     return {"durations": [*lengths, lengths[-1]][: len(times)]}
 
 
 def columns_of(text: str) -> dict[str, list[float]]:
-    """Columns of numbers of a CSV table by name, a row a frame; ConfigError for what is none."""
+    """Columns of a CSV table by name, one row per frame; ConfigError for another file."""
     try:
         rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
     except csv.Error as error:
-        raise ConfigError(f"not a table of CSV ({error})") from None
+        raise ConfigError(f"expected a table of CSV, got: {error}") from None
     if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
-        raise ConfigError(f"expected a row of names and 1 to {MOST_FRAMES:,} frames")
+        raise ConfigError(
+            f"expected a row of names and 1 to {MOST_FRAMES:,} frames, got {len(rows)} rows"
+        )
     names = [name.strip() for name in rows[0]]
     if len(set(names)) < len(names):
-        raise ConfigError("two columns have one name")
+        raise ConfigError(f"expected columns with different names, got {shown(names)}; rename one")
     if uneven := [frame for frame, row in enumerate(rows[1:]) if len(row) != len(names)]:
-        raise ConfigError(f"frame {uneven[0]}: expected {len(names)} numbers, as there are names")
+        raise ConfigError(
+            f"frame {uneven[0]}: expected {len(names)} numbers, one per name, got "
+            f"{len(rows[1 + uneven[0]])}"
+        )
     columns: dict[str, list[float]] = {}
     for at, name in enumerate(names):
         columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]

@@ -250,7 +250,7 @@ def touching_faces(
     labels : (F,) int, optional
         Only faces with the same label can touch.
     threads : int, optional
-        Number of threads, one a core by default; without influence on the result.
+        Number of threads, one per core by default; without influence on the result.
 
     Returns
     -------

@@ -96,7 +96,9 @@ def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
     ):
         rows = [row for row, path in enumerate(files) if is_meant(path)]
         if len({files[row] for row in rows}) > 1:
-            raise MeshError(f"{len(rows)} files have the name {quoted(name)}; give a path")
+            raise MeshError(
+                f"expected one file of the name {quoted(name)}, got {len(rows)}; give a path"
+            )
         if rows:
             return rows, True
     words = [(str(path), path.name, path.stem) for path in files]
@@ -119,12 +121,16 @@ def by_file(
                 rows, is_exact = files_named(name, paths)
             if not rows:
                 known = listed(map(str, paths), name)
-                raise MeshError(f"{what}: there is no mesh file {quoted(name)}; files are {known}")
+                raise MeshError(
+                    f"{what}: expected one of the mesh files {known}, got {quoted(name)}"
+                )
             rank = 2 if is_exact else 1
         for row in rows:
             if rank in found[row]:
                 of = Path(paths[row]).name if rank else "all files"
-                raise MeshError(f"{what} is given twice for {of}; leave one, or name the file")
+                raise MeshError(
+                    f"expected {what} once for {of}, got it twice; remove one, or name the file"
+                )
             found[row][rank] = value
     return [values[max(values)] if values else other for values in found]
 
@@ -213,8 +219,8 @@ class Names:
         if len(own) > 1:  # its name in a file, as if that were alone
             names = (word for word, group in self._known.items() if group in own and word != name)
             raise MeshError(
-                f"{len(own)} files have a group {quoted(name)}; give one of {listed(names)}, "
-                f"or {quoted(f'*/{name}')} for all"
+                f"expected one file with a group {quoted(name)}, got {len(own)}; give one of "
+                f"{listed(names)}, or {quoted(f'*/{name}')} for all"
             )
         if name in self._known:
             return [self._known[name]]
@@ -226,8 +232,8 @@ class Names:
         found = found or self._like(f"*/{name}")  # the levels above may be left out
         if not found:
             raise MeshError(
-                f"there is no group {quoted(name)}, nor a mesh file of that name; groups are "
-                f"{listed(self.groups, name)}"
+                f"expected a group or mesh file, such as {listed(self.groups, name)}, got "
+                f"{quoted(name)}"
             )
         return [group for group in self.groups if group in found]
 
@@ -270,7 +276,10 @@ class Names:
         for name, value in values.items():
             for place in find(name):
                 if place != name and found.get(place, value) != value and place not in values:
-                    raise MeshError(f"group {quoted(place)} has two values by name; name it itself")
+                    raise MeshError(
+                        f"expected one value for group {quoted(place)}, got two by other names; "
+                        "give its own name"
+                    )
                 found[place] = values.get(place, value)
         return found
 
@@ -294,7 +303,10 @@ def refuse_twice(
             digest = blake2b(corners.tobytes()).digest()
             if digest in first:
                 other = "given twice" if first[digest] == name else f"the mesh of {first[digest]}"
-                raise MeshError(f"{name} is {other}, in the same place; leave one out, or move it")
+                raise MeshError(
+                    f"expected different meshes, got {name}, {other}, in the same place; remove or "
+                    "move one"
+                )
             first[digest] = name
 
 
@@ -336,7 +348,7 @@ class Group:
         for name in ("is_occluder", "is_two_sided", "is_target"):
             object.__setattr__(self, name, flag(name, getattr(self, name)))
         if self.is_occluder and self.is_target:
-            raise MeshError(f"group {self.name!r} must have one role, got occluder and target")
+            raise MeshError(f"expected one role of group {self.name!r}, got occluder and target")
 
     @property
     def role(self) -> str:
@@ -363,13 +375,13 @@ def checked_groups(
     groups = members("groups", default if groups is None else groups, Group, wanted, MeshError)
     names = [group.name for group in groups]
     if not names or len(set(names)) < len(names):
-        raise MeshError(f"group names must be unique and at least one, got {names}; rename")
+        raise MeshError(f"expected at least one group, and unique names, got {names}; rename them")
     if face_group is None and len(groups) > 1:
-        raise MeshError(f"{len(groups)} groups need face_group, got none; pass (F,) indices")
+        raise MeshError(f"expected face_group of {len(groups)} groups, got none; pass (F,) indices")
     labels = face_labels("face_group", 0 if face_group is None else face_group, n_faces)
     if ((labels < 0) | (labels >= len(groups))).any():
         raise MeshError(
-            f"face_group must lie in 0 ... {len(groups) - 1}, got {labels.min()} ... "
+            f"expected face_group in 0 ... {len(groups) - 1}, got {labels.min()} ... "
             f"{labels.max()}; list every group in groups"
         )
     return groups, labels.astype(np.int32)

@@ -143,8 +143,9 @@ class Mesh(InNotebook):
         outside = np.any((corners < 0) | (corners >= len(points)), axis=1)
         if outside.any():
             raise MeshError(
-                f"face indices must lie in 0 ... {len(points) - 1}, face {outside.argmax()} has "
-                f"{corners[outside.argmax()].tolist()} ({some(outside)}); correct the indices"
+                f"expected face indices in 0 ... {len(points) - 1}, got "
+                f"{corners[outside.argmax()].tolist()} in face {outside.argmax()} "
+                f"({some(outside)}); correct the indices"
             )
         check_coordinates(points, corners)
         groups, labels = checked_groups(groups, face_group, n_faces)
@@ -242,7 +243,10 @@ class Mesh(InNotebook):
         places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
         if name := _built_in(paths):
             if len(paths) > 1 or scales != [1.0]:
-                raise MeshError(f"{name} is built in: it takes no unit and no other mesh files")
+                raise MeshError(
+                    f"expected {name}, which is built in, alone and without a unit, got others; "
+                    "remove them"
+                )
             mesh = BUILT_IN[name]()
         else:
             scene, files = read_files(
@@ -738,12 +742,12 @@ class Mesh(InNotebook):
         if n := edges.n_inconsistent_edges:
             found.append(
                 f"inconsistent winding at {n} of {edges.n_shared_edges} shared edges "
-                f"({n / edges.n_shared_edges:.1%}); declare groups two_sided"
+                f"({n / edges.n_shared_edges:.1%}); declare the groups two-sided"
             )
         elif self.is_closed and (n := int(self.inside_out_mask.sum())):
             found.append(
-                f"inside out: {n} of {len(self.inside_out_mask)} closed components enclose no "
-                "positive volume (a cavity does that, too)"
+                f"inside out: {n} of {len(self.inside_out_mask)} watertight components enclose no "
+                "positive volume (expected of a cavity)"
             )
         if self.is_closed_outward and self.self_contact_mask.any():
             found.append(
@@ -757,7 +761,7 @@ class Mesh(InNotebook):
             found.append(f"{self.duplicate_mask.sum()} duplicate faces: the lowest face index wins")
         extent = float(np.ptp(self.bounds, axis=0).max())
         if not 1e-6 <= extent <= 1e4:
-            found.append(f"the mesh measures {extent:.3g} m; check unit=")
+            found.append(f"the mesh measures {extent:.3g} m; check its unit")
         return tuple(found)
 
 
@@ -768,8 +772,8 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
             return str(path)
         if suffix_of(path) not in READERS:
             raise MeshError(
-                f"{printable(str(path))}: there is no such file, nor a built-in mesh of that name; "
-                f"built in are {', '.join(BUILT_IN)}"
+                f"{printable(str(path))}: expected a file or a built-in mesh "
+                f"({', '.join(BUILT_IN)}), got neither"
             )
     return None
 
@@ -804,11 +808,11 @@ def moved_points(
     direction = finite_points("axis", axis, (3,), wanted, MeshError)
     offset = finite_points("translation", translation, (3,), wanted, MeshError)
     if not factor > 0:
-        raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
+        raise MeshError(f"expected scale to be a number above 0, got {shown(scale)}")
     if not np.isfinite(angle):
-        raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
+        raise MeshError(f"expected angle_deg to be a finite number, got {shown(angle_deg)}")
     if not direction.any():
-        raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
+        raise MeshError(f"expected axis to be a direction, got {direction.tolist()}")
     with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
         moved = points * factor
         if angle:

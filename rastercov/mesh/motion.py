@@ -98,7 +98,9 @@ class Motion(InOneLine):
         groups: Mapping[str, Iterable[str]] | None = None,
     ) -> None:
         if not isinstance(bodies, Mapping) or not bodies:
-            raise ConfigError(f"bodies must be poses by names of groups, got {shown(bodies)}")
+            raise ConfigError(
+                f"expected bodies to be poses by names of groups, got {shown(bodies)}"
+            )
         of_group = np.zeros(len(mesh.groups), np.int64)
         tables = [checked_poses(f"poses of {shown(name)}", given) for name, given in bodies.items()]
         n = max(len(table) for table in tables)
@@ -107,25 +109,34 @@ class Motion(InOneLine):
             members = np.array([group.name in own for group in mesh.groups])
             if (taken := of_group[members]).any():
                 other = list(bodies)[taken.max() - 1]
-                raise MeshError(f"groups of {shown(name)} are of {shown(other)}, too; name one")
+                raise MeshError(
+                    f"expected groups of one body each, got some of {shown(name)} and "
+                    f"{shown(other)}; name one"
+                )
             of_group[members] = row
             if len(table) not in (1, n):
                 raise ConfigError(
-                    f"bodies must have as many poses each, or one: {shown(name)} has {len(table)}, "
-                    f"another {n}"
+                    f"expected bodies to have one pose, or as many as the others, {n}, got "
+                    f"{len(table)} for {shown(name)}"
                 )
         if not n <= MOST_FRAMES:
-            raise ConfigError(f"a motion has at most {MOST_FRAMES:,} frames, got {n:,}")
+            raise ConfigError(
+                f"expected at most {MOST_FRAMES:,} frames of a motion, got {n:,}; use fewer"
+            )
         still = np.broadcast_to(np.eye(4), (n, 4, 4))
         poses = np.stack([still, *(np.broadcast_to(each, (n, 4, 4)) for each in tables)], axis=1)
         is_there = np.ones((n, len(tables) + 1), np.bool_)
         weights = np.ones(n) if durations is None else _durations(durations, n)
         for name, given in (present or {}).items():
             if name not in bodies:
-                raise ConfigError(f"present names no body: {shown(name)}; {', '.join(bodies)} are")
+                raise ConfigError(
+                    f"expected present to name bodies, {', '.join(bodies)}, got {shown(name)}"
+                )
             mask = checked_array("present", given, "b", f"({n},) True or False", ConfigError)
             if mask.shape != (n,) or mask.dtype != np.bool_:
-                raise ConfigError(f"present must be ({n},) True or False, got shape {mask.shape}")
+                raise ConfigError(
+                    f"expected present to be ({n},) True or False, got shape {mask.shape}"
+                )
             is_there[:, 1 + list(bodies).index(name)] = mask
         values: dict[str, Any] = {
             "mesh": mesh,
@@ -175,7 +186,9 @@ class Motion(InOneLine):
             {"some": 0.0, "all": 1.0}.get(over) if isinstance(over, str) else finite_number(over)
         )
         if share is None or not (0 < share <= 1 or is_one_of(over, ("some",))):
-            raise ConfigError(f'over must be "some", "all" or a share above 0, got {shown(over)}')
+            raise ConfigError(
+                f"expected over to be 'some', 'all' or a share above 0, got {shown(over)}"
+            )
         there = self.units @ self.present
         least: IntArray = np.maximum(1, np.ceil(share * there - 1e-9)).astype(np.int64)
         return least[self.body]
@@ -186,7 +199,7 @@ class Motion(InOneLine):
     def poses_of(self, body: str) -> FloatArray:
         """(T, 4, 4) world_from_body of a body by its name; ConfigError for another name."""
         if not is_one_of(body, self.names):
-            raise ConfigError(f"there is no body {shown(body)}; bodies are {', '.join(self.names)}")
+            raise ConfigError(f"expected a body, {', '.join(self.names)}, got {shown(body)}")
         return self.world_from_body[:, self.names.index(body)]
 
     def frame(self, row: int) -> tuple[Mesh, IntArray]:
@@ -203,7 +216,9 @@ class Motion(InOneLine):
         """
         number = finite_number(row)
         if not number.is_integer() or not 0 <= number < len(self):
-            raise ConfigError(f"row must be a whole number below {len(self)}, got {shown(row)}")
+            raise ConfigError(
+                f"expected row to be a whole number below {len(self)}, got {shown(row)}"
+            )
         return self._at(int(number), of_occluders=True)
 
     def _at(self, row: int, *, of_occluders: bool) -> tuple[Mesh, IntArray]:
@@ -218,7 +233,7 @@ class Motion(InOneLine):
     ) -> tuple[Mesh, IntArray]:
         """See `frame`, by poses (B, 4, 4) of bodies, of which (B,) are there."""
         if not is_there[self.body].any():
-            raise ConfigError("no body is there in this frame; show another one")
+            raise ConfigError("expected a frame with a body, got none; show another frame")
         rest = self._rest_of(is_there)
         return rest.at(poses, self._diagonal, of_occluders=of_occluders), rest.kept
 
@@ -256,7 +271,7 @@ def _durations(given: ArrayLike, n: int) -> FloatArray:
     with np.errstate(over="ignore"):
         found = checked_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
     if found.shape != (n,) or not ((found > 0) & (found <= LARGEST_COORDINATE)).all():
-        raise ConfigError(f"durations must be {wanted}, got {shown(given)}")
+        raise ConfigError(f"expected durations to be {wanted}, got {shown(given)}")
     _units(found)
     return found.copy()
 
@@ -273,8 +288,8 @@ def _units(durations: FloatArray) -> IntArray:
     whole = [int(each * scale) for each in exact]
     if sum(whole) > MOST_UNITS or not np.allclose(np.array(exact, float), shares, ROUNDING, 0):
         raise ConfigError(
-            f"durations must be whole multiples of one unit within {ROUNDING:g}, {MOST_UNITS:,} in "
-            f"all at most, got {shown(durations.tolist())}; round them"
+            f"expected durations in whole multiples of one unit within {ROUNDING:g}, "
+            f"{MOST_UNITS:,} in all, got {shown(durations.tolist())}; round them"
         )
     return np.array(whole, np.int64)
 
@@ -307,7 +322,7 @@ def turntable(
     direction = finite_points("axis", axis, (3,), "a direction", ConfigError)
     point = finite_points("centre", centre, (3,), "three finite numbers", ConfigError)
     if not direction.any():
-        raise ConfigError(f"axis must be a direction, got {direction.tolist()}")
+        raise ConfigError(f"expected axis to be a direction, got {direction.tolist()}")
     poses = _still(steps)
     for row, angle in enumerate(_steps(degrees, len(poses), is_closed=True)):
         poses[row, :3, :3] = rotation_about(direction, math.radians(angle)) if row else np.eye(3)
@@ -329,7 +344,7 @@ def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray
     """
     along = finite_points("direction", direction, (3,), "a direction", ConfigError)
     if not along.any():
-        raise ConfigError(f"direction must not be zero, got {along.tolist()}")
+        raise ConfigError(f"expected direction not to be zero, got {along.tolist()}")
     poses = _still(steps)
     away = _steps(distance, len(poses), is_closed=False)
     poses[:, :3, 3] = away[:, None] * unit(along)
@@ -341,7 +356,7 @@ def checked_steps(steps: int) -> int:
     number = finite_number(steps)
     if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
         raise ConfigError(
-            f"steps must be a whole number of 1 to {MOST_FRAMES:,}, got {shown(steps)}"
+            f"expected steps to be a whole number of 1 to {MOST_FRAMES:,}, got {shown(steps)}"
         )
     return int(number)
 
@@ -354,5 +369,5 @@ def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
     """(n,) equal steps to a total, the last of which a closed motion leaves out."""
     whole = finite_number(total)
     if not math.isfinite(whole):
-        raise ConfigError(f"a motion goes a finite way, got {shown(total)}")
+        raise ConfigError(f"expected a finite length or angle of the motion, got {shown(total)}")
     return np.linspace(0.0, whole, n, endpoint=not is_closed)

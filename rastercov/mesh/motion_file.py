@@ -4,7 +4,7 @@ JSON: {"bodies": {"head": {"poses": [4 x 4, ...], "present": [true, ...]}}, "dur
 poses are rigid motions from the rest pose, and all but the names may be left out. "times", at which
 frames begin, are taken instead of durations; the last frame is as long as the one before.
 
-CSV: a row a frame. Columns are `time` or `duration`, and of each body NAME.x, NAME.y, NAME.z,
+CSV: one row per frame. Columns are `time` or `duration`, and of each body NAME.x, NAME.y, NAME.z,
 metres, NAME.qw ... NAME.qz, a quaternion of length 1 within `OFF_UNIT`, and NAME.present, 0 or 1;
 those left out is 0, no turn, and there.
 """
@@ -114,7 +114,9 @@ def read_gltf_motion(
         poses = world_from_file @ poses @ np.linalg.inv(world_from_file)
     u, sizes, vt = np.linalg.svd(poses[:, :, :3, :3])
     if not (np.abs(sizes - 1) <= OFF_RIGID).all():
-        raise ConfigError(f"{name}: a node is scaled over time; bodies are rigid")
+        raise ConfigError(
+            f"{name}: expected rigid bodies, got a node that is scaled over time; remove its scale"
+        )
     poses[:, :, :3, :3] = u @ vt
     groups = {group.name for group in mesh.groups}
     bodies: dict[bytes, list[int]] = {}
@@ -123,12 +125,15 @@ def read_gltf_motion(
             key = np.round(poses[row], 9).tobytes() + found.present[row].tobytes()
             bodies.setdefault(key, []).append(row)
     if not bodies:
-        raise ConfigError(f"{name}: the animation moves no mesh")
+        raise ConfigError(f"{name}: expected an animation that moves a mesh, got none")
 
     def group_of(path: str) -> str:
         known = [each for each in (f"{stem}/{path}", path, stem) if each in groups]
         if not known:
-            raise ConfigError(f"{name}: the mesh has no group {shown(path)}, which is animated")
+            raise ConfigError(
+                f"{name}: expected groups of the mesh, got {shown(path)} in the animation; rename "
+                "it"
+            )
         return known[0]
 
     named = {rows[0]: [group_of(found.names[row]) for row in rows] for rows in bodies.values()}
@@ -147,9 +152,15 @@ def read_motion(path: StrPath) -> dict[str, Any]:
             return _of_json(read_json(path, LARGEST_ARRAY))
         if suffix == ".csv":
             return _of_csv(file_bytes(path, LARGEST_ARRAY).decode("utf-8-sig"))
-        raise ConfigError("a motion is a file of JSON or CSV")
+        raise ConfigError(
+            "expected a motion in .json, .csv, .glb or .gltf, got another suffix; rename or "
+            "convert it"
+        )
     except UnicodeDecodeError:
-        raise ConfigError(f"{printable(str(path))}: not a text in UTF-8") from None
+        raise ConfigError(
+            f"{printable(str(path))}: expected text in UTF-8, got another encoding; save it as "
+            "UTF-8"
+        ) from None
     except (UnreadableError, ConfigError) as error:
         raise ConfigError(f"{printable(Path(path).name)}: {error}") from None
 
@@ -157,13 +168,20 @@ def read_motion(path: StrPath) -> dict[str, Any]:
 def _of_json(content: object) -> dict[str, Any]:
     known = {"bodies", "durations", "times"}
     if not isinstance(content, dict) or not isinstance(content.get("bodies"), dict):
-        raise ConfigError('a motion holds {"bodies": {NAME: {"poses": [4 x 4, ...]}}}')
+        raise ConfigError(
+            'expected {"bodies": {NAME: {"poses": [4 x 4, ...]}}}, got others; correct the file'
+        )
     if unknown := sorted(content.keys() - known):
-        raise ConfigError(f"there is no entry {shown(unknown[0])}; there are {', '.join(known)}")
+        raise ConfigError(
+            f"expected entries {', '.join(sorted(known))}, got {shown(unknown[0])}; correct the "
+            "name"
+        )
     bodies, present = {}, {}
     for name, entry in content["bodies"].items():
         if not isinstance(entry, dict) or entry.keys() - {"poses", "present"}:
-            raise ConfigError(f"body {shown(name)} holds poses and present, got {shown(entry)}")
+            raise ConfigError(
+                f"expected poses and present of body {shown(name)}, got {shown(entry)}"
+            )
         bodies[name] = entry.get("poses", np.eye(4))
         if "present" in entry:
             present[name] = entry["present"]
@@ -182,11 +200,11 @@ def _of_csv(text: str) -> dict[str, Any]:
             bodies.setdefault(body, {})[field] = values
         else:
             raise ConfigError(
-                f"there is no column {shown(name)}; there are time, duration, and of a body "
-                f"NAME.{', NAME.'.join(COLUMNS)}"
+                f"expected columns time, duration, NAME.{', NAME.'.join(COLUMNS)}, got "
+                f"{shown(name)}; rename it"
             )
     if not bodies:
-        raise ConfigError("there is no body; name a column BODY.x")
+        raise ConfigError("expected a column of a body, got none; name one BODY.x")
     n = len(next(iter(columns.values())))
     poses = {name: _poses_of(name, own, n) for name, own in bodies.items()}
     present = {

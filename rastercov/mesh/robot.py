@@ -112,7 +112,7 @@ class Robot(InOneLine):
         root = np.eye(4) if base is None else checked_poses("base", base)[0]
         kinematics = Kinematics(tuple(description.links), description.joints, limits, root)
         if unknown := [link for link in shapes if link not in description.links]:
-            raise MeshError(f"shapes must be of links of the robot, got {shown(unknown)}")
+            raise MeshError(f"expected shapes of links of the robot, got {shown(unknown)}")
         values: dict[str, Any] = {
             "name": name or description.name,
             "links": tuple(description.links),
@@ -168,7 +168,7 @@ class Robot(InOneLine):
         Raises
         ------
         MeshError
-            In one line: a file that is no robot, joints that are loops, cycles or of other kinds,
+            For a file without a robot, joints that are loops, cycles or of other kinds,
             meshes that are missing, a xacro file.
         ConfigError
             For another geometry, a base that is no pose, a rest outside the limits.
@@ -194,7 +194,7 @@ class Robot(InOneLine):
     def on_turntable(
         self, axis: ArrayLike, centre: ArrayLike = (0, 0, 0), degrees: float = 360.0
     ) -> "Robot":
-        """The robot beside a turntable, seen from the table: it goes round what is on it.
+        """The robot in the frame of a turntable, around which it moves.
 
         `turntable` is its last joint: the angle by which the table is turned.
 
@@ -211,7 +211,9 @@ class Robot(InOneLine):
         along = -finite_points("axis", axis, (3,), "a direction")
         turn = finite_number(degrees)
         if not along.any() or not np.isfinite(turn):
-            raise ConfigError(f"axis must be a direction and degrees finite, got {shown(degrees)}")
+            raise ConfigError(
+                f"expected axis to be a direction and degrees finite, got {shown(degrees)}"
+            )
         n, ends = len(self.joint_names), sorted((0.0, float(np.radians(turn))))
         is_free = abs(turn) >= 360
         limits = np.concatenate([self.limits, [(-np.inf, np.inf) if is_free else ends]])
@@ -266,12 +268,12 @@ class Robot(InOneLine):
         return any(each.column >= 0 for each in self.kinematics.chain(link))
 
     def read_path(self, path: StrPath) -> JointPath:
-        """Configurations of a CSV file: a column a joint, and perhaps `duration` or `time`.
+        """Configurations of a CSV file: one column per joint, and perhaps `duration` or `time`.
 
         Parameters
         ----------
         path : path
-            Comma-separated, one header, one row a frame; radians, or metres of prismatic joints.
+            Comma-separated, one header, one row per frame; radians, or metres of prismatic joints.
             All joints of `joint_names` are there, in any order.
 
         Raises
@@ -284,19 +286,23 @@ class Robot(InOneLine):
             columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"))
             durations = durations_of({f"{n}s": columns[n] for n in TIMES if n in columns})
         except UnicodeDecodeError:
-            raise ConfigError(f"{shown_path}: not a text in UTF-8") from None
+            raise ConfigError(
+                f"{shown_path}: expected text in UTF-8, got another encoding; save it as UTF-8"
+            ) from None
         except (UnreadableError, ConfigError) as error:
             raise ConfigError(f"{shown_path}: {error}") from None
         joints, got = ", ".join(self.joint_names), shown(", ".join(map(printable, columns)))
         if set(columns) - {*TIMES} != set(self.joint_names):
             raise ConfigError(
-                f"{shown_path}: columns {joints} and perhaps duration or time, got {got}"
+                f"{shown_path}: expected columns {joints} and perhaps duration or time, got {got}"
             )
         rows = np.array([columns[name] for name in self.joint_names]).T
         duration = np.array(durations.get("durations", np.ones(len(rows))))
         if not (duration > 0).all():
             line = int((duration <= 0).argmax())
-            raise ConfigError(f"{shown_path}: frame {line}: expected a duration above 0")
+            raise ConfigError(
+                f"{shown_path}: frame {line}: expected a duration above 0, got {duration[line]:g}"
+            )
         return JointPath(self._configurations(shown_path, rows), duration)
 
     def solve(
@@ -342,7 +348,7 @@ class Robot(InOneLine):
         )
         for name, value in {"starts": starts, "most": most}.items():
             if not 1 <= finite_number(value) <= 10_000:
-                raise ConfigError(f"{name} must be 1 to 10,000, got {shown(value)}")
+                raise ConfigError(f"expected {name} to be 1 to 10,000, got {shown(value)}")
         check_type("seed", seed, int)
         check_seed(seed)
         given = checked_poses("poses", poses)
@@ -353,7 +359,7 @@ class Robot(InOneLine):
     def _check_link(self, link: str) -> None:
         if not is_one_of(link, self.links):
             known = shown(", ".join(self.links))
-            raise ConfigError(f"there is no link {shown(link)}; links are {known}")
+            raise ConfigError(f"expected a link of {known}, got {shown(link)}")
 
     def _configurations(self, name: str, joints: ArrayLike) -> FloatArray:
         """(T, J) configurations within the limits, or ConfigError."""
@@ -367,7 +373,7 @@ class Robot(InOneLine):
             row, joint = np.argwhere(beyond)[0].tolist()
             low, high = self.limits[joint]
             raise ConfigError(
-                f"{name}: row {row}: {self.joint_names[joint]} must lie in {low:g} ... {high:g}, "
+                f"{name}: row {row}: expected {self.joint_names[joint]} in {low:g} ... {high:g}, "
                 f"got {found[row, joint]:g}"
             )
         return np.clip(found, *self.limits.T)

@@ -62,7 +62,7 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     """
     n = index(n)  # an int8 would overflow below
     if not 2 <= n <= 128:
-        raise MeshError(f"n must lie in 2 ... 128, got {n}; fewer quads lose the shape")
+        raise MeshError(f"expected n in 2 ... 128, got {n}; fewer quads lose the shape")
     data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
     control = np.rint(np.array(data["points"]) * POINTS_PER_UNIT).astype(np.int64)
     patches = control[np.array(data["patches"]).reshape(32, 4, 4)]
@@ -103,7 +103,7 @@ def aeroplane(n_faces: int = 1970) -> Mesh:
     (1970, True)
     """
     if n_faces not in AEROPLANE_FACES:
-        raise MeshError(f"n_faces must be one of {AEROPLANE_FACES}, got {n_faces}; choose one")
+        raise MeshError(f"expected n_faces to be one of {AEROPLANE_FACES}, got {n_faces}")
     with (DATA / "aeroplane.npz").open("rb") as file:
         stored = np.load(file, allow_pickle=False)
         return Mesh(vertices=stored[f"vertices_{n_faces}"], faces=stored[f"faces_{n_faces}"])
@@ -137,7 +137,7 @@ def torus(
     n_major, n_minor = _at_least(3, n_major=n_major, n_minor=n_minor)
     if not 0 < minor_radius < major_radius <= LARGEST_COORDINATE:
         got = f"{minor_radius} and {major_radius}"
-        raise MeshError(f"a torus needs 0 < minor_radius < major_radius, got {got}")
+        raise MeshError(f"expected a torus with 0 < minor_radius < major_radius, got {got}")
     around = (2 * np.pi / n_major * np.arange(n_major))[:, None]
     tube = (2 * np.pi / n_minor * np.arange(n_minor))[None]
     r, z = major_radius + minor_radius * np.cos(tube), minor_radius * np.sin(tube)
@@ -208,7 +208,7 @@ def icosahedron(
     (20, 1.732)
     """
     if noise < 0:
-        raise MeshError(f"noise must be at least 0, got {noise}; it is a standard deviation")
+        raise MeshError(f"expected noise, a standard deviation, to be 0 or more, got {noise}")
     _positive(edge_length=edge_length)
     check_seed(seed)
     points, faces = _subdivided_icosahedron(subdivisions)
@@ -245,7 +245,9 @@ def box(
     """
     (n,) = _at_least(1, n=n)
     if len(size) != 3 or len(centre) != 3:
-        raise MeshError(f"size and centre must be three numbers each, got {size} and {centre}")
+        raise MeshError(
+            f"expected size and centre to be three numbers each, got {size} and {centre}"
+        )
     _positive(size=min(size))
     _positive(size=max(size))
     row, column = np.indices((n + 1, n + 1))
@@ -330,7 +332,7 @@ def by_name(name: str) -> Mesh:
     12
     """
     if name not in BUILT_IN:
-        raise MeshError(f"built-in meshes are {', '.join(NAMES)}; got {name!r}")
+        raise MeshError(f"expected a built-in mesh, {', '.join(NAMES)}, got {name!r}")
     return BUILT_IN[name]()
 
 
@@ -338,7 +340,7 @@ def _at_least(least: int, **counts: int) -> list[int]:
     """Counts as integers of Python, of which no product overflows."""
     for name, count in counts.items():
         if not least <= count <= MOST_A_SIDE:
-            raise MeshError(f"{name} must be {least} to {MOST_A_SIDE}, got {shown(count)}")
+            raise MeshError(f"expected {name} to be {least} to {MOST_A_SIDE}, got {shown(count)}")
     return list(map(index, counts.values()))
 
 
@@ -346,7 +348,7 @@ def _positive(**lengths: float) -> None:
     for name, length in lengths.items():
         if not 0 < length <= LARGEST_COORDINATE:
             wanted = f"above 0 and at most {LARGEST_COORDINATE:g} m"
-            raise MeshError(f"{name} must be {wanted}, got {length}")
+            raise MeshError(f"expected {name} to be {wanted}, got {length}")
 
 
 def _weld(lattice: IntArray) -> tuple[IntArray, NDArray[np.intp]]:
@@ -368,7 +370,7 @@ def _triangulated(corners: NDArray[Any]) -> NDArray[Any]:
 def _subdivided_icosahedron(times: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Vertices and faces of an icosahedron with edges of length 1, each face split 4^times."""
     if not 0 <= times <= 9:
-        raise MeshError(f"subdivisions must lie in 0 ... 9, got {times}; 9 give 5,242,880 faces")
+        raise MeshError(f"expected subdivisions in 0 ... 9, got {times}; 9 give 5,242,880 faces")
     golden = (1 + 5**0.5) / 2
     ends = [(0.0, y / 2, z * golden / 2) for y in (-1, 1) for z in (-1, 1)]
     points = np.array([np.roll(p, axis) for axis in range(3) for p in ends])

@@ -54,13 +54,16 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     """
     members = named("group", group, names_of(mesh)) or set()
     if not math.isfinite(height):
-        raise MeshError(f"height must be finite, got {height} m")
+        raise MeshError(f"expected a finite height, got {height} m")
     upward = np.where(mesh.two_sided_mask, abs(mesh.normals[:, 2]), mesh.normals[:, 2])
     is_member = np.array([each.name in members for each in mesh.groups])[mesh.face_group]
     chosen = is_member & (upward >= math.cos(math.radians(STEEPEST_DEG)))
     if not chosen.any():
         own = repr(listed(sorted(members)))
-        raise MeshError(f"group {own} has no face that faces up within {STEEPEST_DEG:g} degrees")
+        raise MeshError(
+            f"expected a face of group {own} that faces up within {STEEPEST_DEG:g} degrees, got "
+            "none"
+        )
     faces = mesh.faces[chosen]
     is_turned = mesh.normals[chosen, 2] < 0
     faces[is_turned] = faces[is_turned, ::-1]
@@ -151,16 +154,20 @@ def box_grid(
     cells = np.asarray(count)
     if not (lowest < highest).all():
         both = f"{lowest.tolist()} and {highest.tolist()}"
-        raise MeshError(f"a volume needs corners low < high on every axis, got {both}")
+        raise MeshError(f"expected corners low < high on every axis of a volume, got {both}")
     if cells.shape != (3,) or cells.dtype.kind not in "iu" or not (cells >= 1).all():
-        raise MeshError(f"count must be three whole numbers of 1 or more, got {cells.tolist()}")
+        raise MeshError(
+            f"expected count to be three whole numbers of 1 or more, got {cells.tolist()}"
+        )
     n_boxes = math.prod(cells.tolist())
     if n_boxes > MOST_BOXES:
-        raise MeshError(f"a grid must have at most {MOST_BOXES:,} boxes, got {n_boxes:,}")
+        raise MeshError(
+            f"expected at most {MOST_BOXES:,} boxes of a grid, got {n_boxes:,}; use fewer"
+        )
     cell = (highest - lowest) / cells
     if size is not None and not 0 < size <= cell.min() * (1 + 1e-9):
         most = f"{cell.min():.3g} m"
-        raise MeshError(f"size must be above 0 and at most that of a cell, {most}, got {size:g} m")
+        raise MeshError(f"expected size above 0 and at most that of a cell, {most}, got {size:g} m")
     half = (cell / 2 if size is None else np.full(3, size)) / 2
     places = np.array(list(product(*(range(n) for n in cells.tolist()))))
     middles = lowest + (places + 0.5) * cell
@@ -177,7 +184,7 @@ def count_for(low: ArrayLike, high: ArrayLike, spacing: float) -> IntArray:
     MeshError for a spacing of 0 or less; ConfigError as for `box_grid`.
     """
     if not spacing > 0:
-        raise MeshError(f"spacing must be above 0 m, got {spacing:g}")
+        raise MeshError(f"expected spacing above 0 m, got {spacing:g}")
     lowest, highest = _corners(low, high)
     extent = highest - lowest
     # Lengths that are multiples of the spacing up to rounding get no extra cell.

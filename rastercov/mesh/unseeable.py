@@ -88,7 +88,7 @@ def _computed(mesh: Mesh) -> FloatArray:
 def _bodies(mesh: Mesh) -> IntArray:
     """Faces of closed opaque components: as many run along each edge in one direction as the other.
 
-    None of a single component with two faces an edge, which encloses none of its own faces unless
+    None of a single component with two faces per edge, which encloses none of its own faces unless
     it cuts itself; that is not looked into.
     """
     opaque = np.flatnonzero(~mesh.target_mask)

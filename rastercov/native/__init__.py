@@ -35,7 +35,9 @@ def load(name: str) -> ModuleType:
     if whole not in sys.modules:
         file = _file(name)
         if file is None:
-            raise ImportError(f"rastercov's compiled loops, {FOLDER / name}, are missing; {REMEDY}")
+            raise ImportError(
+                f"expected rastercov's compiled loops, {FOLDER / name}, got no such file; {REMEDY}"
+            )
         loader = ExtensionFileLoader(whole, str(file))
         module = module_from_spec(ModuleSpec(whole, loader, origin=str(file)))
         loader.exec_module(module)
@@ -53,12 +55,13 @@ def _choose() -> str:
     can_run = [level for level in here if level in runnable()]
     if wanted and wanted not in can_run:
         raise ImportError(
-            f"RASTERCOV_LEVEL must be one of {', '.join(can_run)}, which this processor has and "
-            f"which are built, got {wanted}"
+            f"expected RASTERCOV_LEVEL to be one of {', '.join(can_run)}, which are built and "
+            f"which this processor runs, got {wanted}"
         )
     if not can_run:
         raise ImportError(
-            f"rastercov's compiled loops for {runnable()[-1]} are missing in {FOLDER}; {REMEDY}"
+            f"expected rastercov's compiled loops for {runnable()[-1]} in {FOLDER}, got none; "
+            f"{REMEDY}"
         )
     return wanted or can_run[-1]
 

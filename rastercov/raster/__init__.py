@@ -84,10 +84,11 @@ def open_rasterizer(
     check_kind("camera", camera, Camera, "a Camera (Camera.load reads a file)", CameraError)
     if finite_number(supersample) not in range(1, MAX_SUPERSAMPLE + 1):
         raise ConfigError(
-            f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {shown(supersample)}"
+            f"expected supersample to be a whole number 1 to {MAX_SUPERSAMPLE}, got "
+            f"{shown(supersample)}"
         )
     if math.isnan(finite_number(roll)):
-        raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
+        raise ConfigError(f"expected roll to be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
     backend, options = backend_of(backend, options)
     if not camera.is_pinhole:
@@ -127,7 +128,8 @@ def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str,
         del left["device"]
         if "auto" not in (backend, device) and device != backend:
             raise ConfigError(
-                f"device must be one of backend {backend}, got {device!r}; leave out one of the two"
+                f"expected device to be one of backend {backend}, got {device!r}; remove one of "
+                "the two"
             )
         backend = device if backend == "auto" else backend
     if backend == "auto" and left:
@@ -135,6 +137,6 @@ def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str,
     if unknown := left.keys() - _OPTIONS.get(backend, ()):
         takes = "; ".join(f"{each} takes {', '.join(names)}" for each, names in _OPTIONS.items())
         raise ConfigError(
-            f"backend {backend} takes no option {', '.join(sorted(unknown))}; {takes}"
+            f"expected options of backend {backend}, {takes}, got {', '.join(sorted(unknown))}"
         )
     return backend, left

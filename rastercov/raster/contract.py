@@ -130,7 +130,9 @@ class FaceCounts(InOneLine):
     def drawn_pixels(self) -> FloatArray:
         """`drawn` in pixels, (P, F)."""
         if self.drawn is None:
-            raise ConfigError("drawn was not counted; use count(poses, drawn=True)")
+            raise ConfigError(
+                "expected drawn to be counted, got no counts; use count(poses, drawn=True)"
+            )
         return self.drawn / self.supersample**2
 
 
@@ -249,7 +251,7 @@ class Rasterizer(Closing):
         self._check_open()
         poses = valid_poses(pose)
         if len(poses) != 1:
-            raise ConfigError(f"render takes one pose, got {len(poses)}")
+            raise ConfigError(f"expected one pose to render, got {len(poses)}")
         check_picture(self.camera)
         return self._named(*self._drawn(poses))
 
@@ -291,7 +293,7 @@ class Rasterizer(Closing):
 
     def _check_open(self) -> None:
         if not self._is_open:
-            raise DeviceError("this rasteriser is closed; open a new one")
+            raise DeviceError("expected an open rasteriser, got a closed one; open another one")
 
 
 def check_counts(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
@@ -309,7 +311,7 @@ def check_picture(camera: Camera) -> None:
     remedy = "take a smaller camera, as camera.resized(0.1)"
     if camera.width * camera.height > MAX_RENDERED:
         raise ResourceError(
-            f"a picture must have at most {MAX_RENDERED:,} pixels, got {camera.width:,} x "
-            f"{camera.height:,}, which take {n_bytes:,} bytes; {remedy}"
+            f"expected a picture of at most {MAX_RENDERED:,} pixels, got {camera.width:,} x "
+            f"{camera.height:,} ({n_bytes / 2**30:,.1f} GiB); {remedy}"
         )
     check_memory(f"{camera.width:,} x {camera.height:,} pixels", n_bytes, remedy)

@@ -98,13 +98,13 @@ class CPURasterizer(Rasterizer):
         threads: int | None = None,
     ) -> None:
         camera.check_pinhole(
-            "CPURasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
+            "expected a pinhole for CPURasterizer", "use open_rasterizer, which draws any lens"
         )
         self._grid = SampleGrid(camera, supersample, roll)
         side = max(self._grid.width, self._grid.height)
         if side > MAX_SIDE:
             raise ResourceError(
-                f"an image side must be at most {MAX_SIDE:,} samples, got {side:,}; "
+                f"expected an image side of at most {MAX_SIDE:,} samples, got {side:,}; "
                 "lower supersample or use gl"
             )
         super().__init__(mesh, camera, supersample, roll)
@@ -177,8 +177,8 @@ class CPURasterizer(Rasterizer):
         is_equal = np.array_equal(counts.visible, self_test.VISIBLE)
         if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
             raise DeviceError(
-                f"{self.info.renderer} counted a known scene wrongly; its answers cannot be "
-                "trusted: compile the loops anew (`make native`) or use gl"
+                f"expected correct counts of a known scene, got others from {self.info.renderer}; "
+                "compile the loops again (`make native`) or use gl"
             )
 
 

@@ -216,7 +216,7 @@ class Views:
     ) -> tuple[View, IntArray]:
         """View of some places, with their rows for samples, and the rows for which it has no room.
 
-        It has room for 16 samples a block.
+        It has room for 16 samples per block.
         """
         low, high = places.min(axis=0), places.max(axis=0)
         for fineness in FINENESS:

@@ -31,7 +31,7 @@ Box = tuple[int, int, int, int]
 
 
 class SampleGrid:
-    """S^2 samples a pixel in rows at an angle to those of the image.
+    """S^2 samples per pixel in rows at an angle to those of the image.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 A rasteriser draws the opaque faces of a mesh alone, so their counts are those of the mesh without
 targets, bit for bit. Targets are then compared with the depths that were drawn, face by face, by
-one loop for all devices (`native.engine_raster`): a face index a sample has no room for two
+one loop for all devices (`native.engine_raster`): one face index per sample has no room for two
 targets, one behind the other. The depths of each pose are drawn again for that and read back, which
 takes about as long as counting it. Meshes without targets do nothing of this.
 """

@@ -217,7 +217,7 @@ def test_light_that_cannot_be_is_refused_in_one_line():
         regions_over_time(motion, rig, poses, body=[["box"], ["box"]], lamps=rides)
     assert "\n" not in str(error.value)
     for over_time in (regions_over_time, evaluate_over_time):
-        with pytest.raises(CameraError, match="lamps must be"):
+        with pytest.raises(CameraError, match="lamps to be"):
             over_time(motion, CAMERA, TWO_CAMERAS, lamps=[rc.Lamp.point(intensity=1)])
         with pytest.raises(ConfigError, match="give lamps"):
             over_time(motion, CAMERA, TWO_CAMERAS, WITH_LIMITS)

@@ -171,14 +171,14 @@ SHEARED = np.eye(4) + np.eye(4, k=1) * 0.1
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda m: rc.Motion(m, {}), "bodies must be"),
+        (lambda m: rc.Motion(m, {}), "bodies to be"),
         (lambda m: rc.Motion(m, {"lid": np.eye(4)}), "lid"),
         (lambda m: rc.Motion(m, {"part": SHEARED}), "rigid"),
         (lambda m: rc.Motion(m, {"part": np.eye(4) * np.nan}), "rigid"),
         (lambda m: rc.Motion(m, {"part": np.diag((1.0, 1, -1, 1))}), "rigid"),
         (lambda m: rc.Motion(m, {"part": np.eye(3)}), "shape"),
         (lambda m: rc.Motion(m, {"part": TWO, "plate": np.tile(np.eye(4), (3, 1, 1))}), "as many"),
-        (lambda m: rc.Motion(m, {"part": TWO}, present={"lid": [1, 1]}), "names no body"),
+        (lambda m: rc.Motion(m, {"part": TWO}, present={"lid": [1, 1]}), "present to name bodies"),
         (lambda m: rc.Motion(m, {"part": TWO}, present={"part": [True]}), "True or False"),
         (lambda m: rc.turntable(0), "steps"),
         (lambda m: rc.turntable(3, axis=(0, 0, 0)), "direction"),
@@ -227,14 +227,14 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
         ),
         (mesh, motion, rc.Task(min_angle_deg=5), None, "views over time, got min_angle_deg"),
         (mesh, motion, TASK, "face", "by area over time, got by face; leave out by"),
-        (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "there is no body 'plat'"),
+        (mesh, rc.MotionQuery(motion, body="plat"), TASK, None, "got 'plat'"),
         (mesh, rc.MotionQuery(motion, body=["plate"] * 2), TASK, None, "one for each of 1 camera"),
         (mesh, many, TASK, None, r"5,001 frames of 2 cameras; .* evaluate with a folder"),
     ):
         with pytest.raises(ConfigError, match=words):
             rc.evaluate(mesh_of, CAMERA, np.repeat(ABOVE, 2, axis=0), task, motion=asked, by=by)
     for options, words in (
-        ({"motion": 3}, "motion must be a Motion, got 3"),
+        ({"motion": 3}, "motion to be a Motion, got 3"),
         (
             {"motion": motion, "method": "sampled:cpu"},
             "by area over time, got by face; method sampled",
@@ -245,7 +245,7 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
     with pytest.raises(ConfigError, match="expected the mesh of the motion"):
         rc.regions(ico(), CAMERA, ABOVE, TASK, motion=motion)
     for over, views_at in ((0, "one time"), ("always", "one time"), ("some", "now")):
-        with pytest.raises(ConfigError, match=r"over must be|views_at must be"):
+        with pytest.raises(ConfigError, match=r"over to be|views_at to be"):
             rc.MotionQuery(motion, over, views_at)
 
 

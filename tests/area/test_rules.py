@@ -199,14 +199,17 @@ def test_what_no_gate_has_is_refused_in_one_line(ask, words):
 
 
 BAD = [
-    (lambda: rc.Rig([CAMERA], rule=rc.All()), "2 to 64 devices"),
-    (lambda: head(CAMERA, rule="all"), "rule must be"),
+    (lambda: rc.Rig([CAMERA], rule=rc.All()), "expected 2 to 64 sensors for a rule, got"),
+    (lambda: head(CAMERA, rule="all"), "rule to be"),
     (lambda: head(CAMERA, rule=rc.AtLeast(3)), "1 to 2"),
     (lambda: head(CAMERA, rule=rc.AtLeast(1.5)), "whole number"),
     (lambda: head(CAMERA, rule=rc.AtLeast(1, needs=["lamp"])), "some of 'left', 'right'"),
-    (lambda: head(CAMERA, rule=rc.AtLeast(1, needs=["left", "right"])), "cannot need 2"),
+    (
+        lambda: head(CAMERA, rule=rc.AtLeast(1, needs=["left", "right"])),
+        "expected AtLeast to need at most k = 1 sensors, got 2",
+    ),
     (lambda: head(CAMERA, tasks={"lamp": rc.Task()}), "names of cameras"),
-    (lambda: rc.Rig([CAMERA] * 65, rule=rc.All()), "2 to 64 devices"),
+    (lambda: rc.Rig([CAMERA] * 65, rule=rc.All()), "expected 2 to 64 sensors for a rule, got"),
 ]
 
 

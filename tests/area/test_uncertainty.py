@@ -285,7 +285,10 @@ def test_only_devices_that_see_a_piece_count():
     ("changed", "text"),
     [
         ({"eyes": (0, 0, 0)}, "coordinates"),
-        ({"limit": 0}, "above 0"),
+        (
+            {"limit": 0},
+            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got",
+        ),
         ({"noise": 0}, "expected noise above 0"),
         ({"ranges": -1}, "0 or more"),
         ({"along": "depth"}, "worst"),
@@ -400,14 +403,26 @@ def test_a_limit_that_rounding_would_decide_is_refused_in_time():
 @pytest.mark.parametrize(
     ("rule", "text"),
     [
-        ({"max_uncertainty": 0, "noise_px": 1}, "above 0"),
-        ({"max_uncertainty": 1e-4}, "noise_px must be above 0"),
+        (
+            {"max_uncertainty": 0, "noise_px": 1},
+            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got",
+        ),
+        (
+            {"max_uncertainty": 1e-4},
+            r"expected noise_px to be 1e-06 to 1e\+06 px with max_uncertainty, got",
+        ),
         ({"max_uncertainty": 1e29, "noise_px": 1e-300}, "1e-06 to 1e.06 px"),
         ({"max_uncertainty": 1e-300, "noise_px": 1}, "1e-30 to 1e30 m"),
         ({"max_uncertainty": 1e-4, "noise_px": {"a": 1}}, "each of"),
-        ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["c"]}, "stripes must be some"),
-        ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["a", "b"]}, "fix no point"),
-        ({"noise_px": 1}, "comes with"),
+        ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["c"]}, "stripes to be some"),
+        (
+            {"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["a", "b"]},
+            "expected a sensor without stripes, got none",
+        ),
+        (
+            {"noise_px": 1},
+            "expected max_uncertainty, with noise_px or stripes, to be 1e-30 to 1e30 m, got",
+        ),
     ],
 )
 def test_rules_that_cannot_be_are_refused(rule, text):

@@ -111,7 +111,7 @@ def test_frames_that_do_not_fit_the_rig_are_left_out_and_said(tmp_path):
     moved[3, 0, 3] += 1e-4
     bent = replace(views, poses=replace(views.poses, world_from_camera=moved))
     notes = write_views(tmp_path / "bent", bent)
-    assert has_note(notes, "frames are left out: their images are not where")
+    assert has_note(notes, "frames are left out: their images do not agree")
     assert not (tmp_path / "bent" / "frames.bin").exists()
     same_pixels(bent, read_views(tmp_path / "bent"), some_points(np.random.default_rng(0)))
     twice = replace(views, frames=("t",) * 6)
@@ -130,7 +130,7 @@ def test_our_json_keeps_frames(tmp_path):
     views = views_of(2, 3, 1)
     write_views(tmp_path / "a.json", views)
     assert read_views(tmp_path / "a.json").frames == views.frames
-    with pytest.raises(rc.PoseError, match="frames must have a name for each of 6 poses"):
+    with pytest.raises(rc.PoseError, match="frames to have a name for each of 6 poses"):
         replace(views, frames=("t",))
 
 
@@ -190,7 +190,7 @@ def test_instances_of_an_opensfm_rig_are_frames(tmp_path):
         its.pop(f"{name} right")
     assert read().frames == ()
     instances["x"]["rig_camera_ids"] = ["x left"]
-    with pytest.raises(rc.CameraError, match="rig_camera_ids must be a table of images"):
+    with pytest.raises(rc.CameraError, match="rig_camera_ids to be a table of images"):
         read()
 
 

@@ -45,7 +45,7 @@ def test_a_storage_of_any_form_projects_as_cv2_does(tmp_path, suffix, n, shape):
 def test_four_coefficients_are_asked_for_unless_the_file_says(tmp_path, suffix, d):
     """Also where all are 0: such a fisheye is no pinhole."""
     path = storage(tmp_path / f"c{suffix}", **SIZED, D=d)
-    refused(path, "in D are four", "--lens-model brown or fisheye")
+    refused(path, "for the coefficients in D", "--lens-model brown (k1")
     for model, flag in (("brown", 0), ("fisheye", 1)):
         wanted = cv_pixels(RAYS, K, d, fisheye=flag == 1)
         projects(read_views(path, conventions=rc.Conventions(lens_model=model)).camera(), wanted)
@@ -59,7 +59,7 @@ def test_four_coefficients_are_asked_for_unless_the_file_says(tmp_path, suffix, 
 
 def test_a_missing_size_is_asked_for_and_an_answer_that_is_not_needed_is_noted(tmp_path):
     path = storage(tmp_path / "c.yml", K=K, D=BROWN[:5])
-    refused(path, "no image size; give --image-size")
+    refused(path, "expected an image size, got none in")
     camera = read_views(path, conventions=rc.Conventions(image_size=(640, 480))).camera()
     assert (camera.width, camera.height) == (640, 480)
     storage(path, **SIZED, D=BROWN[:5])
@@ -100,7 +100,7 @@ def test_places_of_a_pair_are_read_with_the_matrices_beside_them(tmp_path, suffi
     rest = PLACES | {"R1": STEP[:3, :3], "P1": np.hstack([K, STEP[:3, 3:]]), "Q": np.eye(4)}
     whole = read_views(storage(tmp_path / f"pair{suffix}", **PAIR, **rest), conventions=GIVEN)
     path = storage(tmp_path / f"extrinsics{suffix}", **rest)
-    refused(path, f"put 'intrinsics{suffix}' beside it", conventions=GIVEN)
+    refused(path, f"put it and 'intrinsics{suffix}' into one file", conventions=GIVEN)
     beside = storage(tmp_path / f"intrinsics{suffix}", **PAIR)
     views = read_views(path, conventions=GIVEN)
     assert views.cameras() == whole.cameras()
@@ -190,10 +190,13 @@ def test_other_vectors_are_no_coefficients(tmp_path, suffix, n):
         ({"D": np.ones(6)}, "4, 5, 8, 12 or 14 distortion coefficients"),
         ({"D": BROWN[:5], "distCoeffs": BROWN[:5]}, ", got D, distCoeffs"),
         ({"k1": 0.1, "k2": 0.2}, "one vector of distortion"),
-        ({"D": np.full(5, np.nan)}, "D must have finite"),
+        ({"D": np.full(5, np.nan)}, "D to have finite"),
         ({"D": BROWN[:5], "xi": 0.9}, "xi and 4 coefficients of cv2.omnidir"),
         ({"D": BROWN[:4], "xi": "wide"}, "cv2.omnidir, got 'wide' and 4"),
-        ({"D": BROWN[:5], "camera_matrix": np.where(K == 700, 1e308, K)}, "fx must"),
+        (
+            {"D": BROWN[:5], "camera_matrix": np.where(K == 700, 1e308, K)},
+            "expected fx to be 1e-12 to 1e+12 px, got 1e+308",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("error")

@@ -245,7 +245,7 @@ def bal(
 @pytest.mark.parametrize("write", [bundler, bal])
 def test_bundler_and_bal_follow_the_manual(tmp_path, write):
     path = write(tmp_path / "cameras.out")
-    refused(path, "no image size; give --image-size")
+    refused(path, "expected an image size, got none in")
     views = read_views(path, conventions=SIZE)
     assert not views.has_unit
     assert has_note(views, "1 image without a camera left out") == (write is bundler)
@@ -282,7 +282,7 @@ def test_mvsnet_asks_for_size_and_pixel_centre_and_reads_a_folder(tmp_path):
     for row in range(2):
         (tmp_path / "cams" / f"{row:08d}_cam.txt").write_text(text)
     refused(tmp_path, "--image-size")
-    refused(tmp_path, "--pixel-centre 0 if ", "or 0.5", conventions=SIZE)
+    refused(tmp_path, "--pixel-centre 0 for ", "or 0.5", conventions=SIZE)
     for centre, cx in ((0, 320.5), (0.5, 320.0)):
         answers = rc.Conventions(image_size=(640, 480), pixel_centre=centre)
         views = read_views(tmp_path, conventions=answers)

@@ -115,7 +115,7 @@ def test_places_on_the_imu_are_read_in_either_direction(tmp_path, name, flat):
 def test_a_chain_may_have_no_places(tmp_path):
     views = read_views(camchain(tmp_path / "c.yaml", *[(*LENSES[0], {})] * 2))
     assert (len(views.rig), len(views.poses)) == (2, 0)
-    assert has_note(views, "cameras without places")
+    assert has_note(views, "cameras without poses")
 
 
 CAMERA_INFO = """image_width: 640

@@ -119,7 +119,7 @@ def bare(folder, r):
 
 OF_QUATERNIONS = {
     colmap_text: "image 'bad one.jpg'", colmap_binary: "image 'bad one.jpg'",
-    colmap_rig: "place of 'camera 2' on the rig", gltf: "node 0",
+    colmap_rig: "rig_from_camera of 'camera 2'", gltf: "node 0",
 }  # fmt: skip
 OF_MATRICES = {
     metashape: "image 'bad one'", metashape_chunk: "image 'bad one'", bundler: "pose 0",

@@ -49,7 +49,7 @@ def test_a_camera_of_a_scene_looks_along_minus_z_of_its_node(tmp_path):
         {"camera": 1},
     ]
     path = scene(tmp_path / "s.gltf", nodes)
-    refused(path, "a glTF scene has no image size")
+    refused(path, "got none in a glTF scene")
     views = read_views(path, conventions=SIZE)
     camera, pose = views.camera(), views.poses.world_from_camera[0]
     assert (camera.fx, camera.fy) == pytest.approx((480, 480))
@@ -119,7 +119,7 @@ def test_frusta_have_the_turn_of_the_meshes_of_a_report(tmp_path):
 def test_what_is_written_shows_the_same_points_when_it_is_read(tmp_path, name, model, distortion):
     views = views_of(model=model, distortion=distortion)
     if (name, model) == ("model", "metashape"):
-        with pytest.raises(rc.CameraError, match="left: colmap has no model for metashape"):
+        with pytest.raises(rc.CameraError, match="expected a lens of colmap, got metashape with"):
             write_views(tmp_path / name, views)
         return
     write_views(tmp_path / name, views)
@@ -168,11 +168,13 @@ def test_a_file_of_poses_may_name_cameras_of_another(tmp_path):
     assert alone.through(views, "right").poses.ids.tolist() == [1, 3]
     write_views(tmp_path / "again.json", alone)
     assert read_views(tmp_path / "again.json").camera_names == alone.camera_names
-    with pytest.raises(rc.CameraError, match="there are poses and no camera"):
+    with pytest.raises(rc.CameraError, match="expected cameras, got only poses"):
         alone.camera()
-    with pytest.raises(rc.PoseError, match="the poses are of a camera 'right'"):
+    with pytest.raises(rc.PoseError, match="expected poses of cameras 'left', got camera 'right'"):
         alone.with_cameras(views.of_camera("left").rig)
-    with pytest.raises(rc.PoseError, match="do not say which camera each is of"):
+    with pytest.raises(
+        rc.PoseError, match="expected the camera of each pose, one of 'left', 'right', got none"
+    ):
         read_views_of(tmp_path, views).with_cameras(views.rig)
 
 
@@ -221,8 +223,8 @@ def test_views_of_one_camera_are_its_poses():
     assert right.rig.rig_from_camera[0, 0, 3] == 0.25
     assert right.camera() == views.cameras()[1]
     for name, words in (
-        (None, "there are 2 cameras, 'left', 'right'; choose one by --camera-name"),
-        ("up", "there is no camera 'up'; cameras are 'left', 'right'"),
+        (None, "expected one of 2 cameras, 'left', 'right', got no name"),
+        ("up", "expected one of the cameras 'left', 'right', got 'up'"),
     ):
         with pytest.raises(rc.CameraError, match=words):
             views.camera(name)
@@ -231,14 +233,14 @@ def test_views_of_one_camera_are_its_poses():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"pixel_centre": 1}, "pixel centre must be 0 or 0.5, got 1"),
-        ({"lens_model": "wide"}, "lens model must be brown or fisheye"),
-        ({"pose_unit": "furlong"}, "unit must be one of m, mm"),
-        ({"pose_unit": -1}, "unit must be one of m, mm"),
-        ({"image_size": (640, -1)}, "image height must be a whole number"),
-        ({"image_size": 640}, "image size must be two numbers"),
-        ({"pose_convention": "blender"}, "pose convention must be opencv, opengl, camera-fr"),
-        ({"skip_bad_poses": 1}, "skip_bad_poses must be True or False"),
+        ({"pixel_centre": 1}, "pixel centre to be 0 or 0.5, got 1"),
+        ({"lens_model": "wide"}, "lens model to be brown or fisheye"),
+        ({"pose_unit": "furlong"}, "unit to be one of m, mm"),
+        ({"pose_unit": -1}, "unit to be one of m, mm"),
+        ({"image_size": (640, -1)}, "image height to be a whole number"),
+        ({"image_size": 640}, "image size to be two numbers"),
+        ({"pose_convention": "blender"}, "pose convention to be opencv, opengl, camera-fr"),
+        ({"skip_bad_poses": 1}, "skip_bad_poses to be True or False"),
     ],
 )
 def test_answers_that_are_none_are_refused(arguments, words):

@@ -43,21 +43,27 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("convert nothing.json out.json", "nothing.json: cannot be read"),
-        ("convert model rig.json", "has no unit|have no unit; give --pose-unit"),
-        ("convert model out.yaml", "there are 2 cameras, 'camera 1', 'camera 2'; choose one by"),
-        ("convert model out.yaml --camera-name up", "there is no camera 'up'"),
+        ("convert nothing.json out.json", "nothing.json: no such file"),
+        ("convert model rig.json", "expected poses with a unit .*; give --pose-unit"),
+        (
+            "convert model out.yaml",
+            "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one by",
+        ),
+        ("convert model out.yaml --camera-name up", "got 'up'"),
         ("convert model out.tif", "name the format by --to"),
-        ("convert model x --to colmp", "format must be rastercov, colmap, "),
+        ("convert model x --to colmp", "format to be rastercov, colmap, "),
         ("convert model model", "expected another file than IN"),
-        ("convert model taken", "cameras.bin is there already"),
-        ("convert bare.json text --to colmap", "text: expected cameras, got poses alone; put both"),
-        ("convert model taken.json --pose-unit m", "taken.json: it is there already"),
-        ("convert model nowhere/out.json --pose-unit m", "its folder does not exist"),
-        ("convert model nowhere/out", "nowhere/out: cannot be written"),
+        ("convert model taken", "got an existing cameras.bin"),
+        ("convert bare.json text --to colmap", "text: expected cameras, got only poses"),
+        (
+            "convert model taken.json --pose-unit m",
+            "taken.json: expected a new file, got an existing one",
+        ),
+        ("convert model nowhere/out.json --pose-unit m", "got a folder that does not exist"),
+        ("convert model nowhere/out", "nowhere/out: no such file"),
         ("convert model x --image-size 640", "--image-size: expected WIDTHxHEIGHT"),
-        ("convert model x --pixel-centre 1", "pixel centre must be 0 or 0.5"),
-        ("convert model rig.json --from opencv", "model: cannot be read .*got a folder"),
+        ("convert model x --pixel-centre 1", "pixel centre to be 0 or 0.5"),
+        ("convert model rig.json --from opencv", "model: .*got a folder"),
     ],
 )
 def test_each_bad_line_is_refused_and_leaves_nothing(here, capsys, line, words):
@@ -134,7 +140,7 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     content["frames"][4]["transform_matrix"][1][1] = 9
     (here / "transforms.json").write_text(json.dumps(content))
     line = "evaluate box -p transforms.json --pose-unit m --pictures 2 --table all --json -o out"
-    assert re.search(r"pose 1 is not a rotation .*: image '2\.png'", refusal(capsys, line))
+    assert re.search(r"image '2\.png': pose 1: expected a rigid transform", refusal(capsys, line))
     assert not Path("out").exists()
     out, err = done(capsys, line + " --skip-bad-poses")
     assert "pose 1 skipped: it is not a rotation" in err
@@ -173,8 +179,8 @@ def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
     for entry, words in (
         ("widht = 3", "--camera widht = 3: unknown entry 'widht'"),
         ("near = ", "a file, a preset, or entries such as"),
-        ("left=none.yaml", "none.yaml: cannot be read"),
-        ('file = "none.yaml"', "none.yaml: cannot be read"),
+        ("left=none.yaml", "none.yaml: no such file"),
+        ('file = "none.yaml"', "none.yaml: no such file"),
         ('file = "k.yaml", fx = 3', "file stands beside near"),
     ):
         assert words in refusal(capsys, f"{RENDER} -c '{entry}' -p sphere:3")
@@ -198,9 +204,9 @@ SIZE = "image_size = [64, 48]\n"
 
 @pytest.mark.parametrize(
     ("answers", "words"),
-    [("", r"plan\.toml: camera: .*no image size; give image_size = \[width, height\]"),
-     (SIZE, "there are 2 cameras, 'camera 1', 'camera 2'; choose one by name"),
-     (SIZE + 'name = "left"', "there is no camera 'left'"),
+    [("", r"plan\.toml: camera: .*an image size, got none .*; give image_size = \[width, height\]"),
+     (SIZE, "expected one of 2 cameras, 'camera 1', 'camera 2', got no name; choose one by name"),
+     (SIZE + 'name = "left"', "got 'left'"),
      (SIZE + 'name = "camera 2"\nfx = 1', "file stands beside near"),
      (SIZE + 'name = "camera 2"', None)],
 )  # fmt: skip

@@ -188,5 +188,5 @@ def test_groups_keep_their_names_whatever_files_follow(files):
         assert found.groups_of(f"f{row}/{short}") == [name]
         assert Names(names, scenes, group_first=True).groups_of(name) == [name]
         if own.count(short) > 1:
-            with pytest.raises(MeshError, match="files have a group"):
+            with pytest.raises(MeshError, match="expected one file with a group"):
                 found.groups_of(short)

@@ -73,7 +73,7 @@ CHECK, EVALUATE = "check plan.toml -p rig.json", "evaluate part.obj -c khepra -p
 def test_a_share_in_percent_is_asked_for(line, capsys):
     goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 98.0\n'
     Path("share.toml").write_text(PLAN + goal)
-    assert "0.98 for 98 %?" in call(capsys, line)[2]
+    assert "pass 0.98 for 98 %" in call(capsys, line)[2]
 
 
 @pytest.mark.parametrize(

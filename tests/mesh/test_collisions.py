@@ -139,7 +139,7 @@ def test_folding_the_arm_into_itself_is_a_collision(arm):
 
 
 def test_wrong_arguments_are_refused(arm):
-    with pytest.raises(ConfigError, match="there is no link 'hand'"):
+    with pytest.raises(ConfigError, match="links of the robot, got 'hand'"):
         rc.Collisions(arm, allowed=[("hand", "head")])
-    with pytest.raises(ConfigError, match="most must be above 0"):
+    with pytest.raises(ConfigError, match="most to be above 0"):
         rc.Collisions(arm).clearance(arm.rest, 0)

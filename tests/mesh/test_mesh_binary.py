@@ -40,7 +40,10 @@ def test_stl_merges_only_what_is_equal_bit_for_bit(load):
 def test_lying_stl_count_is_refused_at_once(load):
     tracemalloc.start()
     start = time.process_time()
-    with pytest.raises(MeshError, match=r"promises 4000000000 triangles .* the file has 134 bytes"):
+    with pytest.raises(
+        MeshError,
+        match=r"expected 4000000000 triangles, .* got 134 bytes",
+    ):
         load("a.stl", binary_stl(POINTS, FACES[:1], count=4_000_000_000))
     elapsed, (_, peak) = time.process_time() - start, tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -51,7 +54,7 @@ def test_lying_stl_count_is_refused_at_once(load):
 @pytest.mark.parametrize("cut", [1, 49, 50, 99, 150])
 def test_truncated_binary_stl_says_where(cut, load):
     data = VALID["binary.stl"][:-cut]
-    text = f"ends in triangle {(len(data) - 84) // 50} at byte offset {len(data)};"
+    text = f"got {len(data)} bytes, to triangle {(len(data) - 84) // 50};"
     with pytest.raises(MeshError, match=text):
         load("a.stl", data)
 
@@ -64,7 +67,9 @@ def test_negative_count_in_a_binary_ply_is_refused(row, load):
     data = VALID["little.ply"].replace(b"list uchar", b"list  char")
     at = data.index(b"end_header\n") + 11 + 4 * 25 + row * 15 + 2
     assert data[at] == 3
-    with pytest.raises(MeshError, match="element 'face' needs -1 values of 'vertex_indices'"):
+    with pytest.raises(
+        MeshError, match="expected -1 values of 'vertex_indices' of element 'face' up to"
+    ):
         load("a.ply", data[:at] + b"\xff" + data[at + 1 :])
 
 
@@ -87,7 +92,9 @@ def test_ply_count_is_held_against_the_bytes(name, load):
     for element in (b"element vertex ", b"element face ", b"element extra "):
         data = VALID[name].replace(element, element + b"200000000")
         tracemalloc.start()
-        with pytest.raises(MeshError, match=r"promises 200000000\d elements .* \d+ bytes are the"):
+        with pytest.raises(
+            MeshError, match=r"expected 200000000\d elements .*, as declared, of at least"
+        ):
             load(name, data)
         assert tracemalloc.get_traced_memory()[1] < 10 << 20
         tracemalloc.stop()
@@ -122,5 +129,5 @@ def test_list_rows_count_against_the_budget(order, more, load):
     if order:
         contents.append(data.replace(b"element face", b"element tristrips"))
     for content in contents:
-        with pytest.raises(ResourceError, match=r"triangles.* need about"):
+        with pytest.raises(ResourceError, match=r"got \d+ bytes for"):
             load("a.ply", content, memory_budget=47_600 * 300 - 1)

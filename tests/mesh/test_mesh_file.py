@@ -90,7 +90,9 @@ def test_what_is_no_path_is_refused(path):
 
 def test_unknown_unit_lists_the_known_ones(load):
     for unit in ("yard", "M", "", 0, -1.0, float("nan"), float("inf"), True, None):
-        with pytest.raises(MeshError, match=r"m, mm, cm, um, .*, ft or metres per unit"):
+        with pytest.raises(
+            MeshError, match="expected unit to be one of m, mm, cm, um, µm, μm, in, inch, ft"
+        ):
             load("a.obj", VALID["a.obj"], unit=unit)
     with pytest.raises(MeshError, match="within ±1e\\+30"):
         load("a.obj", obj(POINTS * 1e20, FACES), unit=1e300)
@@ -101,7 +103,7 @@ def test_content_after_the_end_loads_with_a_warning_that_names_the_file(name, lo
     mesh = load(name, VALID[name] + b"\n1 2 3\n")
     assert mesh.n_faces == 4
     assert mesh.warnings == mesh.notes
-    assert re.search(rf"{name}: .*(7 trailing bytes|lines after line \d+).* not read", *mesh.notes)
+    assert re.search(rf"{name}: .*ignored (7 bytes|the lines) after", *mesh.notes)
 
 
 # ---- nothing in it
@@ -122,7 +124,7 @@ NOTHING = [
 
 def test_file_without_faces_has_no_triangles(load):
     for name, data in NOTHING:
-        assert "no triangles" in refusal(load, name, data), (name, data)
+        assert "expected" in refusal(load, name, data), (name, data)
 
 
 # ---- coordinates and indices that are none
@@ -138,7 +140,9 @@ def spoilt(name: str, bad: float) -> bytes:
 @every_format
 def test_unusable_coordinates_are_refused_with_their_faces(name, load):
     for bad in (np.nan, np.inf, 1e38):
-        with pytest.raises(MeshError, match=rf"{name}: coordinates .* faces \[1, 3\], 2 in all"):
+        with pytest.raises(
+            MeshError, match=rf"{name}: expected finite .* faces \[1, 3\], 2 in all"
+        ):
             load(name, spoilt(name, bad))
 
 
@@ -147,7 +151,7 @@ def test_drop_invalid_keeps_the_rest_and_where_it_came_from(name, load):
     mesh = load(name, spoilt(name, np.nan), drop_invalid=True)
     np.testing.assert_array_equal(mesh.source_face, [0, 2])
     np.testing.assert_array_equal(triangles(mesh), POINTS[FACES[[0, 2]]])
-    assert "faces [1, 3], 2 in all dropped" in mesh.warnings[0]
+    assert "dropped faces [1, 3], 2 in all" in mesh.warnings[0]
     assert mesh.sources[0].n_faces == 2
 
 
@@ -155,7 +159,9 @@ def test_drop_invalid_keeps_the_rest_and_where_it_came_from(name, load):
 def test_indices_out_of_range_and_truncated_files_are_refused(name, load):
     faces = FACES.copy()
     faces[2, 1] = 4
-    assert "must lie in 0 ... 3" in refusal(load, name, WRITERS[name](POINTS, faces))
+    assert "vertex indices in 0 ... 3, got 0 ... 4" in refusal(
+        load, name, WRITERS[name](POINTS, faces)
+    )
     for cut in (20, 60, 110):
         assert re.search("truncated|expected", refusal(load, name, VALID[name][:-cut])), cut
 
@@ -206,7 +212,7 @@ def opened(monkeypatch):
 def test_external_buffers_are_refused_and_never_opened(uri, load, opened, tmp_path):
     (tmp_path / "secret.bin").write_bytes(bytes(1000))
     del opened[:]
-    with pytest.raises(MeshError, match="outside the file"):
+    with pytest.raises(MeshError, match=r"expected buffers in the file, got one outside \(u"):
         load("a.glb", Glb().put(("buffers", 0, "uri"), uri))
     assert set(opened) == {"a.glb"}
 
@@ -231,7 +237,9 @@ def test_urls_and_other_formats_are_refused_without_opening_anything(load, opene
     for name in NAMES:
         (tmp_path / name).touch()
         del opened[:]
-        with pytest.raises(MeshError, match=re.escape(f"formats are {', '.join(READERS)}, got")):
+        with pytest.raises(
+            MeshError, match=re.escape(f"expected a mesh file of {', '.join(READERS)}, got")
+        ):
             Mesh.load(tmp_path / name)
         assert not opened
 
@@ -248,7 +256,7 @@ def test_file_is_read_once_and_hashed_as_read(load, opened):
 @pytest.mark.parametrize("name", [name for name in VALID if name != "ascii.stl"])
 def test_budget_is_held_against_an_estimate(name, load):
     assert load(name, VALID[name], memory_budget=4 * 300).n_faces == 4
-    with pytest.raises(ResourceError, match=rf"{name}: 4 triangles need about 1200 bytes, the bud"):
+    with pytest.raises(ResourceError, match=rf"{name}: .*, got 1200 bytes for 4 triangles"):
         load(name, VALID[name], memory_budget=1199)
 
 
@@ -261,7 +269,7 @@ def test_vertices_count_against_the_budget(name, load):
     faces = FACES if name != "ascii.stl" else rng.integers(0, 9, (3600, 3))
     data = WRITERS[name](points, faces)
     assert load(name, data, memory_budget=1_600_000).n_faces == len(faces)
-    with pytest.raises(ResourceError, match=r"triangles.* need about"):
+    with pytest.raises(ResourceError, match=r"got \d+ bytes for"):
         load(name, data, memory_budget=800_000)
 
 
@@ -338,9 +346,9 @@ def test_each_file_has_its_own_unit(tmp_path):
     for unit in (["mm"], ["mm"] * 3, []):
         with pytest.raises(MeshError, match=f"one for each of 2 files, got {len(unit)}"):
             Mesh.load(paths, unit)
-    with pytest.raises(MeshError, match="unit must be one of"):
+    with pytest.raises(MeshError, match="unit to be one of"):
         Mesh.load(paths, ["mm", "miles"])
-    with pytest.raises(MeshError, match="unit must be one of"):
+    with pytest.raises(MeshError, match="unit to be one of"):
         Mesh.load(paths, b"mm")
 
 

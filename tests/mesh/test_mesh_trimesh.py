@@ -61,5 +61,5 @@ def test_changes_of_the_copy_do_not_reach_the_mesh():
 
 @pytest.mark.parametrize("tri", [trimesh.Scene(), np.zeros((3, 3))])
 def test_what_is_no_mesh_is_refused(tri):
-    with pytest.raises(MeshError, match=r"tri must be a trimesh.Trimesh \(of a Scene, pass scene"):
+    with pytest.raises(MeshError, match=r"tri to be a trimesh.Trimesh \(of a Scene, pass scene"):
         Mesh.from_trimesh(tri)

@@ -65,7 +65,7 @@ def test_the_unit_is_that_of_the_file_where_it_states_one(name, data, metres, lo
     for unit in ("m", "mm"):
         mesh = load(name, data, unit=unit)
         np.testing.assert_allclose(triangles(mesh), POINTS[FACES] * metres)
-        is_noted = any("the unit given was not applied" in note for note in mesh.notes)
+        is_noted = any("ignored unit:" in note for note in mesh.notes)
         assert is_noted == (unit == "mm")
     np.testing.assert_allclose(load("a.dae", dae(), unit="mm").bounds[1], 1e-3)
 
@@ -148,7 +148,7 @@ OTHERS = '<geometry id="other"><mesh/></geometry><geometry id="third"><spline/><
             dae('<node><instance_controller url="#c"/></node>', more=SKIN).replace(
                 b"</library_g", OTHERS.encode() + b"</library_g"
             ),
-            ["'arm' is skinned", "1 animations were not", "2 geometries belong to no node"],
+            ["read 'arm' unposed", "ignored 1 animations", "2 geometries, which belong to no node"],
         ),
     ],
 )
@@ -165,7 +165,7 @@ PROLOGUES = ("\ufeff", "<!-- a -- > <?b?> -->", "<?c <!-- ?>\n", '<?xml version=
 
 @pytest.mark.parametrize("prologue", PROLOGUES)
 def test_a_document_type_is_refused_whatever_precedes_it(prologue, load):
-    with pytest.raises(MeshError, match=r"declares a document type|is no XML"):
+    with pytest.raises(MeshError, match="expected the file without a document type, got one"):
         load("a.dae", f"{prologue}{ENTITY}<COLLADA>&b;</COLLADA>".encode())
     assert load("a.dae", b"<!-- <!DOCTYPE a> -->" + dae()).n_faces
 
@@ -179,32 +179,32 @@ def with_rows(kind, content, count):
 
 
 BROKEN = [
-    *((data, "is no XML|no triangles") for data in (b"", b"<COLLADA", b"\0\1\2", dae()[:-200])),
-    (b'<?xml version="1.0" encoding="nonsense"?><COLLADA/>', "the file is no XML"),
-    (b'<?xml version="1.0" encoding="punycode"?><COLLADA/>', "punycode is not read"),
-    *((dae(more=more), "a namespace is longer than 255 characters")
+    *((data, "to be XML|triangles, got") for data in (b"", b"<COLLADA", b"\0\1\2", dae()[:-200])),
+    (b'<?xml version="1.0" encoding="nonsense"?><COLLADA/>', "to be XML, got: unknown encod"),
+    (b'<?xml version="1.0" encoding="punycode"?><COLLADA/>', "to be XML, got: encoding puny"),
+    *((dae(more=more), "expected the file to be XML, got: a namespace o")
       for more in (f'<a xmlns:b="{"c" * 300}"/>', f"<a xmlns:b{' ' * 300}='c'/>")),
-    (DECLARED.encode("utf-16"), "declares a document type"),
-    (dae(head=ENTITY), "declares a document type"),
+    (DECLARED.encode("utf-16"), "without a document type"),
+    (dae(head=ENTITY), "without a document type"),
     (b"<svg/>", "an element COLLADA, got 'svg'"),
-    (b"<COLLADA/>", "one scene, got 0"),
-    (dae(""), "the file has no faces"),
-    (shared(1, '<instance_node url="#n"/>'), "node 'n' is a part of itself"),
-    (dae("<node>" * 3000 + HERE + "</node>" * 3000), "nested too deeply"),
-    (dae(NODE * 2, library=NODE).replace(b'"n"', b'"g"'), "comes twice"),
+    (b"<COLLADA/>", "expected one scene, or the name of one, got 0"),
+    (dae(""), "expected triangles, got no faces"),
+    (shared(1, '<instance_node url="#n"/>'), "node 'n' not to contain itself, got a cycle"),
+    (dae("<node>" * 3000 + HERE + "</node>" * 3000), "got too many levels"),
+    (dae(NODE * 2, library=NODE).replace(b'"n"', b'"g"'), "the id '#g' once, got it twice"),
     (at("#no"), "geometry, got nothing"),
     (at("#s"), "geometry, got an element source"),
     *((at(url), "is never opened") for url in ("../b.dae#g", "file:///etc/passwd")),
-    (dae(f"<node><skew>1 2 3 4 5 6 7</skew>{HERE}</node>"), "by lookat or skew"),
+    (dae(f"<node><skew>1 2 3 4 5 6 7</skew>{HERE}</node>"), "node 'g', got lookat or skew"),
     (dae(f"<node><scale>1 2</scale>{HERE}</node>"), "3 finite numbers"),
     (dae(f"<node><matrix>{'1 ' * 16}</matrix></node>"), "last row is 0 0 0 1"),
     (dae(before=source(accessor='source="#f" count="4" stride="2"')), "4 points of 2 numbers"),
     *((with_rows("triangles", f"<p>{row}</p>", n), text) for row, n, text in (
-        ("0 1 2", 2, "promises 2 triangles, 1 with"), ("0 1", 0, "promises 0 triangles"),
-        ("0 -1 2", 1, "indices must lie in 0 ... 3"), (f"{9**30} 1 2", 1, "contra"))),
-    (with_rows("polygons", "<ph><p>0 1 2</p><h>0 1 2</h></ph>", 1), "polygons with holes"),
+        ("0 1 2", 2, "2 triangles, .*, got 1"), ("0 1", 0, "0 triangles, .*, got 0"),
+        ("0 -1 2", 1, "indices in 0 ... 3"), (f"{9**30} 1 2", 1, "contra"))),
+    (with_rows("polygons", "<ph><p>0 1 2</p><h>0 1 2</h></ph>", 1), "expected no holes, got some"),
     (with_rows("polygons", "<p>0 1</p>", 1), "3 corners or more, got 2"),
-    (with_rows("polylist", "<vcount>-3</vcount><p/>", 1), "promises 1 polylist"),
+    (with_rows("polylist", "<vcount>-3</vcount><p/>", 1), "1 polylist, as declared, got 1"),
 ]  # fmt: skip
 
 
@@ -212,7 +212,10 @@ def test_deep_elements_are_passed_over_and_small_ones_count_against_the_budget(l
     assert load("a.dae", dae(more="<a>" * 100_000 + "</a>" * 100_000)).n_faces == 4
     data = dae(more="<a b=''/>" * 10_000)
     for content, budget in ((data, 30 * len(data)), (dae(), 1000)):
-        with pytest.raises(RastercovError, match="the budget is"):
+        with pytest.raises(
+            RastercovError,
+            match=r"expected at most \d+ bytes .*, got \d+ bytes",
+        ):
             load("a.dae", content, memory_budget=budget)
 
 
@@ -243,7 +246,7 @@ def test_an_object_of_another_part_is_read(load):
     [
         ({"inside": MESH.replace("<triangle v1", "<triangel v1", 1)}, "not read: triangel"),
         ({"build": f"{ITEM}item"}, "not read: text"),
-        ({"objects": object_of(2, MESH)}, "1 objects are not in the build"),
+        ({"objects": object_of(2, MESH)}, "ignored 1 objects"),
     ],
 )
 def test_elements_of_3mf_that_are_not_read_are_noted(changes, text, load):
@@ -287,39 +290,42 @@ DEEP = "".join(object_of(i, components(i + 1)) for i in range(2, 3000))
 DOCTYPE = '<!DOCTYPE a [<!ENTITY b "c">]>'
 DECLARED_XML = f'<?xml version="1.0" encoding="utf-16"?>{DOCTYPE}'
 BROKEN_3MF = [
-    (b"PK\3\4", "the ZIP archive cannot be read"),
-    (archive(**{"3D/a.model": "<model"}), "its part '3D/a.model' is no XML"),
-    (threemf(build=""), "nothing is in the build; put an object on the plate"),
-    (threemf(inside=components(1)), "object '1' is a part of itself"),
-    (threemf(DEEP, SECOND), "nested too deeply"),
-    (threemf(object_of(1, MESH)), "object '1' comes twice"),
+    (b"PK\3\4", "expected a readable ZIP archive, got: File is not a"),
+    (archive(**{"3D/a.model": "<model"}), "part '3D/a.model' to be XML"),
+    (threemf(build=""), "expected an object in the build, got none"),
+    (threemf(inside=components(1)), "expected object '1' not to contain itself, got a cycle"),
+    (threemf(DEEP, SECOND), "got too many levels"),
+    (threemf(object_of(1, MESH)), "expected object '1' once, got it twice"),
     (threemf(own='unit="furlong"'), "got 'furlong'"),
-    (threemf(own='requiredextensions="p"'), r"extensions \['p'\] are required"),
-    (threemf(own=requiring("beamlattice/2017/02")), r"beamlattice/2017/02'\] are required"),
-    (threemf(own=requiring("beamlattice/2017/02", "m")), r"beamlattice/2017/02'\] are required"),
-    (threemf(own=requiring("volumetric/2022/01", "s")), r"volumetric/2022/01'\] are required"),
-    (beside(model(own=requiring("implicit/2024/01"))), r"implicit/2024/01'\] are required"),
-    (threemf(sliced(), SECOND), "object '2' is a stand-in"),
-    (threemf(sliced(mesh=""), SECOND), "object '2' is a stand-in"),
+    (threemf(own='requiredextensions="p"'), r"expected supported extensions, got \['p'\]"),
+    (threemf(own=requiring("beamlattice/2017/02")), r"expected supported extensions, got \['http://schem"),
+    (threemf(own=requiring("beamlattice/2017/02", "m")), r"expected supported extensions, got \['http://schem"),
+    (threemf(own=requiring("volumetric/2022/01", "s")), r"expected supported extensions, got \['http://schem"),
+    (beside(model(own=requiring("implicit/2024/01"))), r"expected supported extensions, got \['http://schem"),
+    (threemf(sliced(), SECOND), "got a placeholder"),
+    (threemf(sliced(mesh=""), SECOND), "got a placeholder"),
     (threemf(sliced("p:modelresolution='obfuscated'"), SECOND), "'obfuscated'"),
-    (threemf(sliced() + object_of(3, components(2)), '<item objectid="3"/>'), "is a stand-in"),
+    (threemf(sliced() + object_of(3, components(2)), '<item objectid="3"/>'), "got a placeholder"),
     (beside(model(own='xmlns:s="s"').replace("<object", "<object s:meshresolution='lowres'")),
-     "object '1' is a stand-in"),
+     "got a placeholder"),
     (threemf(inside=MESH.replace("</mesh>", "<b:beamlattice xmlns:b='b'/></mesh>")),
-     "object '1' has a beamlattice, which is not read; export it as triangles"),
-    (threemf(inside=MESH + "<d:displacementmesh xmlns:d='d'/>"), "has a displacementmesh"),
-    (threemf(inside="<booleanshape objectid='1'/>"), "object '1' has a booleanshape"),
-    (archive(**{"3D/a.model": DOCTYPE + model()}), "declares a document type"),
+     "expected triangles, got a beamlattice"),
+    (threemf(inside=MESH + "<d:displacementmesh xmlns:d='d'/>"), "got a displacementmesh"),
+    (threemf(inside="<booleanshape objectid='1'/>"), "expected triangles, got a booleanshape"),
+    (archive(**{"3D/a.model": DOCTYPE + model()}), "without a document type"),
     (archive(**{"3D/a.model": (DECLARED_XML + model()).encode("utf-16")}), "a document type"),
-    (archive(**{"_rels/.rels": "<Relationships/>"}), "names no 3D model"),
-    (archive(**{"_rels/.rels": RELATIONSHIPS.replace("/3D/", "/4D/")}), "has no part"),
-    (archive(zipfile.ZIP_BZIP2), "must be deflated or stored"),
+    (archive(**{"_rels/.rels": "<Relationships/>"}), "a 3D model in the archive, got none"),
+    (archive(**{"_rels/.rels": RELATIONSHIPS.replace("/3D/", "/4D/")}), "4D/a.model"),
+    (archive(zipfile.ZIP_BZIP2), r"expected '_rels/\.rels' to be deflated or stored, got another"),
 ]  # fmt: skip
 
 
 @pytest.mark.slow
 def test_a_bomb_is_not_unpacked(load):
-    with pytest.raises(RastercovError, match="the budget is"):
+    with pytest.raises(
+        RastercovError,
+        match=r"expected at most \d+ bytes .*, got \d+ bytes",
+    ):
         load("a.3mf", archive(**{"3D/a.model": " " * 40_000_000}))
 
 

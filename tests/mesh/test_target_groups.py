@@ -12,11 +12,15 @@ SCENE = beside(BOX, SHEET)
 
 
 def test_no_group_is_both_occluder_and_target():
-    with pytest.raises(MeshError, match="'jig' must have one role"):
+    with pytest.raises(
+        MeshError, match="expected one role of group 'jig', got occluder and target"
+    ):
         Group("jig", is_occluder=True, is_target=True)
-    with pytest.raises(MeshError, match="must have one role"):
+    with pytest.raises(
+        MeshError, match="expected one role of group 'target 0', got occluder and target"
+    ):
         SCENE.with_groups(occluders=["target 0"])
-    with pytest.raises(ConfigError, match="is_target must be True or False"):
+    with pytest.raises(ConfigError, match="is_target to be True or False"):
         Group("jig", is_target="yes")
 
 
@@ -27,7 +31,9 @@ def test_with_groups_sets_exactly_the_named_targets():
     assert not SCENE.with_groups(targets=[]).has_targets
     assert SCENE.with_groups(two_sided="all").target_mask.any()
     assert SCENE.with_groups(occluders=["target 0"], targets=[]).groups[1].is_occluder
-    with pytest.raises(MeshError, match="no group 'sheet'"):
+    with pytest.raises(
+        MeshError, match="expected a group or mesh file, such as mesh, target 0, got"
+    ):
         SCENE.with_groups(targets=["sheet"])
 
 

@@ -38,7 +38,9 @@ def test_slopes_stay_slopes_and_walls_are_left_out():
 def test_a_two_sided_floor_may_face_down():
     floor = sheet_at((0, 0), (1, 1), 0)
     turned = Mesh(floor.vertices, floor.faces[:, ::-1])
-    with pytest.raises(MeshError, match="'mesh' has no face that faces up"):
+    with pytest.raises(
+        MeshError, match="expected a face of group 'mesh' that faces up within 45 degrees, got"
+    ):
         sheet_above(turned, "mesh", 1.6)
     sheet = sheet_above(turned.with_groups(two_sided="all"), "mesh", 1.6)
     assert (sheet.normals[:, 2] == 1).all()

@@ -147,7 +147,7 @@ def test_the_environment_chooses_a_level(name):
 def test_a_level_that_is_not_here_is_refused():
     done = python("-c", "import rastercov.native", env=os.environ | {"RASTERCOV_LEVEL": "v9"})
     *_, line = done.stderr.strip().split("\n")
-    assert line.startswith("ImportError: RASTERCOV_LEVEL must be one of ")
+    assert line.startswith("ImportError: expected RASTERCOV_LEVEL to be one of ")
     assert line.endswith(" got v9")
 
 

@@ -570,8 +570,11 @@ def test_a_baseline_that_is_too_short_is_named():
     ("entries", "words"),
     [
         ({"max_uncertainty": "5 parsec", "noise_px": 1}, "m, mm or um"),
-        ({"max_uncertainty": 1e-4}, "noise_px must be above 0"),
-        ({"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["cam", "proj"]}, "fix no point"),
+        ({"max_uncertainty": 1e-4}, "noise_px to be 1e-06 to"),
+        (
+            {"max_uncertainty": 1e-4, "noise_px": 1, "stripes": ["cam", "proj"]},
+            "expected a sensor without stripes",
+        ),
         ({"rule": "any", "max_uncertainty": 1e-4, "noise_px": 1}, "max_uncertainty"),
     ],
 )

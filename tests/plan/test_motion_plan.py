@@ -366,9 +366,9 @@ OTHER = '[[bodies]]\nname = "b"\nurdf = "arm.urdf"\n[motion]'
 SPOILT = {
     "m.toml: no.urdf": ("m.toml", "arm.urdf", "no.urdf", "no.urdf"),
     "no mesh": ("arm.urdf", '<box size="0.2 0.05 0.05"/>', '<mesh filename="a.stl"/>', "a.stl"),
-    "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "a cycle of joints"),
+    "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "got a cycle"),
     "column": ("path.csv", "elbow", "knee", "columns pan, lift, elbow"),
-    "time": ("path.csv", "3.0", "0.5", "times must be strictly increasing"),
+    "time": ("path.csv", "3.0", "0.5", "times to be strictly increasing"),
     "two": ("m.toml", "[motion]", OTHER, "one body with urdf for joints, got 2"),
     "no body": ("m.toml", "arm/head", "arm/foot", "no body 'arm/foot'"),
     "no robot": ("m.toml", 'urdf = "arm.urdf"', 'groups = ["plate"]', "urdf"),

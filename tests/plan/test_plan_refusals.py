@@ -32,8 +32,8 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
     [
         ("", "meshes: expected an entry, got none; add it"),
         (BASE.replace("[[meshes]]", "[meshes]"), "meshes: expected a list"),
-        ("x = [", "not valid TOML"),
-        ("x = 1\nx = 2", "not valid TOML"),
+        ("x = [", "expected valid TOML"),
+        ("x = 1\nx = 2", "expected valid TOML"),
         ("[[meshes]]\n" + CAMERA, "meshes[0]: expected one of path, built_in, got none"),
         ("[[meshes]]\nbuilt_in='box'\nunit='mm'\n" + CAMERA, "meshes[0]: expected metres"),
         (TURN("scale = 0"), "meshes[0].transform.scale: expected a number above 0, got 0"),
@@ -55,7 +55,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (TARGET + 'file = "no.stl"', "targets[0].file: expected a file, got 'no.stl'"),
         # cameras and rigs
         (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
-        (BASE + "width = 0", "camera: width must be a whole number of pixels"),
+        (BASE + "width = 0", "camera: expected width to be a whole number of pixels"),
         (BASE + "file = 'plan.toml'", "camera: file stands beside near"),
         (BOX + "[camera]\nfile = 'x.toml'", "camera.file: expected a file"),
         (BOX + "[camera]\nwidth = 3", "camera: missing height"),
@@ -153,7 +153,7 @@ def placed(plan):
         (
             placed, BOX + EYE + PAIR.replace('"right"', '"left"')
             + "[[candidates]]\ngenerator = 'per_face'\n[selection]\ngoal = 'fewest_cameras'",
-            "rigs.pair: names must be 2 different",
+            "rigs.pair: expected names to be 2 different",
         ),
     ],
 )  # fmt: skip

@@ -52,7 +52,7 @@ def counted(context, plan, mesh=MESH, **options):
 def test_a_mesh_with_more_counters_than_a_storage_block_holds_is_refused(device, monkeypatch, plan):
     limits = device.info.limits | {"max_ssbo_bytes": 4 * MESH.n_faces}
     monkeypatch.setattr(device, "info", dataclasses.replace(device.info, limits=limits))
-    line = rf"a storage block of {4 * MESH.n_faces + 4} bytes .* use backend 'cpu'"
+    line = rf"a storage block .* got {4 * MESH.n_faces + 4} for .* use backend 'cpu'"
     with pytest.raises(ResourceError, match=line):
         counted(device, plan)
 
@@ -81,22 +81,26 @@ def test_layers_are_used_on_a_gpu_unless_told(device, monkeypatch, is_software, 
 @pytest.mark.parametrize(
     ("backend", "options", "words"),
     [
-        ("auto", {"speed": 1}, "takes no option speed; cpu takes threads; gl takes device, plan"),
-        ("cpu", {"plan": "compute"}, "backend cpu takes no option plan"),
-        ("gl", {"threads": 1}, "backend gl takes no option threads"),
-        ("auto", {"threads": 1, "plan": "compute"}, "backend gl takes no option threads"),
-        ("gl", {"device": "cpu"}, "device must be one of backend gl, got 'cpu'"),
+        ("auto", {"speed": 1}, "expected options of backend gl, cpu takes threads"),
+        ("cpu", {"plan": "compute"}, "expected options of backend cpu, cpu takes threads"),
+        ("gl", {"threads": 1}, "expected options of backend gl, cpu takes threads"),
+        (
+            "auto",
+            {"threads": 1, "plan": "compute"},
+            "expected options of backend gl, cpu takes threads",
+        ),
+        ("gl", {"device": "cpu"}, "device to be one of backend gl, got 'cpu'"),
         *(
-            ("gl", {"max_layers": value}, "max_layers must be a whole number 1 to 128")
+            ("gl", {"max_layers": value}, "max_layers to be a whole number 1 to 128")
             for value in ("8", 0, 1.5, 129)
         ),
-        ("gl", {"plan": "fast"}, "plan must be .* got 'fast'"),
-        ("vulkan", {}, "backend must be .* got 'vulkan'"),
+        ("gl", {"plan": "fast"}, "plan to be .* got 'fast'"),
+        ("vulkan", {}, "backend to be .* got 'vulkan'"),
         *(
-            ("cpu", {"supersample": value}, "supersample must be a whole number 1 to 64")
+            ("cpu", {"supersample": value}, "supersample to be a whole number 1 to 64")
             for value in (0, -1, 65, 1.5, True, "2")
         ),
-        *(("cpu", {"roll": value}, "roll must be an angle") for value in (np.nan, "0.4", None)),
+        *(("cpu", {"roll": value}, "roll to be an angle") for value in (np.nan, "0.4", None)),
     ],
 )
 @pytest.mark.parametrize("lens", [{}, {"skew": 1.0}], ids=["pinhole", "lens"])
@@ -160,7 +164,7 @@ def test_every_method_of_a_closed_rasteriser_says_so(open_raster):
     for name in (name for name in dir(rasterizer) if not name.startswith("_")):
         member = getattr(rasterizer, name)
         if callable(member) and name != "close":
-            with pytest.raises(DeviceError, match="this rasteriser is closed; open a new one"):
+            with pytest.raises(DeviceError, match="expected an open rasteriser, got a closed one"):
                 member(POSES[0])
             told.append(name)
     assert {"count", "render"} <= set(told)  # and those of one rasteriser alone
@@ -179,7 +183,9 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(devic
     ):
         for thing in (device, cpu, drawn, exact, sampled):
             name = type(thing).__name__
-            with pytest.raises(ConfigError, match=rf"{name} cannot be copied or pickled: [^\n]*$"):
+            with pytest.raises(
+                ConfigError, match=rf"{name} to stay in its process, got a copy [^\n]*$"
+            ):
                 take(thing)
         assert cpu.count(POSES).visible.any()
 
@@ -229,7 +235,7 @@ def one_pixel_off(ids):
 def test_wrong_image_is_caught_at_opening(device, monkeypatch, wrong):
     read = Resources.read_faces
     monkeypatch.setattr(Resources, "read_faces", lambda *arguments: wrong(read(*arguments)))
-    with pytest.raises(DeviceError, match="cannot be trusted, see `rastercov doctor`"):
+    with pytest.raises(DeviceError, match="expected correct results of"):
         GLRasterizer(MESH, CAMERA, device=device, **WAYS["pipeline"])
 
 
@@ -249,7 +255,7 @@ def one_count_moved(counters):
 def test_wrong_counters_are_caught_at_opening(device, monkeypatch, wrong, plan, roll):
     read = Resources.read_words
     monkeypatch.setattr(Resources, "read_words", lambda *arguments: wrong(read(*arguments)))
-    with pytest.raises(DeviceError, match="cannot be trusted"):
+    with pytest.raises(DeviceError, match="expected correct results"):
         GLRasterizer(MESH, CAMERA, device=device, **WAYS[plan], roll=roll)
 
 
@@ -287,7 +293,7 @@ def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, mon
         pytest.skip("one pass fills all, so none can be lost between two")
     rasterizer.count(POSES)
     fail(monkeypatch)
-    with pytest.raises(DeviceError, match="cannot be trusted"):
+    with pytest.raises(DeviceError, match="expected correct results"):
         rasterizer.count(np.concatenate((POSES, POSES)))
 
 
@@ -301,7 +307,10 @@ def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):
         return seen, empty - 1
 
     monkeypatch.setattr(rasterizer._strategy, name, lossy)
-    with pytest.raises(DeviceError, match="counted 4799 samples of 4800; its answers cannot"):
+    with pytest.raises(
+        DeviceError,
+        match=r"expected correct results of llvmpipe \(LLVM 15\.0\.6, 256 bits\), got a fault: it",
+    ):
         rasterizer.count(POSES)
 
 
@@ -338,11 +347,23 @@ def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch)
 @pytest.mark.parametrize(
     ("owner", "name", "fault", "kind", "text"),
     [
-        ("gl", "error", "GL_INVALID_OPERATION", DeviceError, "reported GL_INVALID_OPERATION while"),
-        ("gl", "error", "GL_OUT_OF_MEMORY", ResourceError, "ran out of memory while drawing"),
+        (
+            "gl",
+            "error",
+            "GL_INVALID_OPERATION",
+            DeviceError,
+            "expected no error of the device, got GL_INVALID_OPE",
+        ),
+        (
+            "gl",
+            "error",
+            "GL_OUT_OF_MEMORY",
+            ResourceError,
+            "expected enough memory of the device, got too little whi",
+        ),
         (
             *("context", "reset_status", lambda: 0x8253, DeviceError),
-            "lost the context while drawing; open a new rasteriser",
+            "expected a live context, got a lost one whi",
         ),
     ],
 )
@@ -418,7 +439,7 @@ def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, plan, make
         "error",
         property(lambda self: "GL_OUT_OF_MEMORY" if failed else error.fget(self)),
     )
-    with pytest.raises(ResourceError, match=r"the device refused .* \([\d.]+ MiB\): "):
+    with pytest.raises(ResourceError, match="expected the device to allocate"):
         open_gl(MESH, CAMERA)
     monkeypatch.undo()
 

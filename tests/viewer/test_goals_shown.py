@@ -119,7 +119,7 @@ def test_a_goal_that_is_shown_has_its_own_figures(session):
     assert session.state.task == task  # thresholds of a goal are not those of the rig
     with pytest.raises(rc.ConfigError, match="expected the task for new thresholds"):
         shown(session, "doors", do="task", changes={"views": 3})
-    with pytest.raises(rc.ConfigError, match="goal must be doors or window"):
+    with pytest.raises(rc.ConfigError, match="goal to be doors or window"):
         shown(session, "attic")
     assert shown(session, "")[0]["state"]["goal"] == ""
 

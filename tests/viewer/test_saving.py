@@ -213,7 +213,7 @@ def test_the_policy_of_a_page_of_one_file_names_its_script_and_style():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
-    [("nothing.stl -c khepra", "No such file"), ("teapot-5", "expected a camera"),
+    [("nothing.stl -c khepra", "no such file"), ("teapot-5", "expected a camera"),
      ("teapot-5 -c khepra --port 70000", "port"), ("nothing.toml", "nothing.toml"),
      ("teapot-5 -c khepra -p sphere:3 --export page.txt", ".html"), ("tests", "expected a result"),
      ("icosahedron -c khepra --method fast", "method"),

@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.base.files import PROJECTS, StrPath, one_line, printable
+from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
@@ -57,7 +57,9 @@ def read_with_optics(folder: Path, content: Mapping[str, Any], border: Border) -
     """Views of the file that entries name, whose camera has the optics beside it."""
     file, others = content["file"], {k: v for k, v in content.items() if k != "file"}
     if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
-        raise CameraError(f"file must name a file of another program, got {shown(file)}")
+        raise CameraError(
+            f"expected file to name a file of another program, got {shown(file)}; correct it"
+        )
     views = read_through(folder / file, border)
     cameras = tuple(camera.with_optics(others) for camera in views.cameras())
     assert views.rig is not None
@@ -71,7 +73,9 @@ def _mvsnet_files(folder: Path) -> list[Path]:
 def _mvsnet(source: Source, border: Border) -> Views:
     files = _mvsnet_files(source.path) if source.path.is_dir() else [source.path]
     if not files:
-        raise CameraError(f"expected files {bundler.PATTERN}, got a folder without any")
+        raise CameraError(
+            f"expected files {bundler.PATTERN}, got a folder without any; name another folder"
+        )
     return bundler.read_mvsnet([Source(path) for path in files], border)
 
 
@@ -130,7 +134,7 @@ def read_views(
     format : str, optional
         One of `READERS`; by the content unless given.
     conventions : Conventions, optional
-        Answers to what the file leaves open.
+        Conventions that the file does not state.
 
     Returns
     -------
@@ -141,7 +145,7 @@ def read_views(
     Raises
     ------
     CameraError, PoseError
-        For a file that is not read, and for one that leaves open what `conventions` do not answer.
+        For an unreadable file, and one that does not state a convention missing in `conventions`.
     ConfigError
         For a format that does not exist.
 
@@ -173,8 +177,8 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
 
 
 @contextmanager
-def _naming(path: StrPath, kind: type[RastercovError], words: str = "{}") -> Iterator[None]:
-    """Let errors name a file, once; those of the system become of that kind, in these words."""
+def _naming(path: StrPath, kind: type[RastercovError]) -> Iterator[None]:
+    """Let errors name a file, once; those of the system become of that kind."""
     name = printable(str(path))
     try:
         yield
@@ -184,13 +188,12 @@ def _naming(path: StrPath, kind: type[RastercovError], words: str = "{}") -> Ite
             raise PoseError(text, error.pose_ids) from None
         raise type(error)(text) from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
-        reason = getattr(error, "strerror", None) or one_line(error)
-        raise kind(f"{name}: {words.format(reason)}") from None
+        raise kind(f"{name}: {reason_of(error)}") from None
 
 
 def _path(path: StrPath) -> Path:
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
-        raise CameraError(f"expected a path, got {type(path).__name__}; pass a string or a Path")
+        raise CameraError(f"expected a path, got {type(path).__name__}; pass a str or a Path")
     return Path(path)
 
 
@@ -205,8 +208,8 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path, format
     if suffix in PROJECTS:
         raise CameraError(
-            f"expected cameras, got a project of {PROJECTS[suffix]}; export cameras, as COLMAP, "
-            "Bundler or XML, and name that file"
+            f"expected cameras, got a project of {PROJECTS[suffix]}; export them as COLMAP, "
+            "Bundler or XML"
         )
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
         return path, "gltf" if suffix.startswith(".gl") else "rastercov"
@@ -243,7 +246,8 @@ def _of_content(source: Source) -> str:
         if is_mine(source.text):
             return name
     raise CameraError(
-        f"expected a camera file, or one of {', '.join(READERS)}; name its format by --from"
+        f"expected a camera file of {', '.join(READERS)}, got another file; name its format by "
+        "--from"
     )
 
 
@@ -268,7 +272,7 @@ def format_of(path: StrPath) -> str:
         return BY_SUFFIX[suffix]
     raise ConfigError(
         f"{printable(str(path))}: expected a name that ends in .json, .toml, .npy, .glb or .yaml, "
-        "or a folder for COLMAP; name the format by --to"
+        "or a folder, got another; name the format by --to"
     )
 
 
@@ -291,14 +295,14 @@ def write_views(
     Returns
     -------
     list of str
-        What the format does not keep, a line each.
+        What the format cannot represent, one line each.
 
     Raises
     ------
     CameraError
-        For a lens that the format has no model for, and several cameras where it has one.
+        For a lens model that the format lacks, and several cameras in a format for one.
     ConfigError
-        For a file that is there already, poses without a unit for a format that is in metres, and
+        For an existing file, poses without a unit for a format in metres, and
         a format that does not exist.
 
     Examples
@@ -313,17 +317,23 @@ def write_views(
     place = _path(path)
     overwrite = flag("overwrite", overwrite)
     if place.suffix and place.is_symlink() and place.is_dir():
-        raise ConfigError(f"{path}: expected a file, got a symbolic link to a folder; delete it")
+        raise ConfigError(
+            f"{path}: expected a file, got a symbolic link to a folder; delete the link"
+        )
     target = format_of(place) if format is None else format
     check_choice("format", target, tuple(WRITERS))
-    with _naming(path, ConfigError, "cannot be written ({})"):
+    with _naming(path, ConfigError):
         if target in IN_METRES and not views.has_unit:
-            raise ConfigError("the file is in metres, and the poses have no unit; give --pose-unit")
+            raise ConfigError(
+                "expected poses with a unit for a file in metres, got none; give --pose-unit"
+            )
         contents, notes = _contents(place, views, target)
         if "" not in contents:
             colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
-            raise ConfigError("it is there already; give another name, or --overwrite")
+            raise ConfigError(
+                "expected a new file, got an existing one; give another name, or --overwrite"
+            )
         else:
             write_bytes(place, contents[""])
     return notes
@@ -336,7 +346,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         return {"": own.bytes_of(views, path.suffix.lower(), notes)}, notes
     if views.rig is None:
         raise CameraError(
-            "expected cameras, got poses alone; put both into a .json file of ours, or write one"
+            "expected cameras, got only poses; write a .json file of ours, or put both into one"
         )
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:

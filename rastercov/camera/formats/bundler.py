@@ -2,7 +2,7 @@
 
 The first two have the same camera: looking along -z with y up, camera_from_world, a focal length,
 two radial coefficients, and pixels from the middle of the image, whose size they do not have; nor a
-unit. MVSNet has a file an image, or a folder of them, with extrinsic and intrinsic.
+unit. MVSNet has one file per image, or a folder of them, with extrinsic and intrinsic.
 
 Sources: N. Snavely. Bundler v0.4 User's Manual. 2010. S. Agarwal et al. Bundle Adjustment in the
 Large. 2010. Y. Yao et al. MVSNet. 2018, README of the code, "File Formats".
@@ -52,12 +52,14 @@ def read_bundler(text: str, border: Border) -> Views:
     n_lines = sum(bool(line.strip()) for line in rest.split("\n"))
     if n_lines != (wanted := 5 * n_cameras + 3 * n_points):
         border.note(
-            f"{n_cameras} cameras and {n_points} points have {wanted} lines, {n_lines} are there; "
-            "cameras may be missing"
+            f"{n_cameras} cameras and {n_points} points need {wanted} lines, the file has "
+            f"{n_lines}; cameras may be missing"
         )
     is_found = values[:, 0] != 0
     if not is_found.any():
-        raise CameraError("expected cameras with a focal length, got none")
+        raise CameraError(
+            "expected cameras with a focal length, got none; export the cameras again"
+        )
     if not is_found.all():
         border.note(
             f"{plural((~is_found).sum(), 'image')} without a camera left out: their focal length "
@@ -80,7 +82,7 @@ def read_bal(text: str, border: Border) -> Views:
     if len(lines) <= n_observations:
         raise CameraError(
             f"expected {n_observations} lines of observations, got {len(lines) - 1}; the file is "
-            "truncated or broken"
+            "truncated, export it again"
         )
     values = _numbers(lines[-1], n_cameras, 9)
     poses = from_vectors(values[:, :3], values[:, 3:6])
@@ -144,7 +146,10 @@ def _counts(text: str, what: str) -> tuple[list[int], str]:
     n = what.count(" ") + 1 - what.count(" and ")
     words = text.split(maxsplit=n)
     if len(words) < n or not all(word.isdecimal() and len(word) < 10 for word in words[:n]):
-        raise CameraError(f"expected the numbers of {what}, got {shown(' '.join(words[:n]))}")
+        raise CameraError(
+            f"expected the numbers of {what}, got {shown(' '.join(words[:n]))}; export the file "
+            "again"
+        )
     return [int(word) for word in words[:n]], "".join(words[n:])
 
 
@@ -154,7 +159,8 @@ def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
     words = text.split(maxsplit=wanted)[:wanted] if 2 * wanted - 1 <= len(text) else []
     if n_cameras < 1 or len(words) < wanted:
         raise CameraError(
-            f"expected {n_cameras} cameras, got numbers for fewer; the file is truncated or broken"
+            f"expected {n_cameras} cameras, got numbers for fewer; the file is truncated, export "
+            "it again"
         )
     return checked([*map(number_of, words)], "numbers of cameras", (wanted,)).reshape(
         n_cameras, per_camera
@@ -196,13 +202,16 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
         if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
             raise CameraError(
                 f"{name}: expected extrinsic with 16 numbers and intrinsic with 9, got "
-                f"{len(words)} words"
+                f"{len(words)} words; correct it"
             )
         numbers = [number_of(word) for word in words]
         poses.append(checked(numbers[1:17], f"{name}: extrinsic", (16,)).reshape(4, 4))
         k = checked(numbers[18:27], f"{name}: intrinsic", (9,)).reshape(3, 3)
         if k[1, 0] or not np.array_equal(k[2], (0, 0, 1)):
-            raise CameraError(f"{name}: intrinsic must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+            raise CameraError(
+                f"{name}: expected intrinsic to be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got "
+                f"{k.tolist()}"
+            )
         (fx, skew, cx), (_, fy, cy) = k[:2].tolist()
         p = {"fx": fx, "fy": fy, "cx": cx + shift, "cy": cy + shift, "skew": skew}
         cameras.append(lens_camera("pinhole", size, p))

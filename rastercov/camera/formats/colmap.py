@@ -95,12 +95,12 @@ def read(path: Path, border: Border) -> Views:
     if path.is_file():
         cameras, row_of = _ordered(_one_file(path, "cameras", border))
         return border.views(cameras, _names(row_of))
-    if not path.exists():
-        raise CameraError("cannot be read (No such file or directory)")
+    path.stat()  # OSError where there is none
     folder = model_folder(path)
     if folder is None:
         raise CameraError(
-            "expected a COLMAP model, got a folder without cameras.bin or cameras.txt"
+            "expected a COLMAP model, got a folder without cameras.bin or cameras.txt; name "
+            "another one"
         )
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
 
@@ -112,12 +112,12 @@ def read(path: Path, border: Border) -> Views:
     images: list[Image] | None = part("images")
     if images is None:
         images = []
-        border.note(f"there is no images{suffix}: cameras alone")
+        border.note(f"no images{suffix}: read cameras alone")
     for image in images:
         if image.camera_id not in row_of:
             raise CameraError(
-                f"image {shown(image.name)} is of camera {image.camera_id}, which is not in "
-                f"cameras{suffix}; export the model again"
+                f"expected a camera of cameras{suffix} for image {shown(image.name)}, got "
+                f"{image.camera_id}; export the model again"
             )
     places = _places(part("rigs") or [], row_of, border)
     frames = part("frames") or []
@@ -142,7 +142,7 @@ def _names(ids: Iterable[int]) -> list[str]:
 def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
     """Cameras by id, and the row of each id."""
     if not table:
-        raise CameraError("expected a COLMAP model, got one without cameras")
+        raise CameraError("expected a COLMAP model, got one without cameras; export it again")
     ids = sorted(table)
     return [table[number] for number in ids], {number: row for row, number in enumerate(ids)}
 
@@ -161,13 +161,11 @@ def _one_file(path: Path, part: str, border: Border) -> Any:
         for kind, number in promised.items():
             if number > len(found):
                 raise CameraError(
-                    f"the header promises {number} {kind}, {len(found)} are there; the file is "
-                    "truncated or damaged, export it again, or correct its header"
+                    f"expected {number} {kind}, as the header says, got {len(found)}; the file is "
+                    "truncated, export it again"
                 )
             if number < len(found):
-                border.note(
-                    f"{name}: the header promises {number} {kind}, {len(found)} are there and read"
-                )
+                border.note(f"{name}: the header declares {number} {kind}; read all {len(found)}")
         return found
 
 
@@ -177,7 +175,8 @@ def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) 
     names = order.split()
     if len(names) != len(parameters):
         raise CameraError(
-            f"{model} must have {len(names)} parameters ({order}), got {len(parameters)}"
+            f"expected {len(names)} parameters ({order}) for {model}, got {len(parameters)}; "
+            "export it again"
         )
     p = dict(zip(names, parameters, strict=True))
     if ours == "equirectangular":
@@ -198,7 +197,9 @@ class _Words:
 
     def word(self, what: str, words: Sequence[str] = ()) -> str:
         if self._at >= len(self._words):
-            raise CameraError(f"{self._where} ends before {what}; the file is truncated")
+            raise CameraError(
+                f"{self._where}: expected {what}, got the end of the line; the file is truncated"
+            )
         self._at += 1
         return self._words[self._at - 1]
 
@@ -206,7 +207,9 @@ class _Words:
         word = self.word(what)
         # The longest: -2^63 and 2^64 - 1.
         if not _is_whole(word) or len(word) > 20:
-            raise CameraError(f"{self._where}: {what} must be a whole number, got {shown(word)}")
+            raise CameraError(
+                f"{self._where}: expected {what} to be a whole number, got {shown(word)}"
+            )
         return int(word)
 
     def reals(self, what: str, count: int, *, is_last: bool = False) -> tuple[float, ...]:
@@ -214,7 +217,9 @@ class _Words:
         found = [number_of(self.word(what)) for _ in range(count)]
         for value in found:
             if isinstance(value, str):
-                raise CameraError(f"{self._where}: {what} must be a number, got {shown(value)}")
+                raise CameraError(
+                    f"{self._where}: expected {what} to be a number, got {shown(value)}"
+                )
         return tuple(map(float, found))
 
     def name(self) -> str:
@@ -254,7 +259,10 @@ class _Bytes:
         start = self._file.tell()
         data, end, _ = self._file.read(LONGEST_NAME).partition(b"\0")
         if not end:
-            raise CameraError("the name of an image has no end; the file is truncated or broken")
+            raise CameraError(
+                "expected an image name of at most 1000 bytes, got no end; the file is damaged, "
+                "export it again"
+            )
         self._file.seek(start + len(data) + 1)
         return data.decode("utf-8", errors="replace")
 
@@ -274,12 +282,14 @@ def _cameras(records: Fields) -> dict[int, Camera]:
     for values in records:
         number, model = values.whole("the camera's id"), values.word("the model", MODELS)
         if model not in MODELS:
-            raise CameraError(f"the model must be one of {', '.join(MODELS)}, got {shown(model)}")
+            raise CameraError(
+                f"expected the model to be one of {', '.join(MODELS)}, got {shown(model)}"
+            )
         sides = values.whole("the width", "Q"), values.whole("the height", "Q")
         n_parameters = len(PROGRAMS["colmap"][model].parameters.split())
         parameters = values.reals("a parameter", n_parameters, is_last=True)
         if number in table:
-            raise CameraError(f"camera {number} comes twice; leave one")
+            raise CameraError(f"expected each camera once, got {number} twice; remove one")
         with errors_as(CameraError, f"camera {number}"):
             size = image_side("width", sides[0]), image_side("height", sides[1])
             table[number] = camera_of(model, *size, parameters)
@@ -294,7 +304,7 @@ def _images(records: Fields) -> list[Image]:
         camera_id, name = values.whole("the camera's id"), values.name()
         values.pass_points(name)
         if number in table:
-            raise CameraError(f"image {number} comes twice; leave one")
+            raise CameraError(f"expected each image once, got {number} twice; remove one")
         table[number] = Image(*motion, camera_id, name, number)
     return list(table.values())
 
@@ -353,7 +363,10 @@ def _lines(file: BinaryIO, promised: dict[str, int]) -> Iterator[tuple[int, str]
         if not (raw := file.readline(LONGEST_LINE)):
             return
         if len(raw) == LONGEST_LINE:
-            raise CameraError(f"line {number} is longer than {LONGEST_LINE} bytes")
+            raise CameraError(
+                f"expected lines of at most {LONGEST_LINE} bytes, got more in line {number}; "
+                "correct the file"
+            )
         if number == 1 and raw.startswith((b"\xff\xfe", b"\xfe\xff")):
             raise CameraError("expected text in UTF-8, got UTF-16; save it as UTF-8")
         text = raw.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace").strip()
@@ -375,7 +388,9 @@ def _unpack(file: BinaryIO, form: str, what: str) -> tuple[Any, ...]:
     size = struct.calcsize("<" + form)
     data = file.read(size)
     if len(data) != size:
-        raise CameraError(f"the file ends within {what}; it is truncated, export it again")
+        raise CameraError(
+            f"expected {what}, got the end of the file; it is truncated, export it again"
+        )
     return struct.unpack("<" + form, data)
 
 
@@ -387,8 +402,8 @@ def _count(file: BinaryIO, what: str, least_bytes: int) -> int:
     file.seek(at)
     if promised * least_bytes > left:
         raise CameraError(
-            f"the file promises {promised} {what} and has room for {left // least_bytes}; it is "
-            "truncated, export it again"
+            f"expected {promised} {what}, as declared, got space for {left // least_bytes}; the "
+            "file is truncated, export it again"
         )
     return int(promised)
 
@@ -402,7 +417,10 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
     for rig in rigs:
         for camera_id, place in rig.items():
             if camera_id not in row_of:
-                raise CameraError(f"a rig has camera {camera_id}, which is not among the cameras")
+                raise CameraError(
+                    f"expected rigs of known cameras, got camera {camera_id}; export the model "
+                    "again"
+                )
             if place is None:
                 without.append(camera_id)
             elif place:
@@ -410,7 +428,7 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
                 places[row_of[camera_id]] = inverse_of(motion)[0]
     if without:
         more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
-        border.note(f"camera {without[0]}{more} has no place on its rig; the rig's origin is used")
+        border.note(f"camera {without[0]}{more} has no pose on its rig; used the rig's origin")
     if len(rigs) > 1:
         border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
     return places
@@ -455,8 +473,8 @@ def _rigs_and_frames(views: Views, notes: list[str]) -> dict[str, list[Record]]:
     for rows in rows_of.values():
         if (np.abs(world_from_rig[rows] - world_from_rig[rows[0]]) > tolerance).any():
             notes.append(
-                "frames are left out: their images are not where the places of the cameras on the "
-                "rig put them; each image has its own pose"
+                "frames are left out: their images do not agree with the poses of the cameras on "
+                "the rig; each image keeps its own pose"
             )
             return {}
     motions = _motions(sensor_from_rig)
@@ -508,7 +526,9 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
     ):
         notes.append("places of cameras on the rig are left out: each image has its own pose")
     if as_text and any(" " in name for name in names):
-        notes.append("COLMAP ends names of a text model at spaces; write the binary one")
+        notes.append(
+            "COLMAP cuts names of images at spaces in a text model; write the binary one instead"
+        )
     suffix, write = ("txt", _as_text) if as_text else ("bin", _as_binary)
     return {f"{part}.{suffix}": write(part, records) for part, records in parts.items()}
 
@@ -546,7 +566,10 @@ def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> No
     others = [folder / f"{name}.{end}" for name in HEADS for end in ("bin", "txt")]
     there = [path for path in others if path.exists()]
     if there and not overwrite:
-        raise ConfigError(f"{there[0].name} is there already; give another folder, or --overwrite")
+        raise ConfigError(
+            f"expected a new model, got an existing {there[0].name}; give another folder, or "
+            "--overwrite"
+        )
     is_new = not folder.exists()
     named_folder(folder, parents=False)
     try:

@@ -50,7 +50,7 @@ six digits is within 1e-5."""
 
 @dataclass(frozen=True, kw_only=True)
 class Conventions:
-    """Answers to what a file of cameras or poses may leave open; each is None unless given.
+    """Conventions that a camera or pose file does not state; None where not given.
 
     Parameters
     ----------
@@ -68,12 +68,12 @@ class Conventions:
         Undo `applied_transform` of a transforms.json, so that poses are in the world of the
         program that it was made from.
     skip_bad_poses : bool
-        Leave out poses that are no rigid motion.
+        Leave out poses that are not rigid transforms.
 
     Raises
     ------
     ConfigError
-        For a value that is no answer.
+        For an invalid value.
 
     Examples
     --------
@@ -98,7 +98,9 @@ class Conventions:
 
     def __post_init__(self) -> None:
         if self.pixel_centre is not None and finite_number(self.pixel_centre) not in (0, 0.5):
-            raise ConfigError(f"pixel centre must be 0 or 0.5, got {shown(self.pixel_centre)}")
+            raise ConfigError(
+                f"expected pixel centre to be 0 or 0.5, got {shown(self.pixel_centre)}"
+            )
         for name, words in (("lens_model", LENS_MODELS), ("pose_convention", POSE_CONVENTIONS)):
             if (given := getattr(self, name)) is not None:
                 check_choice(name.replace("_", " "), given, tuple(words))
@@ -125,7 +127,7 @@ class Border:
     Attributes
     ----------
     notes : dict of str
-        Lines for people, in order.
+        Notes for the user, in order.
     unknown : UnknownNames
         Names that the formats of the files do not have.
     """
@@ -150,22 +152,22 @@ class Border:
 
     def image_size(self, what: str = "the file") -> tuple[int, int]:
         """Width and height, where the file has none."""
-        question = f"{what} has no image size; give --image-size WIDTHxHEIGHT"
+        question = f"expected an image size, got none in {what}; give --image-size WIDTHxHEIGHT"
         return self._answer("image_size", question)
 
     def pixel_shift(self, what: str = "the file") -> float:
         """Pixels to add to image coordinates, where the file does not say what they start from."""
         question = (
-            f"{what} does not say where pixels are counted from; give --pixel-centre 0 if (0, 0) "
-            "is the centre of the top-left pixel, as in OpenCV, or 0.5"
+            f"expected the origin of pixels, got none in {what}; give --pixel-centre 0 for the "
+            "centre of the top-left pixel, as in OpenCV, or 0.5 for its corner"
         )
         return 0.5 - float(self._answer("pixel_centre", question))
 
     def is_fisheye(self, what: str) -> bool:
         """True for a fisheye, where four coefficients may be either."""
         question = (
-            f"{what} are four, of Brown's model (k1 k2 p1 p2) or of cv2.fisheye (k1 k2 k3 k4); "
-            "give --lens-model brown or fisheye"
+            f"expected a lens model for {what}, got none; give --lens-model brown (k1 k2 p1 "
+            "p2) or fisheye (k1 k2 k3 k4)"
         )
         return bool(self._answer("lens_model", question) == "fisheye")
 
@@ -179,7 +181,7 @@ class Border:
         return bool(self._answer("original_world"))
 
     def of_convention(self, matrices: FloatArray) -> FloatArray:
-        """world_from_camera of matrices that come without a word about their convention."""
+        """world_from_camera of matrices in a file that does not state their convention."""
         return in_convention(matrices, self._answer("pose_convention") or "opencv")
 
     def views(
@@ -238,7 +240,7 @@ class Border:
             if images is None or not error.pose_ids:
                 raise
             name = shown(printable(images[error.pose_ids[0]]))
-            raise PoseError(f"{error}: image {name}", error.pose_ids) from None
+            raise PoseError(f"image {name}: {error}", error.pose_ids) from None
         rig, places = None, None
         if rig_from_camera is not None:
             given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
@@ -249,7 +251,7 @@ class Border:
                 rig = Rig(cameras, known, places)
             except PoseError as error:
                 camera_at = shown(known[error.pose_ids[0]]) if error.pose_ids else "a camera"
-                raise PoseError(f"place of {camera_at} on the rig: {error}") from None
+                raise PoseError(f"rig_from_camera of {camera_at}: {error}") from None
         if images is None:
             images = [f"camera {row + 1}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
@@ -427,11 +429,9 @@ def model_in(program: str, camera: Camera, label: str = "") -> tuple[str, dict[s
             held = foreign.ours == ours and all(key in wanted for key in c if c[key])
             if held and "f" not in wanted and ("w" in central or "w" not in wanted):
                 return name, {key: (central | c).get(key, 0.0) for key in wanted}
-    raise CameraError(
-        f"{label}{': ' if label else ''}{program} has no model for {camera.model} with "
-        f"{'skew' if has_skew else 'these coefficients'}; undistort the images, or write another "
-        "format"
-    )
+    beside = "skew" if has_skew else "other coefficients"
+    text = f"expected a lens of {program}, got {camera.model} with {beside}; undistort the images"
+    raise CameraError(f"{label}: {text}" if label else text)
 
 
 def panorama(width: int, height: int) -> Camera:

@@ -80,8 +80,8 @@ def unit_doubts(
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
         return [
-            f"{words}; in mm it is what {in_mm.sum()} of {len(eyes)} cameras look at, and in "
-            f"metres what {in_metres.sum()} do: --unit mm?"
+            f"{words}; in mm {in_mm.sum()} of {len(eyes)} cameras look at it, in metres "
+            f"{in_metres.sum()}: --unit mm?"
         ]
     return []
 

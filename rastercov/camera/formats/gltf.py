@@ -59,7 +59,7 @@ def read(source: Source, border: Border) -> Views:
         notes = unknown_names(header, CameraError)
         nodes = nodes_below(header, root_nodes(header), WORLD)
         if len(nodes) < len(json_list(header, "nodes")):
-            raise MeshError("nodes must form a tree, some form a ring; correct it")
+            raise MeshError("expected nodes that form a tree, got a cycle; correct the file")
         found = [each for each in nodes if "camera" in each[0]]
         lenses = {
             node["camera"]: json_object(header, "cameras", node["camera"]) for node, *_ in found
@@ -67,7 +67,7 @@ def read(source: Source, border: Border) -> Views:
     for note in notes:
         border.note(note)
     if not found:
-        raise CameraError("expected a node with a camera, got none")
+        raise CameraError("expected a node with a camera, got none; export the cameras as well")
     size = border.image_size("a glTF scene")
     entries = {number: Entries(lens, f"camera {number}") for number, lens in lenses.items()}
     used = [n for n, lens in entries.items() if lens.text("type", "perspective") == "perspective"]
@@ -75,7 +75,9 @@ def read(source: Source, border: Border) -> Views:
         border.note("orthographic cameras left out")
     found = [each for each in found if each[0]["camera"] in used]
     if not found:
-        raise CameraError("expected perspective cameras, got orthographic ones only")
+        raise CameraError(
+            "expected perspective cameras, got only orthographic ones; change their type"
+        )
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
@@ -100,8 +102,8 @@ def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
     square = width / height / aspect
     if not 1 / MOST_ASPECT <= square <= MOST_ASPECT:
         raise CameraError(
-            f"{lens.where}: expected an image of aspectRatio {aspect:.6g}, got --image-size "
-            f"{width}x{height}; give one that fits, such as {round(aspect * height)}x{height}"
+            f"{lens.where}: expected aspectRatio {aspect:.6g}, got --image-size {width}x{height}; "
+            f"give one that fits, such as {round(aspect * height)}x{height}"
         )
     fy = height / 2 / math.tan(yfov / 2)
     return Camera(width=width, height=height, fx=fy * square, fy=fy)
@@ -117,7 +119,7 @@ def lost(camera: Camera) -> list[str]:
 def glb_of(views: Views) -> bytes:
     """A scene with a node for each pose: a camera, and a pyramid of lines."""
     if not len(views.poses):
-        raise CameraError("a scene of frusta holds poses, and there are none to write")
+        raise CameraError("expected poses for a scene of frusta, got none; add poses")
     rig = views.rig
     assert rig is not None
     poses = views.poses.world_from_camera

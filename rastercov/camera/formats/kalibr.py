@@ -81,7 +81,9 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
         ]
         frame = "the IMU"
     else:
-        border.note("the chain has no T_cn_cnm1 or T_cam_imu of each: cameras without places")
+        border.note(
+            "read cameras without poses on the rig: T_cn_cnm1 or T_cam_imu of some is missing"
+        )
         return border.views(cameras, names)
     border.note(f"poses are in the frame of {frame}")
     return border.views(

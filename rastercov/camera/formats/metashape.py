@@ -134,7 +134,9 @@ def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera
     """Camera of a calibration; the size may be in the sensor."""
     what = f"sensor {shown(label)}"
     if kind not in MODELS:
-        raise CameraError(f"{what}: its type must be one of {', '.join(MODELS)}, got {shown(kind)}")
+        raise CameraError(
+            f"{what}: expected its type to be one of {', '.join(MODELS)}, got {shown(kind)}"
+        )
     values = Words(element, what)
     sizes = [size for holder in (element, *sensor) for size in children(holder, "resolution")]
     size = Words(sizes[0], what) if sizes else values
@@ -142,19 +144,21 @@ def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera
     if kind == "spherical":
         if width != 2 * height:
             raise CameraError(
-                f"{what}: expected a spherical image of 2:1, which has all "
-                f"directions, got {width} x {height}; its scale is not in the file"
+                f"{what}: expected a spherical image of 2:1, got {width} x {height}; its scale is "
+                "not in the file"
             )
         return panorama(width, height)
     if "fx" in values:
-        raise CameraError(f"{what} is of a version before 1.3, which has fx; export it again")
+        raise CameraError(
+            f"{what}: expected f or fx, got neither; export it again with Metashape 1.3 or later"
+        )
     c = dict.fromkeys(KNOWN_TERMS, 0.0)
     c |= {name: values.number(name) for name in values.names() if TERM.fullmatch(name)}
     for name, value in c.items():
         if value and name not in KNOWN_TERMS:
             raise CameraError(
-                f"{what}: its term {name} has no model here, got {value:g}; calibrate again "
-                "without it, or undistort the photos"
+                f"{what}: expected no term {name}, which has no model here, got {value:g}; "
+                "undistort the photos"
             )
     f = values.number("f")
     c |= {"fx": f + c["b1"], "fy": f, "skew": c["b2"]}

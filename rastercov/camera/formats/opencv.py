@@ -73,13 +73,15 @@ def of_xml(root: Element) -> dict[str, Any]:
     """Table of an XML storage, with its values as those of YAML."""
     names = Counter(local_name(each) for each in root)
     if twice := [name for name, n in names.items() if n > 1]:
-        raise CameraError(f"{shown(twice[0])} comes twice in one table; leave one")
+        raise CameraError(
+            f"expected each name once in a table, got {shown(twice[0])} twice; remove one"
+        )
     return {local_name(each): _xml_value(each, 0) for each in root}
 
 
 def _xml_value(element: Element, depth: int) -> Any:
     if depth > 50:
-        raise CameraError("nested deeper than 50")
+        raise CameraError("expected at most 50 nested elements, got more; flatten the file")
     if len(element):
         if all(local_name(each) == "_" for each in element):
             return [_xml_value(each, depth + 1) for each in element]
@@ -100,13 +102,13 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     matrices = {name: value for name, value in found.items() if _is_camera_matrix(value)}
     if not matrices:
         raise CameraError(
-            "expected a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got none among "
-            f"{', '.join(map(shown, found)) or 'no matrices'}"
+            "expected a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got "
+            f"{', '.join(map(shown, found)) or 'no matrices'}; add one"
         )
     labelled = {_label(name): name for name in matrices}
     if len(labelled) < len(matrices):
         raise CameraError(
-            f"expected one camera matrix a camera, got {', '.join(matrices)}; rename those to use "
+            f"expected one camera matrix per camera, got {', '.join(matrices)}; rename them "
             "camera_matrix1, camera_matrix2"
         )
     known = {*matrices, *POSES, *OTHERS, *SIZES, *RECTIFIED}
@@ -123,7 +125,7 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
         if len(own) > 1 or (named and not own):
             raise CameraError(
                 f"expected one vector of distortion coefficients for {name}, got "
-                f"{', '.join(own or named)}; leave one, named distortion_coefficients{label}"
+                f"{', '.join(own or named)}; keep one, named distortion_coefficients{label}"
             )
         known.update(own)
         key = _key_of_coefficients(content, found, own)
@@ -153,8 +155,8 @@ def _key_of_coefficients(
         nameless = [name for name, value in found.items() if _is_vector(value, LENGTHS)]
         if nameless:
             raise CameraError(
-                f"expected distortion by a name like D or dist, got {nameless[0]}; rename it "
-                "distortion_coefficients if it is that, and leave it out if not"
+                f"expected distortion under a name like D or dist, got {nameless[0]}; rename it "
+                "distortion_coefficients, or remove it"
             )
         return None
     (key,) = own
@@ -217,13 +219,13 @@ def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
     if count != len(data) or not all(side == int(side) >= 0 for side in sides):
         raise CameraError(
             f"{name}: expected {' x '.join(map(shown, sides))} numbers, got {len(data)}; the file "
-            "is truncated or broken, export it again"
+            "is truncated, export it again"
         )
     array = np.array([finite_number(each) for each in data])
     array = array.reshape(math.prod(map(int, sides[:-1])), int(sides[-1]) * channels)
     # Points of the pattern may be anything.
     if array.shape[1] <= 14 and not np.isfinite(array).all():
-        raise CameraError(f"{name} must have finite numbers, got {shown(data)}; correct it")
+        raise CameraError(f"expected {name} to have finite numbers, got {shown(data)}; correct it")
     return array
 
 
@@ -259,14 +261,16 @@ def _camera(
     count = len(coefficients)
     fisheye = _says_fisheye(content)
     if fisheye and count not in (0, 4):
-        raise CameraError(f"a fisheye has 4 coefficients, got {count} in {key}; correct them")
+        raise CameraError(
+            f"expected 4 coefficients of a fisheye, got {count} in {key}; correct them"
+        )
     if "xi" in content and not fisheye:
         return _omnidirectional(content, matrix, (width, height), coefficients)
     if fisheye is None and count == 4:  # also where all are 0: such a fisheye is no pinhole
         fisheye = border.is_fisheye(f"the coefficients in {key}")
     if not count:
         lens = "a fisheye" if fisheye else "a pinhole"
-        border.note(f"{key} has no distortion coefficients beside it: {lens}")
+        border.note(f"{key} has no distortion coefficients: took {lens}")
     values = coefficients.tolist() or ([0.0] * 4 if fisheye else [])
     return Camera.from_opencv(matrix, width, height, values, fisheye=bool(fisheye))
 
@@ -284,7 +288,7 @@ def _omnidirectional(
     if math.isnan(xi) or len(coefficients) not in (0, 4):
         raise CameraError(
             f"expected a number xi and 4 coefficients of cv2.omnidir, got {shown(given)} and "
-            f"{len(coefficients)}; correct them, or leave xi out"
+            f"{len(coefficients)}; correct them, or remove xi"
         )
     values = (xi, *(coefficients.tolist() or [0.0] * 4))
     return replace(Camera.from_opencv(matrix, *size), model="omni", distortion=values)
@@ -296,7 +300,7 @@ def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
         flag = content.get(name)
         if flag is not None:
             if flag not in (0, 1):
-                raise CameraError(f"{name} must be 0 or 1, got {shown(flag)}; correct it")
+                raise CameraError(f"expected {name} to be 0 or 1, got {shown(flag)}; correct it")
             return bool(flag)
     model = str(content.get("distortion_model", content.get("camera_model", ""))).lower()
     if model in ("plumb_bob", "radtan", "brown", "pinhole", "rational_polynomial"):
@@ -333,7 +337,7 @@ def _views(
         if tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels)):
             if rotation.shape != (3, 3) or translation.size != 3:
                 raise CameraError(
-                    "expected R of 3 x 3 and T of 3 numbers, from camera 1 to camera 2"
+                    "expected R of 3 x 3 and T of 3 numbers, got other shapes; correct them"
                 )
             second = inverse_of(motions([rotation], [translation.ravel()]))
             places = np.concatenate([np.eye(4)[None], second])
@@ -347,9 +351,8 @@ def _views(
                 rig_from_camera=places,
             )
         border.note(
-            f"R and T are left out: they lead from the first camera to the second, and the file "
-            f"does not say whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to "
-            "1 and 2"
+            "left out R and T, from the first camera to the second: the file does not say "
+            f"whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to 1 and 2"
         )
     elif boards is not None and boards.shape[1] == 6 and len(cameras) == 1:
         border.note("poses are those of extrinsic_parameters, in the frame of the pattern")
@@ -371,8 +374,8 @@ def read_source(source: Source, border: Border) -> Views:
         return read(content, border)
     if not other.is_file():
         raise CameraError(
-            f"it has places of cameras, and no camera matrix; put {shown(other.name)} beside it, "
-            "or both into one file"
+            "expected a camera matrix beside the poses of cameras, got none; put it and "
+            f"{shown(other.name)} into one file or folder"
         )
     border.note(f"camera matrices are those of {shown(other.name)} beside it")
     return read({**_content(Source(other)), **content}, border)
@@ -384,7 +387,9 @@ def _content(source: Source) -> Mapping[str, Any]:
         return of_xml(source.xml)
     content = source.json if source.text.lstrip().startswith("{") else source.yaml
     if not isinstance(content, Mapping):
-        raise CameraError(f"expected a table with a camera matrix, got {shown(content)}")
+        raise CameraError(
+            f"expected a table with a camera matrix, got {shown(content)}; name another file"
+        )
     return content
 
 

@@ -61,7 +61,7 @@ def read(content: object, border: Border) -> Views:
     """Cameras and poses of the first reconstruction."""
     if isinstance(content, list):
         if len(content) > 1:
-            border.note(f"the first of {len(content)} reconstructions; they share no frame")
+            border.note(f"read the first of {len(content)} reconstructions, which share no frame")
         content = content[0]
     if isinstance(content, dict) and _is_table_of_cameras(content):
         content = {"cameras": content, "shots": {}}
@@ -76,7 +76,7 @@ def read(content: object, border: Border) -> Views:
         border.unknown.look(each.where, names, KNOWN_OF_CAMERA)
         cameras.append(_camera(each))
     if not cameras:
-        raise CameraError("expected a reconstruction with cameras, got none")
+        raise CameraError("expected a reconstruction with cameras, got none; name another file")
     shots = dict(entries.tables("shots"))
     index = [row_of[shot.choice("camera", row_of)] for shot in shots.values()]
     images = list(shots)

@@ -87,10 +87,12 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
         with errors_as(CameraError, f"camera {shown(names[-1])}"):
             cameras.append(Camera.from_dict({k: v for k, v in table.items() if k != "name"}))
     if not cameras:
-        raise CameraError("expected at least one camera, got none")
+        raise CameraError("expected at least one camera, got none; add one")
     [(name, count)] = Counter(names).most_common(1)
     if count > 1:
-        raise CameraError(f"two cameras are named {shown(name)}; give each a name of its own")
+        raise CameraError(
+            f"expected cameras with different names, got {shown(name)} twice; rename one"
+        )
     return cameras, names
 
 
@@ -129,7 +131,7 @@ def _indices(
     if given is None:
         if has_cameras and count and len(names) > 1:
             raise PoseError(
-                f"the poses do not say which of {len(names)} cameras each is of; add camera, a "
+                f"expected the camera of each pose, one of {len(names)}, got none; add camera, a "
                 f"list of {count} indices or names"
             )
         return None
@@ -139,7 +141,7 @@ def _indices(
     rows = range(len(names) if has_cameras or all(type(each) is str for each in given) else 0)
     if not all(type(each) is int and each in rows for each in found):
         wanted = f"indices or names of {len(names)} cameras" if has_cameras else "names of cameras"
-        raise PoseError(f"camera must be {count} {wanted}, got {shown(given)}")
+        raise PoseError(f"expected camera to be {count} {wanted}, got {shown(given)}")
     return found  # type: ignore[return-value] # all whole
 
 
@@ -148,12 +150,12 @@ def _texts(entries: Entries, name: str, count: int) -> list[str] | None:
     texts = entries.get(name)
     is_row = isinstance(texts, list) and len(texts) == count
     if texts is not None and not (is_row and all(isinstance(text, str) for text in texts)):
-        raise PoseError(f"{name} must be {count} texts, got {shown(texts)}")
+        raise PoseError(f"expected {name} to be {count} texts, got {shown(texts)}")
     return texts
 
 
 def toml_of(camera: Camera) -> str:
-    """Camera file of one camera, as people write it."""
+    """Camera file of one camera, in TOML."""
 
     def value(each: object) -> str:
         if isinstance(each, (list, tuple)):

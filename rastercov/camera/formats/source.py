@@ -71,8 +71,8 @@ class Source:
         """Content of YAML."""
         if len(self.data) > LARGEST_YAML:
             raise CameraError(
-                f"expected at most {LARGEST_YAML} bytes of YAML, got {len(self.data)}; leave out "
-                "what is no camera"
+                f"expected at most {LARGEST_YAML} bytes of YAML, got {len(self.data)}; remove what "
+                "is not a camera"
             )
         from rastercov.camera.formats.yaml_tree import parsed_yaml  # loads PyYAML
 
@@ -112,12 +112,14 @@ class Entries:
     def need(self, name: str) -> Any:
         """The value, which must be there."""
         if name not in self:
-            raise CameraError(f"{self.where}: {name} is missing; export the file again")
+            raise CameraError(f"{self.where}: expected {name}, got none; export the file again")
         return self._table[name]
 
     def wrong(self, name: str, wanted: str, got: object) -> CameraError:
         """Error of an entry that is not what was wanted."""
-        return CameraError(f"{self.where}: {name} must be {wanted}, got {shown(got)}; correct it")
+        return CameraError(
+            f"{self.where}: expected {name} to be {wanted}, got {shown(got)}; correct it"
+        )
 
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number."""
@@ -143,7 +145,9 @@ class Entries:
 
     def side(self, name: str) -> int:
         """Width or height of an image; some programs write 640.0."""
-        return image_side(f"{self.where}: {name}", self.number(name))
+        found = self.number(name)
+        with errors_as(CameraError, self.where):
+            return image_side(name, found)
 
     def text(self, name: str, default: str | None = None) -> str:
         """A text."""
@@ -209,7 +213,9 @@ def checked(value: object, what: str, *shapes: tuple[int, ...]) -> FloatArray:
     shape = next((each for each in shapes if _fits(value, each)), None)
     if shape is None:
         words = " or ".join(" x ".join(map(str, each)) for each in shapes)
-        raise CameraError(f"{what} must be {words} finite numbers, got {shown(value)}; correct it")
+        where, colon, name = what.rpartition(": ")
+        expected = f"expected {name} to be {words} finite numbers"
+        raise CameraError(f"{where}{colon}{expected}, got {shown(value)}")
     return np.array(value, dtype=np.float64).reshape(shape)
 
 

@@ -64,7 +64,10 @@ def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a transforms.json: one camera for each set of intrinsics."""
     content = Entries(source.json, "transforms.json")
     if "ftheta_p0" in content or content.get("is_latlong"):
-        raise CameraError("instant-ngp's f-theta and latlong lenses are not read; undistort first")
+        raise CameraError(
+            "expected a pinhole, opencv or fisheye lens, got f-theta or latlong of instant-ngp; "
+            "undistort the images"
+        )
     border.unknown.look("the file", content.names(), KNOWN, HARMLESS)
     shared = {name: content.get(name) for name in INTRINSICS if name in content}
     cameras, images, matrices = [], [], []
@@ -84,7 +87,9 @@ def read(source: Source, border: Border) -> Views:
         matrix = frame.array("transform_matrix", (4, 4), (3, 4))
         matrices.append(np.vstack([matrix, [0, 0, 0, 1]]) if len(matrix) == 3 else matrix)
     if not matrices:
-        raise CameraError("expected frames with a transform_matrix, got none")
+        raise CameraError(
+            "expected frames with a transform_matrix, got none; export the poses as well"
+        )
     poses = np.array(matrices) @ OPENGL_AXES
     if "applied_transform" in content:
         poses = _in_world(poses, content, border)
@@ -114,14 +119,16 @@ def _in_world(poses: FloatArray, content: Entries, border: Border) -> Any:
         return poses
     if not border.undoes_world():
         border.note(
-            "poses are in the world of the file, after applied_transform; undo it by "
-            "--original-world"
+            "left poses in the world of the file, after applied_transform; --original-world "
+            "undoes it"
         )
         return poses
     try:
         return np.linalg.inv(applied) @ poses
     except np.linalg.LinAlgError:
-        raise CameraError("applied_transform has no inverse; correct it") from None
+        raise CameraError(
+            "expected an invertible applied_transform, got a singular one; correct it"
+        ) from None
 
 
 def _camera(entries: Entries, border: Border) -> Camera:
@@ -174,7 +181,9 @@ def _coefficients(entries: Entries, ours: str, names: Sequence[str]) -> dict[str
 def content_of(views: Views) -> dict[str, Any]:
     """The file for these views; CameraError for a lens that it has no model for."""
     if not len(views.poses):
-        raise CameraError("transforms.json holds poses, and there are none to write")
+        raise CameraError(
+            "expected poses for transforms.json, got none; add poses, or write another format"
+        )
     rig = views.rig
     assert rig is not None
     tables = [_table(camera, name) for camera, name in zip(rig.cameras, rig.names, strict=True)]

@@ -49,7 +49,7 @@ def parsed_yaml(text: str) -> Any:
     text = re.sub(r"\n---\s*\Z", "\n", text)  # with which `rostopic echo` ends a message
     try:
         if text.count("\n%") > MOST_DIRECTIVES:  # libyaml compares each one with all others
-            raise _FaultError(f"expected at most {MOST_DIRECTIVES} directives")
+            raise _FaultError(f"more than {MOST_DIRECTIVES} directives")
         return _Tree(yaml.parse(text, Loader=_Parser)).document()
     except (yaml.YAMLError, _FaultError) as error:
         raise UnparsedError("YAML", one_line(error)) from None
@@ -74,14 +74,14 @@ class _Tree:
             if isinstance(event, DocumentStartEvent):
                 n_documents += 1
                 if n_documents > 1:
-                    raise _FaultError("expected one document, got several; leave one")
+                    raise _FaultError("several documents; keep one")
                 found = self._value(next(self._events), 0)
         return found
 
     def _value(self, event: Event, depth: int) -> Any:
         if isinstance(event, AliasEvent):
             if event.anchor not in self._anchors:
-                raise _FaultError(f"alias {shown(event.anchor)} repeats nothing before it")
+                raise _FaultError(f"an alias {shown(event.anchor)} that repeats nothing before it")
             value, count = self._anchors[event.anchor]
             self._count(count)
             return value
@@ -92,9 +92,9 @@ class _Tree:
         else:
             assert isinstance(event, CollectionStartEvent)
             if depth == DEEPEST:
-                raise _FaultError(f"nested deeper than {DEEPEST}")
+                raise _FaultError(f"more than {DEEPEST} nested levels")
             if (event.tag or "").removeprefix(PREFIX) not in ("", *COLLECTIONS):
-                raise _FaultError(f"expected a plain value, got one with tag {shown(event.tag)}")
+                raise _FaultError(f"a value with tag {shown(event.tag)}; remove the tag")
             is_table = isinstance(event, MappingStartEvent)
             value = self._table(depth) if is_table else self._list(depth)
         if event.anchor is not None:
@@ -112,9 +112,11 @@ class _Tree:
         while not isinstance(event := next(self._events), MappingEndEvent):
             line = event.start_mark.line + 1 if event.start_mark else 0
             if not isinstance(event, ScalarEvent):
-                raise _FaultError(f"expected a text as a name, got a collection, line {line}")
+                raise _FaultError(f"a collection as a name, line {line}")
             if event.value in found:
-                raise _FaultError(f"{shown(event.value)} comes twice in one table, line {line}")
+                raise _FaultError(
+                    f"{shown(event.value)} twice in one table, line {line}; remove one"
+                )
             found[event.value] = self._value(next(self._events), depth + 1)
         return found
 
@@ -128,7 +130,7 @@ def _scalar(event: ScalarEvent) -> Any:
     text: str = event.value
     tag = (event.tag or "").removeprefix(PREFIX)
     if tag not in ("", "!", *SCALARS):
-        raise _FaultError(f"expected a plain value, got one with tag {shown(event.tag)}")
+        raise _FaultError(f"a value with tag {shown(event.tag)}; remove the tag")
     if tag in ("!", "str") or (not tag and not event.implicit[0]):  # or in quotes
         return text
     if text in ("True", "TRUE", "False", "FALSE", "Null", "NULL") or text in WORDS:

@@ -211,7 +211,9 @@ def arc_rule(
             found.append((math.asinh(rise), most_u, most_v))
     half = EdgeBounds(found, np.full((2, 2), np.inf)).longest(tolerance, MOST)
     if not half > 0:
-        raise CameraError("the lens must be bounded around max_angle_deg: give a smaller angle")
+        raise CameraError(
+            "expected a lens with bounds around max_angle_deg, got none; give a smaller angle"
+        )
     return half, min(2 * max(u, v) / step**2 for step, u, v in found)
 
 

@@ -110,10 +110,10 @@ class Lens:
         n: int,
         shape: tuple[int, ...],
     ) -> FloatArray:
-        wanted = f"real numbers and must have shape (..., {n})"
+        wanted = f"real numbers of shape (..., {n})"
         given = checked_array(name, values, "iuf", wanted, CameraError)
         if given.ndim < 1 or given.shape[-1] != n:
-            raise CameraError(f"{name} must have shape (..., {n}), got {given.shape}")
+            raise CameraError(f"expected {name} of shape (..., {n}), got {given.shape}")
         flat = np.ascontiguousarray(given, np.float64).reshape(-1, n)
         out = np.empty((len(flat), *shape))
         loop(self.code, self._region[0], flat, out)

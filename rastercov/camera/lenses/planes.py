@@ -195,16 +195,16 @@ def with_region(
     limit = params[lens.LIMIT] = certified_radius(params, edge, reached)
     if not limit > 0.0:
         raise CameraError(
-            "the distortion must keep rays next to the axis apart, and this one folds there: "
-            "check the order and the size of its coefficients"
+            "expected distortion that keeps rays near the axis apart, got a fold; check the order "
+            "and size of its coefficients"
         )
     need = _farthest(params, width, height)  # NaN where one has no point
     radius = min(limit, MARGIN * need) if need < math.inf else limit
     angle = min(within(base_angle(code, params, radius)), most)
     if not angle >= NARROWEST:
         raise CameraError(
-            f"the valid region of the lens must reach {NARROWEST:g} rad from the axis, got "
-            f"{angle:g}: check the order and the size of its coefficients"
+            f"expected a lens that is valid to {NARROWEST:g} rad from the axis, got {angle:g}; "
+            "check the order and size of its coefficients"
         )
     params[lens.SLOPE] = math.tan(angle)
     return params, angle, bool(np.isfinite(_border_rays(code, params, width, height)).all())

@@ -369,8 +369,8 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     longest[FEWEST:] = np.minimum.accumulate(longest[: FEWEST - 1 : -1])[::-1]
     if not longest[MOST] > 0:
         raise CameraError(
-            "the lens must be bounded around its valid region, which reaches a pole of it, or "
-            "89.9 degrees from the axis: give a smaller max_angle_deg"
+            "expected a lens without a pole in its valid region, below 89.9 degrees, got one; give "
+            "a smaller max_angle_deg"
         )
     # Cost of a length: values are n a part, and products n^2 / 2, which are a tenth of a value.
     cost = [n * (1 + n / 20) / max(longest[n], 1e-300) for n in range(FEWEST, MOST + 1)]

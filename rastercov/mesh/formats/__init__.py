@@ -125,8 +125,8 @@ def metres_per(unit: str | float) -> float:
     if (metres := finite_number(unit)) > 0:
         return metres
     raise MeshError(
-        f"unit must be one of {', '.join(METRES)} or metres per unit as a positive number, "
-        f"got {shown(unit)}; correct it"
+        f"expected unit to be one of {', '.join(METRES)} or a positive number of metres, got "
+        f"{shown(unit)}"
     )
 
 
@@ -135,7 +135,7 @@ def _read_file(
 ) -> tuple[Polygons, str]:
     """Checked polygons of one file, in metres, and the SHA-256 of its bytes."""
     reader, data = _reader_and_bytes(path, max_bytes)
-    check(data, "no triangles: the file is empty")
+    check(data, "expected triangles, got an empty file")
     if memory_budget is None:
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
     beside = _Beside(path, max_bytes - len(data))
@@ -144,14 +144,14 @@ def _read_file(
     with broken_files_refused():
         polygons = reader(data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)
-    check(len(faces), "no triangles: the file has no faces", "export the surface, not points")
+    check(len(faces), "expected triangles, got no faces", "export the surface, not points")
     outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
     face = int(outside.argmax())
     check_indices(faces[face], n_vertices, f"face {polygons.source_face[face]}")
     if not polygons.is_in_metres:
         np.multiply(polygons.vertices, scale, out=polygons.vertices)
     elif scale != 1:
-        note = "the file states its unit; the unit given was not applied to it"
+        note = "ignored unit: the file states its own"
         polygons = replace(polygons, notes=[*polygons.notes, note])
     if drop_invalid:
         polygons = _without_invalid(polygons)
@@ -177,7 +177,7 @@ def of_gltf(
             if reader is gltf.read_glb:
                 header, buffers, _ = gltf.content_of_glb(data)
             else:
-                wanted = "expected an animation of a .glb or .gltf file"
+                wanted = "expected an animation of a .glb or .gltf file, got another format"
                 check(reader is gltf.read_gltf, wanted, "convert it")
                 beside = _Beside(path, LARGEST_FILE - len(data))
                 header, buffers, _ = gltf.content_of_gltf(data, beside.read)
@@ -213,7 +213,7 @@ class _Beside:
             try:
                 content = file_bytes(self._folder / name, self._bytes_left, SMALLER)
             except UnreadableError as error:
-                got = f"expected its buffer {shown!r}, got: {error.reason}"
+                got = f"expected the buffer {shown!r}, got: {error.reason}"
                 raise broken(got, "put it beside the file") from error
             self.contents[name] = content
             self._bytes_left -= len(content)
@@ -228,15 +228,13 @@ def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     got = repr(extension or "no extension")
     formats = ", ".join(READERS)
     project = f"expected a mesh, got a project of {PROJECTS.get(extension)}"
-    check(extension not in PROJECTS, project, "export the mesh, as PLY or OBJ, and name that file")
-    check(extension in READERS, f"supported formats are {formats}, got {got}", "convert the mesh")
+    check(extension not in PROJECTS, project, "export the mesh as PLY or OBJ")
+    check(extension in READERS, f"expected a mesh file of {formats}, got {got}", "convert the mesh")
     try:
         data = file_bytes(path, max_bytes, SMALLER)
     except UnreadableError as error:
         if error.is_of_system:
-            raise broken(
-                f"expected a readable file, got: {error.reason}", "check the path"
-            ) from error
+            raise broken(error.reason, "check the path") from error
         raise MeshError(error.reason) from error
     return READERS[extension], data
 
@@ -247,9 +245,9 @@ def _without_invalid(polygons: Polygons) -> Polygons:
     if not unusable.any():
         return polygons
     is_bad = np.any(unusable[polygons.faces], axis=1)
-    check(not is_bad.all(), "no triangles left: no face has finite coordinates")
+    check(not is_bad.all(), "expected a face with finite coordinates, got none")
     number = np.cumsum(~unusable) - 1
-    dropped = f"faces {some(is_bad)} dropped: their coordinates are not finite"
+    dropped = f"dropped faces {some(is_bad)}: their coordinates are not finite"
     return replace(
         polygons,
         vertices=polygons.vertices[~unusable],

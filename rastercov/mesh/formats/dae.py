@@ -1,6 +1,6 @@
 """COLLADA files (.dae): nodes with their transforms, and the polygons of their geometries.
 
-Read are the meshes that the nodes of the scene name, one group a node, in the coordinates of the
+Read are the meshes that the nodes of the scene name, one group per node, in the coordinates of the
 file: its up axis is not turned. Skins are read unposed. No other file is ever opened; content that
 is not read is a note, or an error where the rest would be wrong without it.
 
@@ -63,7 +63,7 @@ NAMES = Vocabulary(
 
 
 def read(data: bytes, budget: int) -> Polygons:
-    """Polygons of a COLLADA file in metres, one group a node, in the order of the scene's tree."""
+    """Polygons of a COLLADA file in metres, one group per node, in scene order."""
     root = parsed(data, "the file", budget)
     name = local_name(root)
     check(name == "COLLADA", f"expected an element COLLADA, got {name[:40]!r}")
@@ -111,7 +111,7 @@ class _Scene:
         for instance in below(self._root, "scene", "instance_visual_scene"):
             return self._target(instance.attrib["url"], "visual_scene")
         scenes = below(self._root, "library_visual_scenes", "visual_scene")
-        check(len(scenes) == 1, f"expected one scene, got {len(scenes)} and none named")
+        check(len(scenes) == 1, f"expected one scene, or the name of one, got {len(scenes)}")
         return scenes[0]
 
     def _target(self, url: str, *kinds: str) -> Element:
@@ -121,8 +121,10 @@ class _Scene:
         check(is_here, f"expected an element of this file, got {shown}, which is never opened")
         found = self._by_id.get(url[1:], [])
         got = f"an element {local_name(found[0])}" if found else "nothing of that id"
-        check(found and local_name(found[0]) in kinds, f"{shown}: expected {kinds[0]}, got {got}")
-        check(len(found) == 1, f"the id {shown} comes twice")
+        check(
+            found and local_name(found[0]) in kinds, f"expected {shown} to be {kinds[0]}, got {got}"
+        )
+        check(len(found) == 1, f"expected the id {shown} once, got it twice")
         return found[0]
 
     def _node(self, node: Any) -> Part:
@@ -145,7 +147,7 @@ class _Scene:
                 name = name or _name(geometry)
                 placed = None if step is None else step @ node_from_shape
                 pieces.append((placed, self._shape(geometry)))
-        why = "is placed by lookat or skew, which is not supported; export it with matrices"
+        why = "lookat or skew; export it with matrices"
         return Part(name, f"node {name!r}", pieces, why)
 
     def _of_controller(self, controller: Element) -> tuple[Element, FloatArray]:
@@ -201,7 +203,11 @@ class _Scene:
         """Vertex of each corner, corners of each polygon, and the URL of the vertices."""
         kind = local_name(primitive)
         where = f"geometry {owner!r}"
-        check(not children(primitive, "ph"), f"{where} has polygons with holes", "triangulate them")
+        check(
+            not children(primitive, "ph"),
+            f"{where}: expected no holes, got some",
+            "triangulate them",
+        )
         inputs = children(primitive, "input")
         offsets = [int(each.get("offset", "0")) for each in inputs]
         stride = max(offsets) + 1
@@ -214,8 +220,8 @@ class _Scene:
         rows = [integers(each.text) for each in children(primitive, "p")]
         check(
             min(offsets) >= 0 and not any(len(row) % stride for row in rows),
-            f"{where}: expected {kind} of {stride} indices a corner, got {sum(map(len, rows))} "
-            "indices; truncated",
+            f"{where}: expected {kind} of {stride} indices per corner, got "
+            f"{sum(map(len, rows))} indices; truncated",
         )
         rows = [row[at[0] :: stride] for row in rows]
         indices = np.concatenate([np.empty(0, np.int64), *rows])
@@ -228,8 +234,8 @@ class _Scene:
         promised = int(primitive.attrib["count"])
         check(
             promised == len(counts) and counts.sum() == len(indices),
-            f"{where} promises {promised} {kind}, {len(counts)} with {counts.sum()} corners and "
-            f"{len(indices)} indices are there; truncated",
+            f"{where}: expected {promised} {kind}, as declared, got {len(counts)} with "
+            f"{counts.sum()} corners and {len(indices)} indices; truncated",
         )
         least = counts.min(initial=3)
         check(least >= 3, f"{where}: expected {kind} of 3 corners or more, got {least}")
@@ -264,7 +270,9 @@ class _Scene:
         values = self._numbers[array]
         where, n = f"source {url[:80]!r}", len(values)
         promised = int(array.attrib["count"])
-        check(n == promised, f"{where} promises {promised} numbers, {n} are there; truncated")
+        check(
+            n == promised, f"{where}: expected {promised} numbers, as declared, got {n}; truncated"
+        )
         names = [each.get("name") for each in children(accessor, "param")]
         columns = [column for column, name in enumerate(names) if name] or [0, 1, 2]
         check(len(columns) == 3, f"{where}: expected 3 coordinates, got {len(columns)}")
@@ -273,8 +281,8 @@ class _Scene:
         end = offset + count * stride
         check(
             count >= 0 and offset >= 0 and stride > max(columns) and end <= n,
-            f"{where} asks for {count} points of {stride} numbers from {offset} on, {n} numbers "
-            "are there; truncated",
+            f"{where}: expected {count} points of {stride} numbers from {offset} on, got {n} "
+            "numbers; truncated",
         )
         return values[offset:end].reshape(count, stride)[:, columns]
 
@@ -284,16 +292,16 @@ class _Scene:
         if self._skinned:
             more = f" (and {len(self._skinned) - 1} others)" if len(self._skinned) > 1 else ""
             notes.append(
-                f"{next(iter(self._skinned))!r}{more} is skinned or morphed; it is read unposed"
+                f"read {next(iter(self._skinned))!r}{more} unposed, which is skinned or morphed"
             )
         notes += self._unknown.notes()
         if self._n_lines:
-            notes.append(f"{self._n_lines} sets of lines were not read")
+            notes.append(f"ignored {self._n_lines} sets of lines")
         if moved := below(self._root, "library_animations", "animation"):
-            notes.append(f"{len(moved)} animations were not played; the nodes are at rest")
+            notes.append(f"ignored {len(moved)} animations: the nodes are at rest")
         known = below(self._root, "library_geometries", "geometry")
         if n_unused := sum(each.get("id", "") not in self._shapes for each in known):
-            notes.append(f"{n_unused} geometries belong to no node of the scene, not read")
+            notes.append(f"ignored {n_unused} geometries, which belong to no node of the scene")
         return notes
 
 

@@ -126,7 +126,7 @@ BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
 
 def read_glb(data: bytes, budget: int) -> Polygons:
-    """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
+    """Triangles of a GLB file in metres, one group per node, in the order of the scene's tree."""
     header, buffers, notes = content_of_glb(data)
     return _scene_polygons(header, buffers, budget, notes)
 
@@ -144,7 +144,7 @@ def content_of_glb(data: bytes) -> tuple[dict[str, Any], list[memoryview], list[
 
 
 def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) -> Polygons:
-    """Triangles of a .gltf file in metres, one group a node, in the order of the scene's tree.
+    """Triangles of a .gltf file in metres, one group per node, in the order of the scene's tree.
 
     Parameters
     ----------
@@ -171,7 +171,8 @@ def content_of_gltf(
         promised = json_count(buffer, "byteLength")
         check(
             promised <= len(content),
-            f"buffer {index} promises {promised} bytes, {name} holds {len(content)}; truncated",
+            f"buffer {index}: expected {promised} bytes, as declared, got {len(content)} in "
+            f"{name}; truncated",
         )
         notes += _length_notes(index, promised, len(content), name)
         buffers.append(memoryview(content)[:promised])
@@ -188,8 +189,8 @@ def read_step(data: bytes, budget: int) -> Polygons:
     header, binary, notes = chunks(_converted(data))
     polygons = _scene_polygons(header, [binary], budget, notes, by_cad_face=True)
     note = (
-        f"triangulated by Open CASCADE to within {DEFLECTION_MM:g} mm; what it left out of the "
-        "STEP file is not known here"
+        f"triangulated by Open CASCADE to within {DEFLECTION_MM:g} mm, which does not report "
+        "what it leaves out"
     )
     return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
 
@@ -198,7 +199,7 @@ def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[st
     """A note where a buffer has another length than promised, beyond padding."""
     if 0 <= n_bytes - promised <= PADDING:
         return []
-    return [f"buffer {index} promises {promised} bytes, {name} holds {n_bytes}"]
+    return [f"buffer {index} declares {promised} bytes; {name} has {n_bytes}"]
 
 
 def _content(
@@ -229,14 +230,14 @@ def _scene_polygons(
     *,
     by_cad_face: bool = False,
 ) -> Polygons:
-    """Triangles of a scene by its JSON and its buffers, in metres, one group a node.
+    """Triangles of a scene by its JSON and its buffers, in metres, one group per node.
 
     With `by_cad_face` the groups are the CAD faces of each node, where the file numbers them, named
     "node/face 1" and so on.
     """
     needed = [str(e) for e in json_list(header, "extensionsRequired")]
     foreign = [e[:80] for e in needed if not (e in READ or e.startswith(HARMLESS))]
-    check(not foreign, f"extensions {foreign[:5]} are required, not supported", "leave them out")
+    check(not foreign, f"expected supported extensions, got {foreign[:5]}", "export without them")
     notes = [*notes, *unknown_names(header)]
     rows = nodes_below(header, roots_of_scene(header))
     shapes = _Shapes(Accessors(header, buffers, budget))
@@ -318,7 +319,9 @@ def nodes_below(header: dict[str, Any], roots: Sequence[Any], world: str = "") -
         index, name, world_from_parent, parent = stack.pop()
         node = json_object(header, "nodes", index)
         # A cycle, or a subtree repeated until memory is exhausted.
-        check(index not in seen, f"nodes must form a tree, node {index} has two parents")
+        check(
+            index not in seen, f"expected nodes that form a tree, got two parents of node {index}"
+        )
         seen.add(index)
         name = json_name(node) or name
         extras = node.get("extras")
@@ -346,7 +349,8 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> FloatArray:
     check_affine(matrix, f"node {index}")
     check(
         np.array_equal(placed, np.eye(4)) or np.allclose(placed, matrix),
-        f"node {index} has a matrix and, beside it, another translation, rotation or scale",
+        f"expected one transform of node {index}, got a matrix and another translation, "
+        "rotation or scale",
     )
     return matrix
 
@@ -368,7 +372,7 @@ def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None
     worst = is_unit.argmin() if len(is_unit) else 0
     check(
         is_unit.all(),
-        f"a rotation of {where} must be a quaternion of length 1, got "
+        f"expected a rotation of {where} to be a quaternion of length 1, got "
         f"{rotation[worst : worst + 1].tolist()}",
     )
 
@@ -380,19 +384,19 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
     foreign = {n[:80] for names in owners for n in names if not n.startswith(known)}
     notes = []
     if foreign:
-        notes.append(f"extensions {sorted(foreign)[:5]} were not read; they may change the shape")
+        notes.append(f"ignored extensions {sorted(foreign)[:5]}, which may change the shape")
     skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
     if skinned:
         more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
-        notes.append(f"node {skinned[0][:80]!r}{more} has a skin; it is read unposed")
+        notes.append(f"read node {skinned[0][:80]!r}{more} unposed, which has a skin")
     if animations := json_list(header, "animations"):
-        notes.append(f"{len(animations)} animations were not played; the nodes are at rest")
+        notes.append(f"ignored {len(animations)} animations: the nodes are at rest")
     used = [node["mesh"] for node in json_list(header, "nodes") if "mesh" in node]
     if outside := len(used) - len(nodes):
-        notes.append(f"{outside} nodes with meshes are outside the default scene, not read")
+        notes.append(f"ignored {outside} nodes with meshes outside the default scene")
     n_unused = len(json_list(header, "meshes")) - len(set(used))
     if n_unused > 0:
-        notes.append(f"{plural(n_unused, 'mesh', 'belong')} to no node, not read")
+        notes.append(f"ignored {plural(n_unused, 'mesh', 'belong')} to no node")
     return notes
 
 
@@ -400,9 +404,9 @@ def _triangles(corners: IntArray, mode: int) -> IntArray:
     """(F, 3) triangles of a primitive; odd ones of a strip are reversed, which unifies winding."""
     n = len(corners)
     if mode == TRIANGLES:
-        check(n % 3 == 0, f"triangles need 3 corners each, got {n}")
+        check(n % 3 == 0, f"expected triangles of 3 corners each, got {n} corners")
         return corners.reshape(-1, 3)
-    check(n not in (1, 2), f"a strip needs 3 corners or more, got {n}")
+    check(n not in (1, 2), f"expected a strip of 3 corners or more, got {n}")
     rows = strip_triangles(n, is_fan=mode == FAN)
     # The first corner of a fan is the last of each triangle.
     return corners[np.roll(rows, -1, axis=1) if mode == FAN else rows]
@@ -461,7 +465,8 @@ class _Shapes:
         counts = sorted({self._accessors.count(index) for index in found if index is not None})
         check(
             len(counts) == 1,
-            f"instances need TRANSLATION, ROTATION or SCALE of one length, got lengths {counts}",
+            "expected TRANSLATION, ROTATION or SCALE of instances of one length, got lengths "
+            f"{counts}",
         )
         n = counts[0]
         self._accessors.reserve(n * n_triangles, n * n_points, n * BYTES_PER_INSTANCE)
@@ -480,9 +485,9 @@ class _Shapes:
         """Notes on skipped content of the nodes and meshes that were read."""
         notes = []
         if self._n_skipped:
-            notes.append(f"{self._n_skipped} primitives of points or lines were not read")
+            notes.append(f"ignored {self._n_skipped} primitives of points or lines")
         if self._n_empty:
-            notes.append(f"{self._n_empty} primitives have no triangles")
+            notes.append(f"ignored {self._n_empty} primitives without triangles")
         return notes
 
     def _surfaces(self, index: int) -> _Surfaces:
@@ -490,7 +495,7 @@ class _Shapes:
         mesh = json_object(self._accessors.header, "meshes", index)
         surfaces: list[dict[str, Any]] = []
         n_targets: set[int] = set()
-        check(json_list(mesh, "primitives"), f"mesh {index} has no primitives")
+        check(json_list(mesh, "primitives"), f"mesh {index}: expected primitives, got none")
         for primitive in json_list(mesh, "primitives"):
             mode = primitive.get("mode", TRIANGLES)
             is_mode = type(mode) is int and 0 <= mode <= FAN
@@ -499,7 +504,10 @@ class _Shapes:
                 self._n_skipped += 1
                 continue
             position = primitive.get("attributes", {}).get("POSITION")
-            check(position is not None, f"mesh {index}: a primitive without POSITION")
+            check(
+                position is not None,
+                f"mesh {index}: expected a primitive with POSITION, got one without",
+            )
             n_targets.add(len(json_list(primitive, "targets")))
             if self._accessors.count(primitive.get("indices", position)):
                 surfaces.append(primitive)
@@ -559,7 +567,10 @@ class _Shapes:
         n = len(points)
         for weight, target in deltas:
             n_moved = self._accessors.count(target)
-            check(n_moved == n, f"accessor {target} moves {n_moved} points, the mesh has {n}")
+            check(
+                n_moved == n,
+                f"accessor {target}: expected {n} points, as the mesh has, got {n_moved}",
+            )
             # Targets may share their bytes, so a short file could demand unlimited work.
             self._accessors.reserve(0, 0, BYTES_PER_INSTANCE + n * BYTES_PER_DELTA)
             points += weight * self._accessors.read(target, "VEC3")
@@ -606,7 +617,13 @@ def _converted(data: bytes) -> bytes:
     """GLB file of a STEP file."""
     data = _with_product_names(data)
     if find_spec("cascadio") is None:
-        raise MeshError("reading STEP files needs cascadio: pip install 'rastercov[formats]'")
+        raise MeshError(
+            "expected the package cascadio for STEP files, got none; pip install "
+            "'rastercov[formats]'"
+        )
     numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
-    fault, advice = "Open CASCADE cannot read the STEP file", "export it again, as AP214 or AP242"
+    fault, advice = (
+        "expected a STEP file that Open CASCADE reads",
+        "export it again, as AP214 or AP242",
+    )
     return converted(CONVERT, data, numbers, fault, advice)

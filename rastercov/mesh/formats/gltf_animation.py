@@ -68,11 +68,10 @@ def read_animation(
     """
     unknown_names(header)  # an error for a slip; other names are notes of the mesh
     known = [json_name(each) for each in json_list(header, "animations")]
-    check(known, "the file has no animation", "give a table of poses")
+    check(known, "expected an animation, got none", "give a table of poses")
     check(
         known.count(name) == 1 or (not name and len(known) == 1),
-        f"expected one animation of its name, got {shown(name)}; there are "
-        f"{', '.join(map(shown, known))}",
+        f"expected one of the animations {', '.join(map(shown, known))}, got {shown(name)}",
     )
     animation = json_object(header, "animations", known.index(name) if name in known else 0)
     rows = nodes_below(header, roots_of_scene(header))
@@ -86,13 +85,16 @@ def read_animation(
     there: list[BoolArray] = []
     used, names, paths = named_meshes(header, rows)
     for row, name in zip(used, names, strict=True):
-        check("skin" not in rows[row][0], f"node {shown(name)} has a skin, not read")
+        check("skin" not in rows[row][0], f"expected nodes without a skin, got {shown(name)}")
     for node, _, _, parent in rows:
         local, is_there = _local(node, number[id(node)], channels, times)
         matrices.append(local if parent < 0 else matrices[parent] @ local)
         there.append(is_there if parent < 0 else is_there & there[parent])
     at_rest = np.array([rows[row][2] for row in used]).reshape(-1, 1, 4, 4)
-    check((np.linalg.det(at_rest) != 0).all(), "a node of the rest pose has no size")
+    check(
+        (np.linalg.det(at_rest) != 0).all(),
+        "expected nodes of some size in the rest pose, got one without",
+    )
     found = np.array([matrices[row] for row in used]).reshape(len(used), -1, 4, 4)
     poses = found @ np.linalg.inv(at_rest)
     return Animated([paths[row] for row in used], poses, np.array([there[row] for row in used]))
@@ -109,15 +111,19 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
         target, path = channel["target"], channel["target"].get("path")
         if "node" not in target:  # of an extension
             continue
-        check(path != "weights", "morph targets over time are not read", "give a table of poses")
-        check(path in REST, f"path must be one of {', '.join(REST)}, got {shown(path)}")
+        check(
+            path != "weights", "expected moving nodes, got morph targets", "give a table of poses"
+        )
+        check(path in REST, f"expected path to be one of {', '.join(REST)}, got {shown(path)}")
         sampler = json_object(animation, "samplers", channel["sampler"])
         way = sampler.get("interpolation", "LINEAR")
-        check(way in WAYS, f"interpolation must be one of {', '.join(WAYS)}, got {shown(way)}")
+        check(
+            way in WAYS, f"expected interpolation to be one of {', '.join(WAYS)}, got {shown(way)}"
+        )
         keys = reader.read_times(sampler["input"])
         check(
             len(keys) and np.isfinite(keys).all() and (np.diff(keys) > 0).all(),
-            "times of an animation must rise",
+            "expected times of an animation that are strictly increasing, got others",
         )
         kind = "VEC4" if path == "rotation" else "VEC3"
         values = reader.read(sampler["output"], kind).astype(np.float64)
@@ -130,9 +136,9 @@ def _channels(animation: dict[str, Any], reader: Accessors) -> dict[tuple[int, s
             at = values[1::3] if way == "CUBICSPLINE" else values
             check_rotations(at, f"node {target['node']} over time", reader.step(sampler["output"]))
         key = target["node"], path
-        check(key not in found, f"node {key[0]} has two channels of {path}")
+        check(key not in found, f"expected one channel of {path} for node {key[0]}, got two")
         found[key] = keys, values, way
-    check(found, "the animation moves no node")
+    check(found, "expected an animation that moves a node, got none")
     return found
 
 
@@ -141,7 +147,7 @@ def _local(
 ) -> tuple[FloatArray, BoolArray]:
     """parent_from_node in each frame, and whether the node is there."""
     own = {path for path in REST if (index, path) in channels}
-    check(not own or "matrix" not in node, f"node {index} has a matrix and is animated")
+    check(not own or "matrix" not in node, f"expected no matrix of animated node {index}, got one")
     is_there = np.ones(len(times), np.bool_)
     if "matrix" in node:
         matrix = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
@@ -158,7 +164,8 @@ def _local(
             same = np.abs(given - still) <= SAME_SCALE * np.abs(still).max()
             check(
                 same[is_there].all(),
-                f"node {index} has another scale over time, not read; 0 is for what is not there",
+                f"expected the scale of node {index} to be constant, or 0 where it is absent, "
+                "got another",
             )
         else:
             values[path] = given
@@ -217,7 +224,7 @@ def _spline(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) 
 
 def _unit(quaternions: FloatArray) -> FloatArray:
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    check((length > 0).all(), "a rotation between two keys has no length")
+    check((length > 0).all(), "expected a rotation between two keys, got a quaternion of length 0")
     return quaternions / length
 
 

@@ -38,7 +38,9 @@ COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "
 def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
     """JSON header, binary chunk and notes."""
     is_glb = len(data) >= 20 and data[:4] == b"glTF"
-    check(is_glb, "a GLB file begins with 'glTF', this one does not", "export a binary .glb")
+    check(
+        is_glb, "expected a GLB file, which begins with glTF, got another", "export a binary .glb"
+    )
     version, length = struct.unpack_from("<II", data, 4)
     check(version == 2, f"expected glTF version 2, got {version}")
     _check_room("the header", length, 0, len(data))
@@ -51,8 +53,8 @@ def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
         found.setdefault(kind, memoryview(data)[at : at + size])
         at += size
     extra = len(data) - at
-    notes = [f"{extra} trailing bytes after the last chunk were not read"] if extra > 0 else []
-    check(JSON_CHUNK in found, "no readable JSON chunk (there is none)")
+    notes = [f"ignored {extra} bytes after the last chunk"] if extra > 0 else []
+    check(JSON_CHUNK in found, "expected a JSON chunk, got none")
     header = json_header(bytes(found[JSON_CHUNK]), "JSON chunk")
     return header, found.get(BINARY_CHUNK, memoryview(b"")), notes
 
@@ -60,8 +62,7 @@ def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
 def _check_room(what: str, size: int, at: int, end: int) -> None:
     check(
         at + size <= end,
-        f"{what} promises {size} bytes from byte offset {at} on, {end - at} are there; it is "
-        "truncated",
+        f"expected {size} bytes of {what} from byte offset {at} on, got {end - at}; truncated",
     )
 
 
@@ -70,11 +71,11 @@ def json_header(text: bytes, what: str) -> dict[str, Any]:
     try:
         header = parsed_json(text, _no_number)
     except UnparsedError as error:
-        raise broken(f"no readable {what} ({error.reason})") from error
+        raise broken(f"expected a readable {what}, got: {error.reason}") from error
     except UnreadableError as error:
         raise MeshError(f"{what}: {error.reason}") from error
     if not isinstance(header, dict):
-        raise broken(f"the {what} must be an object, got {type(header).__name__}")
+        raise broken(f"expected the {what} to be an object, got {type(header).__name__}")
     asset = header.get("asset", {})
     for key, known in (("version", "2."), ("minVersion", "2.0")):
         wanted = str(asset.get(key, "2.0"))
@@ -95,7 +96,7 @@ def json_list(owner: dict[str, Any], key: str) -> list[Any]:
     """List at a key, empty where there is none."""
     found = owner.get(key, [])
     if not isinstance(found, list):
-        raise broken(f"{key!r} must be a list, got {type(found).__name__}")
+        raise broken(f"expected {key!r} to be a list, got {type(found).__name__}")
     return found
 
 
@@ -103,7 +104,9 @@ def json_object(header: dict[str, Any], key: str, index: object) -> dict[str, An
     """Object of that index in the list at a key."""
     items = json_list(header, key)
     if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
-        raise broken(f"{key!r} has {len(items)} objects, number {shown(index)} was asked")
+        raise broken(
+            f"expected an index below {len(items)}, the objects of {key!r}, got {shown(index)}"
+        )
     return items[index]
 
 
@@ -111,7 +114,7 @@ def json_name(owner: dict[str, Any]) -> str:
     """Name of an object, shortened, as many nodes may show that of one mesh; "" without one."""
     name = owner.get("name") or ""
     if not isinstance(name, str):
-        raise broken(f"a name must be a text, got {type(name).__name__}")
+        raise broken(f"expected a name to be a text, got {type(name).__name__}")
     return name[:LONGEST_NAME]
 
 
@@ -119,7 +122,7 @@ def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> i
     """Integer of 0 or more at a key."""
     value = owner.get(key, default)
     if type(value) is not int or not 0 <= value < 1 << 63:
-        raise broken(f"{key!r} must be a whole number from 0, got {shown(value)}")
+        raise broken(f"expected {key!r} to be a whole number from 0, got {shown(value)}")
     return value
 
 
@@ -128,7 +131,9 @@ def json_numbers(owner: dict[str, Any], key: str, default: tuple[float, ...]) ->
     values = owner.get(key, default)
     is_list = isinstance(values, (list, tuple)) and len(values) == len(default)
     if not is_list or not all(type(v) in (int, float) and math.isfinite(v) for v in values):
-        raise ValueError(f"{key!r} must be {len(default)} finite numbers, got {str(values)[:60]}")
+        raise ValueError(
+            f"expected {key!r} to be {len(default)} finite numbers, got {str(values)[:60]}"
+        )
     return np.array(values, dtype=np.float64)
 
 
@@ -165,7 +170,7 @@ class Accessors:
         where = f"accessor {index}"
         sparse = accessor.get("sparse")
         has_data = sparse if "sparse" in accessor else "bufferView" in accessor
-        check(has_data, f"{where} is sparse or compressed", "export it uncompressed")
+        check(has_data, f"{where}: expected plain data, got none", "export it uncompressed")
         kind = COMPONENTS.get(accessor["componentType"])
         is_index = wanted == "SCALAR"
         is_normalised = accessor.get("normalized", False)
@@ -175,10 +180,10 @@ class Accessors:
             or not (kind[0] == "u" if is_index else kind != "u4")
         ):
             got = f"{shown(accessor.get('type'))} of {shown(accessor.get('componentType'))}"
-            raise broken(f"{where} must be {wanted}, got {got}")
+            raise broken(f"expected {where} to be {wanted}, got {got}")
         check(
             type(is_normalised) is bool and not (is_normalised and (is_index or kind == "f4")),
-            f"{where}: 'normalized' is for whole coordinates, got {shown(is_normalised)}",
+            f"{where}: expected 'normalized' of integers, got {shown(is_normalised)}",
         )
         dtype, n, n_columns = np.dtype(f"<{kind}"), self.count(index), COLUMNS[wanted]
         if "bufferView" in accessor:
@@ -202,7 +207,10 @@ class Accessors:
         is_right = (
             accessor.get("type") == "SCALAR" and COMPONENTS.get(accessor["componentType"]) == "f4"
         )
-        check(is_right and "sparse" not in accessor, f"accessor {index} must be scalars of float32")
+        check(
+            is_right and "sparse" not in accessor,
+            f"expected scalars of float32, got accessor {index}",
+        )
         found = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
         return found[:, 0].astype(np.float64)
 
@@ -212,13 +220,14 @@ class Accessors:
         kind = COMPONENTS.get(sparse["indices"]["componentType"], "")
         check(
             0 < n <= n_values and kind[:1] == "u",
-            f"{where} is sparse: expected 1 to {n_values} replaced elements, got {n} with indices "
-            f"of type {kind!r}",
+            f"{where}: expected 1 to {n_values} replaced elements, got {n} with indices of "
+            f"type {kind!r}",
         )
         rows = self._window(where, sparse["indices"], n, np.dtype(f"<{kind}"), 1)[:, 0]
         check(
             (rows[1:] > rows[:-1]).all() and rows[-1] < n_values,
-            f"{where}: sparse indices must rise within 0 ... {n_values - 1}",
+            f"{where}: expected sparse indices that increase within 0 ... {n_values - 1}, got "
+            "others",
         )
         replaced = values.copy()
         replaced[rows] = self._window(where, sparse["values"], n, values.dtype, values.shape[1])
@@ -232,7 +241,7 @@ class Accessors:
         index = view.get("buffer", 0)
         json_object(self.header, "buffers", index)
         is_here = index < len(self._buffers)
-        check(is_here, "a buffer lies outside the file (uri) and is never opened", "export a .glb")
+        check(is_here, "expected buffers in the file, got one outside (uri)", "export a .glb")
         row = n_columns * dtype.itemsize
         stride = json_count(view, "byteStride", row)
         start, within = json_count(view, "byteOffset", 0), json_count(owner, "byteOffset", 0)
@@ -240,8 +249,8 @@ class Accessors:
         window = min(json_count(view, "byteLength", 0), len(buffer) - start)
         check(
             stride >= row and (not count or within + (count - 1) * stride + row <= window),
-            f"{where} promises {count} elements of {row} bytes every {stride}, its view holds "
-            f"{max(window, 0)} bytes; the file is broken",
+            f"{where}: expected {count} elements of {row} bytes every {stride}, got a view of "
+            f"{max(window, 0)} bytes; truncated",
         )
         if not count:
             return np.empty((0, n_columns), dtype)
@@ -307,7 +316,7 @@ def unread_data(header: dict[str, Any]) -> list[str]:
     accessors, views = json_list(header, "accessors"), json_list(header, "bufferViews")
     used = set(_used(header | {"accessors": []}))
     n_unused = sum(index not in used for index in range(len(accessors)))
-    notes = [f"{n_unused} accessors belong to nothing, not read"] if n_unused else []
+    notes = [f"ignored {n_unused} accessors that nothing uses"] if n_unused else []
     spans: dict[int, list[tuple[int, int, int]]] = {}
     for accessor in accessors:
         for owner, count, row in _windows(accessor):
@@ -324,7 +333,7 @@ def unread_data(header: dict[str, Any]) -> list[str]:
                 n_unread += start - at
             at = max(at, end)
     if n_unread:
-        notes.append(f"{n_unread} bytes beside the elements of accessors belong to none, not read")
+        notes.append(f"ignored {n_unread} bytes that belong to no accessor")
     return notes
 
 

@@ -84,17 +84,17 @@ def read(data: bytes, budget: int) -> Polygons:
     """Triangles of an IFC file in metres, one group a product, in the order of the file."""
     made, notes = _made(data, budget)
     spaces, solids = ([s for s in made if (s[0].type == SPACE) == is_space] for is_space in (1, 0))
-    check(solids, "no triangles: no product of the file has a surface")
+    check(solids, "expected a product with a surface, got none")
     starts = np.cumsum([0] + [len(points) for _, points, _ in solids])
     vertices = np.concatenate([points for _, points, _ in solids])
     faces = [own + start for (_, _, own), start in zip(solids, starts, strict=False)]
     notes = [
-        f"triangulated by IfcOpenShell to within {DEFLECTION * 1000:g} mm; spaces are not surfaces",
+        f"triangulated by IfcOpenShell to within {DEFLECTION * 1000:g} mm",
         *notes,
     ]
     if (far := np.abs(vertices).max()) > FAR:
         moved = [int(-x) for x in vertices.min(axis=0).round(-1)]
-        notes.append(f"{far / 1000:.0f} km from the origin; translation = {moved} moves it there")
+        notes.append(f"{far / 1000:.0f} km from the origin: translation = {moved} moves it there")
     levels = [(each.storey, each.type, each.name or each.global_id) for each, _, _ in solids]
     return Polygons(
         vertices=vertices,
@@ -111,9 +111,15 @@ def read(data: bytes, budget: int) -> Polygons:
 def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str]]:
     """Products with triangles, spaces among them, and notes."""
     if find_spec("ifcopenshell") is None:
-        raise MeshError("reading IFC files needs ifcopenshell: pip install 'rastercov[building]'")
+        raise MeshError(
+            "expected the package ifcopenshell for IFC files, got none; pip install "
+            "'rastercov[building]'"
+        )
     options = [str(min(MOST_FACES, budget // PEAK_BYTES_PER_FACE))]
-    fault, advice = "IfcOpenShell cannot read the IFC file", "export it again, as IFC2X3 or IFC4"
+    fault, advice = (
+        "expected an IFC file that IfcOpenShell reads",
+        "export it again, as IFC2X3 or IFC4",
+    )
     made = converted(CONVERT, data, options, fault, advice)
     with np.load(io.BytesIO(made), allow_pickle=False) as arrays:
         texts = json.loads(str(arrays["texts"]))
@@ -146,7 +152,7 @@ def convert() -> None:
     settings = geom.settings()
     settings.set("use-world-coords", True)
     settings.set("mesher-linear-deflection", DEFLECTION)
-    notes = [] if file.by_type("IfcUnitAssignment") else ["it has no units, taken as metres"]
+    notes = [] if file.by_type("IfcUnitAssignment") else ["assumed metres: the file has no units"]
     shapes, n_faces = {}, 0
     made = products and geom.iterate(settings, file, thread_count(None), include=products)
     for shape in made:

@@ -94,9 +94,7 @@ def read(data: bytes, budget: int) -> Polygons:
     data = data.removeprefix(BYTE_ORDER_MARK)
     end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
     if not data.startswith(b"ply") or end is None:
-        raise MeshError(
-            "expected 'ply' ... 'end_header' at the start, got none; it is not a PLY file"
-        )
+        raise MeshError("expected 'ply' ... 'end_header' at the start, got none; name a PLY file")
     lines = Lines(data[: end.end()], budget)
     order, elements = _header(lines)
     n_left = len(data) - end.end()
@@ -106,7 +104,7 @@ def read(data: bytes, budget: int) -> Polygons:
         check_count(element.count, f"elements {element.name!r}", least, n_left)
     surfaces = [name for name in elements if name in SURFACES]
     has_both = "vertex" in elements and surfaces
-    check(has_both, f"no triangles: expected elements vertex and face, got {list(elements)}")
+    check(has_both, f"expected elements vertex and face, got {list(elements)}")
     vertex = elements["vertex"]
     axes = [("vertex", vertex.index((axis,), "iuf", False)) for axis in "xyz"]
     others = [
@@ -126,7 +124,10 @@ def read(data: bytes, budget: int) -> Polygons:
         body = Lines(data[end.end() :], budget, number=lines.number)
         columns, notes = _text(body, elements, [*axes, *lists], budget)
     if others:
-        notes = [*notes, f"elements {', '.join(map(repr, others[:5]))} have vertices, not read"]
+        notes = [
+            *notes,
+            f"ignored elements {', '.join(map(repr, others[:5]))}, which have vertices",
+        ]
     coordinates = np.stack([columns[key].values for key in axes], axis=1)
     polygons = [SURFACES[key[0]](columns[key], budget) for key in lists]
     return fan_polygons(
@@ -160,7 +161,9 @@ def _strips(lists: Column, budget: int) -> Column:
     length = (step + 1 - is_gap) * np.append(begins[1:], True)  # at the end of each strip
     short = np.flatnonzero((length > 0) & (length < 3))
     if len(short):
-        raise broken(f"expected a strip of 3 or more vertices, one ends at value {short[0]}")
+        raise broken(
+            f"expected a strip of 3 or more vertices, got one that ends at value {short[0]}"
+        )
     last = np.flatnonzero((step >= 2) & ~is_gap)
     odd = step[last] % 2
     triangles = np.stack([corners[last - 2], corners[last - 1 + odd], corners[last - odd]], axis=1)
@@ -193,14 +196,14 @@ def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
             case _:
                 raise lines.error("a format, element or property", words)
     if order is None:
-        raise broken(f"expected a line 'format' with one of {list(BYTE_ORDERS)}, there is none")
+        raise broken(f"expected a line 'format' with one of {list(BYTE_ORDERS)}, got none")
     return order, elements
 
 
 def _text(
     lines: Lines, elements: dict[str, Element], wanted: list[tuple[str, int]], budget: int
 ) -> tuple[Columns, list[str]]:
-    """Wanted columns of a body in text, and notes. A Python loop over the rows: 2 µs a row."""
+    """Wanted columns of a body in text, and notes. A Python loop over the rows: 2 µs per row."""
     columns: Columns = {}
     is_cut = False
     for element in elements.values():
@@ -269,9 +272,7 @@ def _binary(
         found, offset = _binary_rows(data, offset, order, element, kept, budget)
         columns |= {(element.name, i): column for i, column in found.items()}
     extra = len(data) - offset
-    return columns, (
-        [f"{extra} trailing bytes after the last element were not read"] if extra else []
-    )
+    return columns, ([f"ignored {extra} bytes after the last element"] if extra else [])
 
 
 def _binary_rows(
@@ -296,7 +297,7 @@ def _binary_rows(
                 i: Column(rows[f"v{i}"].reshape(-1), np.full(element.count, lengths[i]))
                 for i in kept
             }, end
-    # Rows of several lengths: a Python loop over the rows, 3 µs a row.
+    # Rows of several lengths: a Python loop over the rows, 3 µs per row.
     pieces = {i: bytearray() for i in kept}
     counts = {i: array("q") for i in kept}
     n_corners = 0
@@ -328,7 +329,7 @@ def _row_lengths(data: bytes, offset: int, order: str, element: Element) -> tupl
         lengths.append(n)
         if n < 0 or offset > len(data):
             raise broken(
-                f"element {element.name!r} needs {n} values of {p.name!r} up to byte offset "
-                f"{offset}, the file has {len(data)} bytes; it is truncated"
+                f"expected {n} values of {p.name!r} of element {element.name!r} up to byte "
+                f"{offset}, got {len(data)} bytes; truncated"
             )
     return lengths, offset

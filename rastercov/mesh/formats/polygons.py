@@ -36,7 +36,7 @@ AFFINE_ROW_TOLERANCE = 1e-6
 PEAK_BYTES_PER_FACE = 300
 """Peak memory of a face and its vertex: 250 measured with a binary STL of 10^7, the worst case."""
 PEAK_BYTES_PER_VERTEX = 150
-"""Peak memory of each vertex beyond one a face."""
+"""Peak memory of each vertex beyond one per face."""
 SECONDS = (300.0, 30.0)
 """Time that a converter may take: in all, and more for each MB of its file."""
 MEMORY = (4 << 30, 1000)
@@ -105,10 +105,14 @@ def broken_files_refused() -> Iterator[None]:
     except RastercovError:
         raise
     except RecursionError:
-        raise broken("its parts are nested too deeply") from None
+        raise broken(
+            "expected parts that are not nested in themselves, got too many levels"
+        ) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # Any JSON value may have any type; a check of each would be longer and no clearer.
-        raise broken(f"the file contradicts its format ({error!r})") from error
+        raise broken(
+            f"expected a file that follows its format, got a contradiction ({error!r})"
+        ) from error
 
 
 def converted(program: str, data: bytes, options: Sequence[str], fault: str, advice: str) -> bytes:
@@ -132,9 +136,9 @@ def converted(program: str, data: bytes, options: Sequence[str], fault: str, adv
                 timeout=seconds,
             )
         except subprocess.TimeoutExpired:
-            raise broken(f"{fault} (it takes more than {seconds:.0f} s)", advice) from None
+            raise broken(f"{fault} in {seconds:.0f} s, got no end", advice) from None
         made = path.read_bytes() if path.exists() else b""
-    check(made and not ended.returncode, f"{fault} ({_reason(ended, memory)})", advice)
+    check(made and not ended.returncode, f"{fault}, got: {_reason(ended, memory)}", advice)
     return made
 
 
@@ -148,14 +152,14 @@ def _reason(ended: "subprocess.CompletedProcess[bytes]", memory: int) -> str:
     text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
     errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
-    return errors[-1][:160] if errors else "it gives no reason"
+    return errors[-1][:160] if errors else "no reason"
 
 
 def check_indices(values: NDArray[np.integer[Any]], n: int, where: str) -> None:
     """Raise MeshError unless all vertex indices lie in 0 ... n - 1; `where` names their owner."""
     low, high = values.min(initial=0), values.max(initial=0)
     is_right = not len(values) or (low >= 0 and high < n)
-    check(is_right, f"{where}: vertex indices must lie in 0 ... {n - 1}, got {low} ... {high}")
+    check(is_right, f"{where}: expected vertex indices in 0 ... {n - 1}, got {low} ... {high}")
 
 
 def check_affine(matrix: FloatArray, where: str) -> None:
@@ -175,7 +179,7 @@ def check_budget(
 ) -> None:
     """Raise ResourceError, before memory is allocated, when reading needs more bytes than `budget`.
 
-    `n_vertices` are known so far, and only those beyond one a face count. `n_bytes` are those of
+    `n_vertices` are known so far, and only those beyond one per face count. `n_bytes` are those of
     other arrays that are held at the same time.
     """
     n_more = max(0, n_vertices - n_faces)
@@ -183,8 +187,8 @@ def check_budget(
     if n_faces > MOST_FACES or need > budget:
         vertices = f" with {n_vertices} vertices" if n_more or n_bytes else ""
         raise ResourceError(
-            f"{n_faces} triangles{vertices} need about {need} bytes, the budget is {budget} bytes "
-            f"(and {MOST_FACES} triangles); {advice}"
+            f"expected at most {budget} bytes and {MOST_FACES} triangles, got {need} bytes for "
+            f"{n_faces} triangles{vertices}; {advice}"
         )
 
 
@@ -217,7 +221,7 @@ def check_count(count: int, what: str, least_bytes: int, available: int) -> None
     need = count * least_bytes
     check(
         0 <= need <= available + least_bytes,  # the last newline may be missing
-        f"the header promises {count} {what}, at least {need} bytes, {available} bytes are there",
+        f"expected {count} {what}, as declared, of at least {need} bytes, got {available} bytes",
         "the file is truncated or its header is wrong",
     )
 
@@ -522,7 +526,9 @@ class Assembly:
             self._nodes[key] = None
             self._nodes[key] = self._node_of(self._element_of(key))
         if (known := self._nodes[key]) is None:
-            raise broken(f"{self._element_of(key).title} is a part of itself")
+            raise broken(
+                f"expected {self._element_of(key).title} not to contain itself, got a cycle"
+            )
         return known
 
     def _node_of(self, element: Part) -> _Node:
@@ -534,7 +540,7 @@ class Assembly:
             if not piece.n_faces:
                 continue
             if matrix is None:
-                raise MeshError(f"{element.title} {element.why_none}")
+                raise MeshError(f"expected a transform of {element.title}, got {element.why_none}")
             if isinstance(piece, _Node) and len(piece.pieces) == 1:
                 [(place, only)] = piece.pieces
                 if isinstance(only, _Node):

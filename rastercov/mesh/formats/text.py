@@ -39,7 +39,7 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8; Windows programs write it before the
 BYTES_PER_CHARACTER = 40  # memory of a line's words: 37 measured with one digit a word
 JOINT = b"\v"  # separates words, as spaces do, and marks each place where two lines are joined
 FREE_CHARACTERS = 1 << 16  # length of a line that is accepted under any budget
-CUT_NOTE = "the file ends inside a line; its last number may be cut, and lines may be missing"
+CUT_NOTE = "the file ends within a line: its last number may be cut, and lines may be missing"
 
 
 class Lines:
@@ -108,9 +108,9 @@ class Lines:
                 self.number += line.count(JOINT)
             if len(line) > longest:
                 raise ResourceError(
-                    f"line {self.number}: {len(line)} characters need about "
-                    f"{len(line) * BYTES_PER_CHARACTER} bytes, the budget is "
-                    f"{longest * BYTES_PER_CHARACTER}; split the line, or raise memory_budget"
+                    f"line {self.number}: expected at most {longest * BYTES_PER_CHARACTER} bytes, "
+                    f"got {len(line)} characters of {BYTES_PER_CHARACTER} bytes; split the line, "
+                    "or raise memory_budget"
                 )
             words = (line.partition(comment)[0] if comment else line).split()
             if words:
@@ -124,7 +124,7 @@ class Lines:
         for words in self._lines:
             return words
         raise MeshError(
-            f"expected {wanted} after line {self.number}, the file ends; it is truncated"
+            f"expected {wanted} after line {self.number}, got the end of the file; it is truncated"
         )
 
     def take(self, n: int, what: str) -> Iterator[list[bytes]]:
@@ -171,7 +171,7 @@ class Lines:
 def trailing_lines(lines: Lines) -> list[str]:
     """A note if lines are left over."""
     last = lines.number
-    return [f"lines after line {last} were not read"] if any(True for _ in lines) else []
+    return [f"ignored the lines after line {last}"] if any(True for _ in lines) else []
 
 
 IGNORED = frozenset(
@@ -193,7 +193,7 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     """Polygons of an OBJ file.
 
     A face belongs to the last group or object named before it. A Python loop over the lines: about
-    1 µs a vertex and 2 µs a face.
+    1 µs per vertex and 2 µs per face.
     """
     lines = Lines(data, budget, comment=b"#", joins=True)
     coordinates, corners, n_corners = array("d"), array("q"), array("q")
@@ -227,15 +227,13 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     if len(beyond):
         face = int(np.searchsorted(np.cumsum(n_corners), beyond[0], side="right"))
         raise broken(
-            f"line {face_line[face]}: vertex indices must lie in 1 ... {n_vertices}, "
-            f"got {corners[beyond[0]] + 1}"
+            f"line {face_line[face]}: expected vertex indices in 1 ... {n_vertices}, got "
+            f"{corners[beyond[0]] + 1}"
         )
     notes = [CUT_NOTE] if lines.ends_inside_line else []
     if doubtful:
         more = f" (and {len(doubtful) - 1} others)" if len(doubtful) > 1 else ""
-        notes.append(
-            f"line {doubtful[0]}{more} may be a face, its keyword is not f: not read as one"
-        )
+        notes.append(f"ignored line {doubtful[0]}{more}, which may be a face: its keyword is not f")
     polygons = fan_polygons(coordinates, corners, n_corners, budget, notes)
     face_group = np.asarray(groups, dtype=np.int64)[polygons.source_face]
     return replace(polygons, face_group=face_group, group_names=list(number_of))
@@ -332,15 +330,15 @@ def read_stl(data: bytes, budget: int) -> Polygons:
     if is_text and not fits:
         return _ascii_stl(data, budget)
     n = len(data)
-    check(n >= 84, f"a binary STL has 84 bytes before its triangles, got {n}")
+    check(n >= 84, f"expected 84 bytes before the triangles of a binary STL, got {n}")
     extra = n - 84 - 50 * declared
     check(
         extra >= 0,
-        f"the header promises {declared} triangles ({84 + 50 * declared} bytes), the file has {n} "
-        f"bytes and ends in triangle {(n - 84) // 50} at byte offset {n}; it is truncated",
+        f"expected {declared} triangles, as declared ({84 + 50 * declared} bytes), got {n} "
+        f"bytes, to triangle {(n - 84) // 50}; truncated",
     )
     check_budget(declared, budget)
-    notes = [f"{extra} trailing bytes after the last triangle were not read"] if extra else []
+    notes = [f"ignored {extra} bytes after the last triangle"] if extra else []
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     records = np.frombuffer(data, dtype=record, count=declared, offset=84)
     return _indexed(records["corners"].reshape(-1, 3), budget, notes)
@@ -375,7 +373,7 @@ def _indexed(
 
 
 def _ascii_stl(data: bytes, budget: int) -> Polygons:
-    """Polygons of an ASCII STL. A Python loop over the lines: 0.5 µs a line, 7 lines a triangle."""
+    """Polygons of an ASCII STL. A Python loop: 0.5 µs per line, 7 lines per triangle."""
     lines, corners = Lines(data, budget), array("d")
     is_open, is_cut, name = False, False, list[bytes]()
     names, n_before = list[str | None](), array("q")  # of each solid; triangles before it

@@ -1,8 +1,8 @@
 """3MF files: a ZIP archive with a model in XML, of objects with triangles and of their instances.
 
 Read are the triangles of the objects that the build names, with the transforms of the components,
-one group an instance. Materials and textures are left out; what may change the shape, such as beams
-and slices, is an error or a note.
+one group per instance. Materials and textures are ignored; what may change the shape, such as
+beams and slices, is an error or a note.
 
 Source: 3MF Consortium. 3MF Core Specification 1.3. 2021.
 """
@@ -93,12 +93,12 @@ _Key = tuple[str, str]
 
 
 def read(data: bytes, budget: int) -> Polygons:
-    """Triangles of a 3MF file in metres, one group an instance, in the order of the build."""
+    """Triangles of a 3MF file in metres, one group per instance, in the order of the build."""
     try:
         with broken_files_refused(), zipfile.ZipFile(io.BytesIO(data)) as archive:
             return _Model(archive, budget).polygons()
     except DAMAGED as error:
-        raise broken(f"the ZIP archive cannot be read ({error})") from None
+        raise broken(f"expected a readable ZIP archive, got: {error}") from None
 
 
 class _Model:
@@ -119,7 +119,7 @@ class _Model:
         unit = root.get("unit", "millimeter")
         check(unit in METRES, f"expected a unit of {', '.join(METRES)}, got {unit[:40]!r}")
         items = below(root, "build", "item")
-        check(items, "nothing is in the build", "put an object on the plate, and export again")
+        check(items, "expected an object in the build, got none", "put one on the plate")
         roots = [(_transform(item), self._key(item, path)) for item in items]
         polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
         return replace(polygons, notes=self._notes())
@@ -134,7 +134,7 @@ class _Model:
         notes = []
         left = [key for key, owner in self._objects.items() if children(owner, "mesh")]
         if n_unused := sum(key not in self._read for key in left):
-            notes.append(f"{n_unused} objects are not in the build, not read")
+            notes.append(f"ignored {n_unused} objects, which are not in the build")
         return notes + self._unknown.notes()
 
     def _model_path(self) -> str:
@@ -142,7 +142,7 @@ class _Model:
         for each in self._part(RELATIONSHIPS):
             if each.get("Type", "").endswith(MODEL):
                 return posixpath.normpath(each.attrib["Target"]).lstrip("/")
-        raise broken("the archive names no 3D model")
+        raise broken("expected a 3D model in the archive, got none")
 
     def _part(self, path: str) -> Element:
         """Root of a part, parsed, its objects known."""
@@ -151,11 +151,11 @@ class _Model:
         try:
             info = self._archive.getinfo(path)
         except KeyError:
-            raise broken(f"the archive has no part {path[:80]!r}") from None
+            raise broken(f"expected the part {path[:80]!r} in the archive, got none") from None
         # The size is that of the archive's directory; reading stops there, so it is no promise.
         check_budget(0, self._bytes_left, n_bytes=info.file_size * BYTES_PER_XML_BYTE)
         is_read = info.compress_type in COMPRESSIONS
-        check(is_read, f"{path[:80]!r} must be deflated or stored")
+        check(is_read, f"expected {path[:80]!r} to be deflated or stored, got another compression")
         with self._archive.open(info) as file:
             text = file.read(info.file_size + 1)
         root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
@@ -165,7 +165,7 @@ class _Model:
             look_at_names(root, NAMES, self._unknown)
         for each in below(root, "resources", "object"):
             is_new = self._objects.setdefault((path, each.attrib["id"]), each) is each
-            check(is_new, f"object {each.attrib['id'][:40]!r} comes twice")
+            check(is_new, f"expected object {each.attrib['id'][:40]!r} once, got it twice")
         return root
 
     def _object(self, key: Any) -> Part:
@@ -173,7 +173,7 @@ class _Model:
         path, number = key
         self._part(path)
         title = f"object {number[:40]!r}"
-        check(key in self._objects, f"{title} is not there")
+        check(key in self._objects, f"expected {title}, got no object of that id")
         owner = self._objects[key]
         self._read.add(key)
         meshes = children(owner, "mesh")
@@ -181,13 +181,12 @@ class _Model:
         foreign = [each for holder in (owner, *meshes) for each in children(holder, *SHAPES)]
         if foreign:
             name = local_name(foreign[0])
-            raise broken(f"{title} has a {name}, which is not read", "export it as triangles")
+            raise broken(f"{title}: expected triangles, got a {name}", "export it as triangles")
         for name in RESOLUTIONS:
             value = attribute(owner, name) or FULL
             check(
                 value == FULL,
-                f"{title} is a stand-in for slices or for another object ({name} {value[:40]!r}), "
-                "which are not read",
+                f"{title}: expected full resolution, got a placeholder ({name} {value[:40]!r})",
                 "export its mesh in full resolution",
             )
         pieces: list[tuple[FloatArray, Any]] = [(np.eye(4), _shape(m)) for m in meshes]
@@ -202,7 +201,7 @@ def _check_extensions(root: Element, text: bytes) -> None:
     declared = namespaces(text) if needed else {}
     foreign = [each for each in needed if not KNOWN_EXTENSIONS.search(declared.get(each, ""))]
     names = [printable(declared.get(each, each), 80) for each in foreign[:5]]
-    check(not foreign, f"extensions {names} are required, not supported", "leave them out")
+    check(not foreign, f"expected supported extensions, got {names}", "export without them")
 
 
 def _shape(mesh: Element) -> Shape:

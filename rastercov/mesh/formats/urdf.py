@@ -142,11 +142,11 @@ def read(path: StrPath, geometry: str) -> Description:
             root = Element("robot") if is_xacro else parsed(data, "the file", MEMORY)
             is_xacro |= any("xacro}" in each.tag for each in root)
             out = f"{printable(own.name.split('.')[0])}{'.whole' * (own.suffix == '.urdf')}.urdf"
-            fault = "expected a URDF file, got a xacro file, which is a program that writes one"
+            fault = "expected a URDF file, got a xacro file, which generates one"
             check(not is_xacro, fault, f"run xacrodoc {printable(own.name)} -o {out}")
             return _described(root, geometry, own.stem)
     except UnreadableError as error:
-        raise MeshError(f"{name} {error}") from None
+        raise MeshError(f"{name}: {error}") from None
     except (MeshError, ResourceError) as error:
         raise type(error)(f"{name}: {error}") from error
 
@@ -159,7 +159,9 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     if scheme == "package":
         package, _, rest = rest.lstrip("/").partition("/")
         advice = f'pass packages={{"{printable(package)}": "its folder"}}'
-        check(package in packages, f"the folder of a package wanted for {name}, got none", advice)
+        check(
+            package in packages, f"expected the folder of the package of {name}, got none", advice
+        )
         is_inside = rest and ".." not in re.split(r"[/\\]", rest) and not Path(rest).is_absolute()
         check(is_inside, f"expected a file in a package, got {name}", "correct it")
         found = Path(packages[package]) / rest
@@ -172,7 +174,7 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     )
     check(
         is_file(found),
-        f"expected its mesh {name}, and there is no {printable(str(found))}",
+        f"expected the mesh {name}, got no file {printable(str(found))}",
         "correct the name, or the folders of packages",
     )
     return found
@@ -180,12 +182,12 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
 
 def _described(root: Element, geometry: str, stem: str) -> Description:
     tag = local_name(root)
-    check(tag == "robot", f"expected an element robot, got {shown(tag)}", "is this the right file?")
+    check(tag == "robot", f"expected an element robot, got {shown(tag)}", "name a URDF file")
     unknown = UnknownNames(MeshError)
     look_at_names(root, NAMES, unknown)
     links = _by_name(children(root, "link"), "link")
     elements = _by_name(children(root, "joint"), "joint")
-    check(links, "expected links, got none", "is this the right file?")
+    check(links, "expected links, got none", "name a URDF file")
     check(
         len(links) <= MOST_LINKS,
         f"expected at most {MOST_LINKS} links, got {len(links)}",
@@ -203,8 +205,8 @@ def _described(root: Element, geometry: str, stem: str) -> Description:
 def _by_name(elements: list[Element], kind: str) -> dict[str, Element]:
     names = [each.get("name") or "" for each in elements]
     twice = [name for name, count in Counter(names).items() if count > 1]
-    check(all(names), f"every {kind} must have a name, got one without", "name it")
-    check(not twice, f"two {kind}s have the name {shown(twice[:1])[1:-1]}", "rename one")
+    check(all(names), f"expected a name of every {kind}, got none", "name it")
+    check(not twice, f"expected each {kind} once, got {shown(twice[:1])[1:-1]} twice", "rename one")
     return dict(zip(names, elements, strict=True))
 
 
@@ -228,7 +230,7 @@ def _shapes(link: Element, geometry: str) -> list[Shape]:
                 )
                 sizes = tuple(_numbers(each, "scale", 3, where, "1 1 1"))
                 check(all(sizes), f"{where}: expected a scale other than 0, got {list(sizes)}")
-                check(each.get("filename"), f"{where}: a mesh must have a filename, got none")
+                check(each.get("filename"), f"{where}: expected a filename, got none")
             found.append(Shape(kind, _origin(owner, where), sizes, each.get("filename") or ""))
     return found
 
@@ -239,7 +241,10 @@ def _joint(name: str, element: Element) -> Joint:
         fault = f"{where}: expected a joint of one axis, got {kind}"
         check(False, fault, "make it fixed, and move the robot by a table of poses")
     wanted = ("fixed", *TURNING)
-    check(kind in wanted, f"{where}: type must be one of {', '.join(wanted)}, got {shown(kind)}")
+    check(
+        kind in wanted,
+        f"{where}: expected type to be one of {', '.join(wanted)}, got {shown(kind)}",
+    )
     ends = [
         each.get("link") or "" for tag in ("parent", "child") for each in children(element, tag)
     ]
@@ -248,7 +253,7 @@ def _joint(name: str, element: Element) -> Joint:
     for each in children(element, "axis")[:1]:
         axis = _numbers(each, "xyz", 3, where, "1 0 0")
     length = np.linalg.norm(axis)
-    check(kind == "fixed" or length > 0, f"{where}: expected an axis other than 0 0 0")
+    check(kind == "fixed" or length > 0, f"{where}: expected an axis, got 0 0 0")
     axis = axis / length if length > 0 else np.array([1.0, 0.0, 0.0])
     return Joint(name, kind, ends[0], ends[1], _origin(element, where), axis)
 
@@ -257,16 +262,17 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
     """Joints in an order in which each comes after the one that moves its parent."""
     for each in joints:
         for end in (each.parent, each.child):
-            fault = f"joint {shown(each.name)}: there is no link {shown(end)}"
+            fault = f"joint {shown(each.name)}: expected a link of the robot, got {shown(end)}"
             check(end in links, fault, "correct the name")
     twice = [link for link, n in Counter(each.child for each in joints).items() if n > 1]
     check(
         not twice,
-        f"a loop of links: {shown(twice[:1])[1:-1]} is the child of two joints",
+        f"expected each link to have one parent, got two joints to {shown(twice[:1])[1:-1]}, a "
+        "loop",
         "cut the loop at one of them",
     )
     roots = sorted(set(links) - {each.child for each in joints})
-    check(roots, "a cycle of joints: every link is a child of another", "leave one link free")
+    check(roots, "expected a link without a parent, got a cycle", "leave one link free")
     check(
         len(roots) == 1,
         f"expected one link without a parent, got {shown(roots)}",
@@ -281,7 +287,7 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
         found += of_parent.get(link, [])
         reached += [each.child for each in of_parent.get(link, [])]
     lost = sorted(set(links) - set(reached))
-    check(not lost, f"a cycle of joints about {shown(lost[:1])[1:-1]}", "leave one link free")
+    check(not lost, f"expected no cycle, got one at {shown(lost[:1])[1:-1]}", "leave one link free")
     return found
 
 
@@ -314,8 +320,8 @@ def _driven(
             factor *= float(_numbers(mimic, "multiplier", 1, where, "1")[0])
             name, steps = mimic.get("joint") or "", steps + 1
             is_moving = kinds.get(name, "fixed") != "fixed"
-            check(is_moving, f"{where}: it mimics {shown(name)}, which is no joint that moves")
-            check(steps <= len(masters), f"a cycle of joints that mimic each other, at {where}")
+            check(is_moving, f"{where}: expected to mimic a joint that moves, got {shown(name)}")
+            check(steps <= len(masters), f"{where}: expected to mimic another joint, got a cycle")
         column = names.index(name)
         if factor and name != each.name:
             ends = [(end - offset) / factor + 0.0 for end in limits_of[each.name]]
@@ -323,7 +329,9 @@ def _driven(
             if low < high:
                 limits[column] = low, high
             elif limits[column, 0] < limits[column, 1]:
-                notes.append(f"limits of {shown(each.name)} leave {shown(name)} no room; not used")
+                notes.append(
+                    f"ignored limits of {shown(each.name)}, which leave no range to {shown(name)}"
+                )
         found.append(each._replace(column=column, factor=factor, offset=offset))
     return tuple(found), names, limits, notes
 
@@ -332,11 +340,11 @@ def _limits(joint: Joint, element: Element) -> tuple[float, float]:
     if joint.kind in ("continuous", "fixed"):
         return -math.inf, math.inf
     where, given = f"joint {shown(joint.name)}", children(element, "limit")
-    check(given, f"{where}: a {joint.kind} joint must have limits, got none", "add them")
+    check(given, f"{where}: expected limits, got none", "add them")
     low, high = (float(_numbers(given[0], name, 1, where, "0")[0]) for name in ("lower", "upper"))
     check(
         low <= high,
-        f"{where}: limits must be lower <= upper, got {low:g} and {high:g}",
+        f"{where}: expected limits lower <= upper, got {low:g} and {high:g}",
         "correct them",
     )
     return low, high
@@ -353,7 +361,7 @@ def _numbers(
     got = shown(element.get(name, "nothing"))
     check(
         np.abs(found).max() <= LARGEST_COORDINATE,
-        f"{where}: {name} must be {count} finite "
+        f"{where}: expected {name} to be {count} finite "
         f"{'number' if count == 1 else 'numbers'}, got {got}",
         "correct it",
     )

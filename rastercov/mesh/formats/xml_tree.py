@@ -42,14 +42,14 @@ def parsed(text: bytes, what: str, budget: int) -> Element:
         check_budget(0, budget, n_bytes=_need(text))
         # The parser writes the namespace before the name of every element.
         if LONG_NAMESPACE.search(text):
-            raise ValueError("a namespace is longer than 255 characters")
+            raise ValueError("a namespace of more than 255 characters")
         if not DECLARATION.match(text):
             root = _tree(text)
     # ValueError and LookupError: an encoding that is not known, or not kept to.
     except (ElementTree.ParseError, expat.ExpatError, ValueError, LookupError) as error:
-        raise broken(f"{what} is no XML ({error})") from None
+        raise broken(f"expected {what} to be XML, got: {error}") from None
     if root is None:
-        raise broken(f"{what} declares a document type, which may hide entities", "remove it")
+        raise broken(f"expected {what} without a document type, got one", "remove it")
     return root
 
 
@@ -101,7 +101,7 @@ def _utf_8(text: bytes) -> bytes:
     if name in ("utf-8", "ascii"):
         return text
     if not name.startswith(ENCODINGS):
-        raise LookupError(f"encoding {encoding} is not read")
+        raise LookupError(f"encoding {encoding}, which is not supported")
     return text.decode(name).encode()
 
 

@@ -34,5 +34,7 @@ def __getattr__(name: str) -> Any:
     try:
         from rastercov.raster.gl import rasterizer
     except ImportError as error:
-        raise DeviceError(f"no OpenGL: {error}; pip install moderngl, or take 'cpu'") from error
+        raise DeviceError(
+            f"expected OpenGL, got: {error}; pip install moderngl, or use backend 'cpu'"
+        ) from error
     return getattr(rasterizer, name)

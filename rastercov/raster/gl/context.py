@@ -35,7 +35,10 @@ from rastercov.raster.gl.libraries import (
     osmesa_library,
 )
 
-TOO_OLD = "no OpenGL 4.5 core context; take a newer driver or backend 'cpu', which counts the same"
+TOO_OLD = (
+    "expected an OpenGL 4.5 core context, got none; install a newer driver or use backend 'cpu', "
+    "which counts the same"
+)
 EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
 EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
@@ -47,7 +50,7 @@ ROBUSTNESS = (
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
-OSMESA_SIDE = 16  # pixels a side of the framebuffer that OSMesa requires
+OSMESA_SIDE = 16  # pixels per side of the framebuffer that OSMesa requires
 
 
 # --- native contexts ------------------------------------------------------------------------------
@@ -119,7 +122,7 @@ class _EglDoor:
         self.display = egl.eglGetPlatformDisplayEXT(*platform, None)
         if not self.display or not egl.eglInitialize(self.display, None, None):
             raise DeviceError(
-                f"cannot initialise the EGL display: {egl.error()}; is its driver installed? "
+                f"expected an EGL display, got error {egl.error()}; install its driver "
                 f"({INSTALL_EGL})"
             )
 
@@ -127,7 +130,10 @@ class _EglDoor:
         """Handle of a new context, robust where the driver can be."""
         egl = self.egl
         if not egl.eglBindAPI(EGL_OPENGL_API):
-            raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {egl.error()}")
+            raise DeviceError(
+                f"expected desktop OpenGL from EGL, got error {egl.error()} of eglBindAPI; use "
+                "backend 'cpu'"
+            )
         profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
         version = (EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 5)
         for robustness in ROBUSTNESS, ():
@@ -142,7 +148,10 @@ class _EglDoor:
         # Unbind first: Mesa skips a context it believes current, even after OSMesa replaced it.
         self.egl.eglMakeCurrent(self.display, None, None, None)
         if not self.egl.eglMakeCurrent(self.display, None, None, handle):
-            raise DeviceError(f"cannot make the context current: {self.egl.error()}")
+            raise DeviceError(
+                f"expected to make the context current, got error {self.egl.error()}; open another "
+                "one"
+            )
 
     def destroy(self, handle: int) -> None:
         """Give a context back."""
@@ -176,7 +185,9 @@ class _OSMesaDoor:
         """Make a context current."""
         image = (self.buffer, GL_UNSIGNED_BYTE, OSMESA_SIDE, OSMESA_SIDE)
         if not self.osmesa.OSMesaMakeCurrent(handle, *image):
-            raise DeviceError("cannot make the OSMesa context current")
+            raise DeviceError(
+                "expected to make the OSMesa context current, got an error; open another one"
+            )
 
     def destroy(self, handle: int) -> None:
         """Give a context back."""
@@ -209,7 +220,7 @@ class HeadlessContext(Unique):
         try:
             self.make_current()
             if not self._door.address("glGetString"):
-                raise DeviceError(f"no OpenGL library: expected libGL.so.1; {INSTALL_EGL}")
+                raise DeviceError(f"expected libGL.so.1, got no OpenGL library; {INSTALL_EGL}")
             # `standalone`: there is no default framebuffer to inspect.
             loader = cast("Any", _Loader(self._door.address))
             self._gl = moderngl.create_context(context=loader, standalone=True)
@@ -232,17 +243,17 @@ class HeadlessContext(Unique):
     def check_owner(self) -> None:
         """Raise DeviceError in another thread or a forked child, and after `release`."""
         if self._is_released:
-            raise DeviceError("OpenGL context used after its release; open a new one")
+            raise DeviceError("expected a live OpenGL context, got a released one; open a new one")
         if os.getpid() != self._pid:
             raise DeviceError(
-                f"OpenGL context of process {self._pid} used in process {os.getpid()}, a fork of "
-                "it; start processes with multiprocessing's 'spawn' and open a context in each"
+                f"expected an OpenGL context of this process, {os.getpid()}, got one of "
+                f"{self._pid}, which forked it; start processes with multiprocessing's 'spawn'"
             )
         owner, thread = self._thread, threading.current_thread()
         if thread.ident != owner.ident:
             raise DeviceError(
-                f"OpenGL context of thread {owner.name!r} ({owner.ident}) used in thread "
-                f"{thread.name!r} ({thread.ident}); open one context in each thread"
+                f"expected an OpenGL context of thread {thread.name!r} ({thread.ident}), got one "
+                f"of {owner.name!r} ({owner.ident}); open one context in each thread"
             )
 
     def make_current(self) -> None:
@@ -264,7 +275,10 @@ class HeadlessContext(Unique):
         key = (name, restype, *argtypes)
         if key not in self._functions:
             if not (address := self._door.address(name)):
-                raise DeviceError(f"this OpenGL driver has no function {name}")
+                raise DeviceError(
+                    f"expected an OpenGL driver with {name}, got one without; install a newer "
+                    "driver"
+                )
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
         return cast("Callable[..., Any]", self._functions[key])
 
@@ -340,8 +354,8 @@ def open_context(device: str | int = "auto") -> HeadlessContext:
     global _opened_in
     if _opened_in not in (None, os.getpid()):
         raise DeviceError(
-            f"process {os.getpid()} is a fork of {_opened_in}, which had opened an OpenGL context;"
-            " start processes with multiprocessing's 'spawn'"
+            f"expected a process without an OpenGL context, got {os.getpid()}, a fork of "
+            f"{_opened_in}, which has one; start processes with multiprocessing's 'spawn'"
         )
     found, failures = devices.candidates(device)
     for candidate in found:
@@ -358,4 +372,6 @@ def open_context(device: str | int = "auto") -> HeadlessContext:
         failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
     if device == "hardware":
         failures += devices.why_no_hardware(found)
-    raise DeviceError(f"no OpenGL context for device {device!r}: {'; '.join(failures)}")
+    raise DeviceError(
+        f"expected an OpenGL context for device {device!r}, got: {'; '.join(failures)}"
+    )

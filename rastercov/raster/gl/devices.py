@@ -217,7 +217,7 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
         return found, missing
     known = ", ".join(map(str, list_devices())) or f"none; {INSTALL_EGL}"
     reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
-    raise DeviceError(f"no device {shown(device)}; there are: {known}{reasons}")
+    raise DeviceError(f"expected a device of {known}, got {shown(device)}{reasons}")
 
 
 def is_software_wanted() -> bool:

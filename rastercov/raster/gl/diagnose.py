@@ -163,7 +163,9 @@ def _verify(opened: Callable[[Mesh, Camera], Closing]) -> None:
         wrong |= counts.background != background
         wrong |= ((counts.visible > 0) & (counts.visible != counts.drawn)).any(axis=1)
         if wrong.any():
-            raise DeviceError(f"{name}: {wrong.sum()} of {len(POSES)} poses are counted wrongly")
+            raise DeviceError(
+                f"expected correct counts of {name}, got {wrong.sum()} of {len(POSES)} poses wrong"
+            )
 
 
 def open_device(label: str) -> Report:

@@ -40,7 +40,7 @@ def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
 def _required_library(names: tuple[str, ...], remedy: str) -> ctypes.CDLL:
     if library := find_library(names):
         return library
-    raise DeviceError(f"expected the library {names[0]}, found none; {remedy}")
+    raise DeviceError(f"expected the library {names[0]}, got none; {remedy}")
 
 
 def int_array(*values: int) -> Any:
@@ -85,7 +85,10 @@ class Library:
         for name, signature in ENTRY_POINTS.items():
             if name.startswith(prefix):
                 if not (pointer := address(name)):
-                    raise DeviceError(f"no {name}: expected a library of the last ten years")
+                    raise DeviceError(
+                        f"expected an OpenGL library with {name}, got one without; install one of "
+                        "the last ten years"
+                    )
                 setattr(self, name, ctypes.CFUNCTYPE(*signature)(pointer))
 
     def __getattr__(self, name: str) -> Any:  # the entry points, for type checkers

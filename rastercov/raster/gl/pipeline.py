@@ -164,7 +164,7 @@ class Pipeline(Strategy):
         return counts[1:], int(counts[0]) + all_inside - inside
 
     def _count_ids(self, ids: NDArray[np.uint32], scene: Scene) -> IntArray:
-        """Samples of each id in a flat array: 0 for background, then one a face."""
+        """Samples of each id in a flat array: 0 for background, then one per face."""
         starts = np.concatenate(([0], np.flatnonzero(ids[1:] != ids[:-1]) + 1))
         lengths = np.diff(starts, append=ids.size)
         values = ids[starts].astype(np.int64)

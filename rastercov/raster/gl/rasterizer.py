@@ -83,12 +83,13 @@ class GLRasterizer(Rasterizer):
         max_layers: int | None = None,
     ) -> None:
         camera.check_pinhole(
-            "GLRasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
+            "expected a pinhole for GLRasterizer", "use open_rasterizer, which draws any lens"
         )
         check_choice("plan", plan, ("auto", *PLANS))
         if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
             raise ConfigError(
-                f"max_layers must be a whole number 1 to {MAX_POSES}, got {shown(max_layers)}"
+                f"expected max_layers to be a whole number 1 to {MAX_POSES}, got "
+                f"{shown(max_layers)}"
             )
         super().__init__(mesh, camera, supersample, roll)
         self._owns_context = not isinstance(device, HeadlessContext)
@@ -113,8 +114,8 @@ class GLRasterizer(Rasterizer):
             plan = "compute" if has_compute or reach > MAX_FOCAL_LENGTH else "pipeline"
         if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
             raise ConfigError(
-                f"OpenGL's pipeline takes fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px, "
-                f"got {reach:,g}: float32 would misplace edges; use plan 'compute' or backend 'cpu'"
+                f"expected fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', "
+                f"got {reach:,g}; use plan 'compute' or backend 'cpu'"
             )
         return plan
 

@@ -96,11 +96,11 @@ class Resources:
         try:
             thing = create()
         except (moderngl.Error, MemoryError) as error:
-            raise ResourceError(f"the device refused {asked}: {error}") from None
+            raise ResourceError(f"expected the device to allocate {asked}, got: {error}") from None
         reported = self.gl.error
         if reported != "GL_NO_ERROR":
             thing.release()
-            raise ResourceError(f"the device refused {asked}: {reported}")
+            raise ResourceError(f"expected the device to allocate {asked}, got: {reported}")
         return self.own(thing)
 
     def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
@@ -129,8 +129,8 @@ class Resources:
         except moderngl.Error as error:
             log = " ".join(str(error).split())
             raise DeviceError(
-                f"{self.context.info.renderer} cannot compile {names} "
-                f"(shaders {shaders.digest()[:12]}): {log}"
+                f"expected {self.context.info.renderer} to compile {names} (shaders "
+                f"{shaders.digest()[:12]}), got: {log}"
             ) from None
 
     def attach_depth(self, frame: Any, width: int, height: int, layers: int, what: str) -> None:
@@ -160,7 +160,7 @@ class Resources:
         if status != _FRAMEBUFFER_COMPLETE or error != "GL_NO_ERROR":
             size = width * height * layers * DEPTH_BYTES / 2**20
             raise ResourceError(
-                f"the device refused depth for {what} ({size:,.1f} MiB): "
+                f"expected the device to allocate depth for {what} ({size:,.1f} MiB), got: "
                 f"{error}, framebuffer status {status:#x}"
             )
 
@@ -203,18 +203,27 @@ class Resources:
         """Error to raise when the device has given a wrong result."""
         renderer = self.context.info.renderer
         return DeviceError(
-            f"{renderer} {what}; its answers cannot be trusted, see `rastercov doctor`"
+            f"expected correct results of {renderer}, got a fault: it {what}; see "
+            "`rastercov doctor`, or use backend 'cpu'"
         )
 
     def poll(self, doing: str) -> None:
         """Raise when the device has reported an error or lost the context while `doing`."""
         error = self.gl.error
         if error == "GL_OUT_OF_MEMORY":
-            raise ResourceError(f"the device ran out of memory while {doing}")
+            raise ResourceError(
+                f"expected enough memory of the device, got too little while {doing}; use backend "
+                "'cpu'"
+            )
         if error != "GL_NO_ERROR":
-            raise DeviceError(f"the device reported {error} while {doing}")
+            raise DeviceError(
+                f"expected no error of the device, got {error} while {doing}; see `rastercov "
+                "doctor`"
+            )
         if self.context.reset_status():
-            raise DeviceError(f"the driver lost the context while {doing}; open a new rasteriser")
+            raise DeviceError(
+                f"expected a live context, got a lost one while {doing}; open a new rasteriser"
+            )
 
     def release(self) -> None:
         """Release every object."""

@@ -72,8 +72,8 @@ class Strategy:
         self._block = int(info.limits["max_ssbo_bytes"])
         if needed > self._block:
             raise ResourceError(
-                f"OpenGL needs a storage block of {needed:,} bytes for this mesh, "
-                f"{info.renderer} has {self._block:,}; use backend 'cpu'"
+                f"expected a storage block of at most {self._block:,} bytes on {info.renderer}, "
+                f"got {needed:,} for this mesh; use backend 'cpu'"
             )
 
     def count_targets(
