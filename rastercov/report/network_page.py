@@ -439,7 +439,7 @@ class NetworkPage:
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             spare = 0 if self.serves_goals else spare
-            rest = f" {spare} of {len(lost)} can each be removed without loss, one at a time."
+            rest = f" Any one of {spare} can be removed without loss."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
                 f"{area(lost[best])} would not be covered.{rest if spare else ''}"

@@ -129,8 +129,8 @@ class Check:
             return f"{self.candidate}: no face is partly hidden"
         # Never rounded up to all of them.
         share = math.floor(100_000 * self.held / self.figures) / 1000
-        few = "; too few to tell" if self.passed is None else ""
-        what = f"{self.figures:,} partly hidden faces (must be {100 * self.must:g} %{few})"
+        few = "; too few faces to decide" if self.passed is None else ""
+        what = f"{self.figures:,} partly hidden faces ({100 * self.must:g} % required{few})"
         return f"{self.candidate}: bound held for {share:g} % of {what}"
 
 

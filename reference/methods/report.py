@@ -299,7 +299,7 @@ def comparison_table(comparison: Comparison) -> Table:
         time = row[8].removesuffix(" ms")
         table.add_row(Text(score.name), *row[1:6], row[6].removesuffix(" %"), time)
     seconds = milliseconds(comparison.truth_seconds_per_pose).removesuffix(" ms")
-    table.add_row(f"truth: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
+    table.add_row(f"reference: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
     return table
 
 
@@ -411,7 +411,7 @@ def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
 def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":
     """Time per pose of each method and of the reference, on a logarithmic scale."""
     times = {s.name: 1e3 * s.seconds_per_pose for s in comparison.scores}
-    times[f"truth: {comparison.against}"] = 1e3 * comparison.truth_seconds_per_pose
+    times[f"reference: {comparison.against}"] = 1e3 * comparison.truth_seconds_per_pose
     title = "Time per pose, ms, on a logarithmic scale"
     figure, axes = new_axes(title, theme, 1.1 + 0.38 * len(times))
     axes.set(xscale="log", xlim=(min(times.values()) / 3, max(times.values()) * 3))
