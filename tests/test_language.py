@@ -87,6 +87,30 @@ def test_users_read_none_of_the_retired_phrases():
     assert [hit[0] for hit in map(RETIRED.search, texts) if hit] == []
 
 
+def texts_of_errors(source):
+    """Line and text of each error that is raised with a text of its own; placeholders as {}."""
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.Raise(exc=ast.Call(func=ast.Name(id=kind), args=[text, *_])):
+                named = {each.id for each in ast.walk(text) if isinstance(each, ast.Name)}
+                parts = text.values if isinstance(text, ast.JoinedStr) else [text]
+                words = "".join(str(getattr(each, "value", "")) if isinstance(each, ast.Constant)
+                                else "{}" for each in parts)  # fmt: skip
+                if kind != "DamagedError" and " " in words and not named & {"error", "reason"}:
+                    yield node.lineno, words
+
+
+def test_errors_of_the_terminal_say_what_is_expected():
+    """In one line that begins in lower case: expected X, got Y; do Z."""
+    found = []
+    for folder in ("cli", "report", "viewer", "shards", "cluster"):
+        for path in (ROOT / "rastercov" / folder).rglob("*.py"):
+            for line, text in texts_of_errors(path.read_text(encoding="utf-8")):
+                if "expected " not in text or text[0].isupper() or len(text) > 160:
+                    found.append(f"{path.name}:{line}: {text}")
+    assert found == []
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

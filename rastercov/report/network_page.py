@@ -494,7 +494,7 @@ class NetworkPage:
             columns["only by it"] = self._areas(lost)
             if (lost <= self._least).any() and not self.serves_goals:
                 spare = ["yes" if each == "0" else "" for each in columns["only by it"]]
-                columns["could be left out"] = spare
+                columns["redundant"] = spare
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         columns |= more

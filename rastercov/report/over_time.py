@@ -51,7 +51,7 @@ def frames_picture(found: OverTime) -> Image.Image:
         said = table[row]
         at = f", time {said['time']:g}" if is_timed else ""
         is_worst = ", the worst" if row == worst and is_uneven else ""
-        hidden = [f"hidden most by {said['hidden_by']}"] if said["hidden_by"] else []
+        hidden = [f"mostly occluded by {said['hidden_by']}"] if said["hidden_by"] else []
         first = f"frame {row}{at}: {said['percent']:.1f} %{is_worst}"
         captions.append("\n".join((first, *hidden)))
     sheet = contact_sheet(pictures, captions)
