@@ -97,7 +97,7 @@ def of_a_part(page):
     page.get_by_role("button", name="Fit").click()
     page.evaluate("rastercov.whenIdle()")
     page.evaluate(PICK_IN_ZONE)
-    page.get_by_text("Centre the view on it").wait_for()
+    page.get_by_text("Centre the view on the face").wait_for()
 
 
 def of_a_room(page):
@@ -105,7 +105,7 @@ def of_a_room(page):
     page.wait_for_function("rastercov.state().stations.length", timeout=300_000)
     page.evaluate("rastercov.whenIdle()")
     page.evaluate(PICK_ON_CRATES)
-    page.get_by_text("Centre the view on it").wait_for()
+    page.get_by_text("Centre the view on the face").wait_for()
 
 
 def of_images(page):

@@ -10,7 +10,6 @@ import os
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
-from typing import Any
 
 from rastercov.base.interrupts import (
     announce_end,
@@ -86,13 +85,7 @@ def _refused_for_memory() -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Exit code of the command; see `console.exit_code`."""
-    from rastercov.cli.console import exit_code, notices_shown
+    from rastercov.cli.console import exit_code, group, notices_shown
 
     with notices_shown():
-        return exit_code(_group(), arguments)
-
-
-def _group() -> Any:
-    from rastercov.cli.console import group
-
-    return group()
+        return exit_code(group(), arguments)

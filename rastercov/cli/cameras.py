@@ -23,8 +23,12 @@ COLUMNS = {
     "lenses": "name focal_length f_numbers image_circle nearest mount price",
     "heads": "name camera baseline product price",
 }
-UNITS = {"pixel_size": ("um", 1e6), "focal_length": ("mm", 1e3), "image_circle": ("circle", 1e3)}
-"""Words and factors of lengths that are not in metres in a table."""
+UNITS = {
+    "pixel_size": ("pixel um", 1e6),
+    "focal_length": ("f mm", 1e3),
+    "image_circle": ("circle mm", 1e3),
+}
+"""Headings and factors of lengths in a table."""
 
 
 def cameras(
@@ -44,7 +48,11 @@ def cameras(
     ] = 0.0,
     mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S or E.")] = None,
     max_price: Annotated[
-        float, typer.Option(min=0, help="Maximum price, USD; entries without a price stay.")
+        float,
+        typer.Option(
+            min=0,
+            help="Maximum price, USD in the built-in catalogue; entries without a price stay.",
+        ),
     ] = math.inf,
     own: Annotated[
         Path | None, typer.Option("--catalogue", help="Your own catalogue file.")
@@ -101,4 +109,4 @@ def _cell(row: Row, name: str) -> str:
     value, factor = row.get(name), UNITS.get(name, ("", 1.0))[1]
     values = value if isinstance(value, list | tuple) else [] if value is None else [value]
     words = (f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in values)
-    return "-".join(dict.fromkeys(words))
+    return (" x " if name == "pixel_size" else "-").join(dict.fromkeys(words))

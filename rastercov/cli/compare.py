@@ -133,9 +133,7 @@ def _compare_models(
     print(path)
 
 
-validate = typer.Typer(
-    help="Validate the model against marker detection in rendered images.", cls=Group, **SETTINGS
-)
+validate = typer.Typer(cls=Group, **SETTINGS)
 
 
 @validate.callback()

@@ -28,7 +28,6 @@ from rastercov.cli.console import (
     progress_bar,
     report_skipped,
     say,
-    size_line,
     warn,
 )
 from rastercov.cli.inputs import (
@@ -198,11 +197,8 @@ def run_and_print(
         for line in tally.lines():
             say(line)
     if summary["interrupted"]:
-        done, total = summary["poses"], len(accepted)
-        if done < total:
-            warn(f"interrupted: the report has {done} of {plural(total, 'pose')}")
-        else:
-            warn(f"interrupted: the report has all {plural(total, 'pose')}, but may lack pictures")
+        total = plural(len(accepted), "pose")
+        warn(f"interrupted: the report has {summary['poses']} of {total}, and may lack pictures")
         raise KeyboardInterrupt
     report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
@@ -322,5 +318,5 @@ def render(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{title} ({info.renderer}); {size_line(mesh)}")
+        print(f"{title} ({info.renderer}), {mesh.size_in_words}")
         print("\n".join(files))

@@ -102,7 +102,7 @@ def other_lines(
         if each and has_reasons:
             lines.append(f"other faces not covered: {', '.join(each)}")
         if summary.get("by_face_because"):
-            lines.append(f"by face, because {summary['by_face_because']}")
+            lines.append(f"by face, because {summary['by_face_because'].partition(';')[0]}")
     return lines
 
 

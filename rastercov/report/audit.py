@@ -229,7 +229,7 @@ class AuditPage(NetworkPage):
         """Sentences on the area, sampling, weak zones, suggested images, redundancy and overlap."""
         summary, unit, zones = self.summary, self.unit, self.summary["weak"]
         least, median, most = summary["gsd_per_px"].values()
-        said = [f"{summary['mean_views']:.1f} images see each point of the surface on average."]
+        said = [f"{summary['mean_views']:.1f} images cover each point on average."]
         if self.covered_words:
             said[0] = f"{self.covered_words}; {said[0]}"
         if median is not None:
@@ -238,20 +238,22 @@ class AuditPage(NetworkPage):
                 f"{sampling(least, unit)} at best, and {sampling(most, unit)} or less for 95 % of "
                 f"the area; views are {summary['median_widest_angle_deg']:.3g}° apart (median)."
             )
-        few, narrow = f"fewer than {zones['views']} views", f"within {zones['angle_deg']:.3g}°"
+        few, narrow = (
+            f"with fewer than {zones['views']} views",
+            f"within {zones['angle_deg']:.3g}° of each other",
+        )
         parts = zip(zones["by_kind"].values(), (few, narrow, "coarse"), strict=True)
         kinds = ", ".join(
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )
         text = f"{percent(zones['percent'] / 100)} of the area is weak{kinds and ': '}{kinds}"
         if summary.get("suggested", {}).get("images"):
-            before, images, after = summary["suggested"].values()
+            _, images, after = summary["suggested"].values()
             covered, left = (
-                f"{percent(after[name] / 100)} instead of {percent(before[name] / 100)}"
-                for name in ("covered_percent", "weak_percent")
+                percent(after[f"{name}_percent"] / 100) for name in ("covered", "weak")
             )
-            text += f"; with {plural(len(images), 'suggested image')} (simulated) {left}"
-            text += f", and {covered} is covered"
+            text += f"; with {plural(len(images), 'suggested image')} (simulated), {left} is weak"
+            text += f" and {covered} covered"
         said.append(f"{text}.")
         groups = [("image", summary["cameras"], summary["subset"], summary["redundant_cameras"])]
         if "frames" in summary:
@@ -346,7 +348,7 @@ def _of_subset(noun: str, count: int, subset: Mapping[str, Any], spare: int) -> 
         text += f"; at least {bound:,} are needed"
         if subset["method"] == "greedy":
             text += "; pip install 'rastercov[place]' gives a better bound"
-    text += f"; {spare:,} can each be removed without loss, one at a time."
+    text += f"; any one of {spare:,} can be removed without loss."
     steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
     few = [name for name, step in zip(subset["names"], steps, strict=True) if step < LITTLE]
     if few:

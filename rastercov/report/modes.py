@@ -276,24 +276,24 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
 
 
 MODES: dict[str, Mode] = {
-    "reason": Mode("Reason", "Criterion that each face fails, or that it is covered.", by_reason),
+    "reason": Mode("Reason", "Failed criterion of each face, or covered.", by_reason),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
     "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
     "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
-    "density": Mode("Pixel density", "Best pixel density of each part.", by_density),
+    "density": Mode("Pixel density", "Highest pixel density of each part.", by_density),
     "level": Mode(
-        "DORI level", "Level of EN 62676-4 of a target that faces the camera there.", by_level
+        "DORI level", "EN 62676-4 level of a target there that faces the camera.", by_level
     ),
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
-    "device": Mode(
-        "Missing device", "Device of a rig for which each part is not measured.", by_camera
+    "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),
+    "weak": Mode(
+        "Weak zones", "Parts with too few views, small angles or coarse sampling.", by_weakness
     ),
-    "weak": Mode("Weak zones", "Parts with too few views, small angle, or coarse.", by_weakness),
     "uncertainty": Mode(
-        "Uncertainty", "Largest standard deviation of what rigs measure of each part.", by_deviation
+        "Uncertainty", "Largest standard deviation of measured points on each part.", by_deviation
     ),
     "lux": Mode(
-        "Illuminance", "Light at the middle of each face, by the lamps of the cell.", by_illuminance
+        "Illuminance", "Illuminance by the lamps at the centroid of each face.", by_illuminance
     ),
     "time": Mode("Share of time", "Share of the time in which each part is covered.", by_share),
     "now": Mode(
@@ -304,7 +304,7 @@ MODES: dict[str, Mode] = {
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
     "single": Mode(
         "One camera",
-        "Coverage by the chosen camera: grey in proportion to it.",
+        "Coverage by the selected camera, in grey levels.",
         by_one_camera,
         "camera",
     ),

@@ -440,7 +440,7 @@ class NetworkPage:
         if lost is not None and (lost > self._least).any():
             best, spare = int(lost.argmax()), int((lost <= self._least).sum())
             spare = 0 if self.serves_goals else spare
-            rest = f" {spare} of {len(lost)} can each be removed without loss, one at a time."
+            rest = f" Any one of {spare} can be removed without loss."
             said.append(
                 f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
                 f"{area(lost[best])} would not be covered.{rest if spare else ''}"
@@ -495,7 +495,7 @@ class NetworkPage:
             columns["only by it"] = self._areas(lost)
             if (lost <= self._least).any() and not self.serves_goals:
                 spare = ["yes" if each == "0" else "" for each in columns["only by it"]]
-                columns["could be left out"] = spare
+                columns["redundant"] = spare
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         columns |= more

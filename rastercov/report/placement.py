@@ -185,11 +185,11 @@ def _volumes(plan: Plan) -> list[Volume]:
     """Limits of the places of cameras in a plan."""
     limits = plan.constraints
     found = [
-        Volume.box("cameras may be here", SPACES, np.array(each.low), np.array(each.high))
+        Volume.box("mounting box", SPACES, np.array(each.low), np.array(each.high))
         for each in limits.spaces[:MOST_VOLUMES]
     ]
     for entry in limits.keep_out[:MOST_VOLUMES]:
-        own, words = entry.volume(), f"no cameras: {entry.name}"
+        own, words = entry.volume(), f"keep-out: {entry.name}"
         if isinstance(own, KeepOutBox):
             found.append(Volume.box(words, KEEP_OUT, np.array(own.low), np.array(own.high)))
         else:

@@ -375,7 +375,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
         )
         if found.critical >= 0:
             left = percent(found.cameras[found.critical].without)
-            text += f"; without {_what(prepared)} {found.critical + 1} {left} remains"
+            text += f"; without {_what(prepared)} {found.critical + 1}, {left} remains"
         said.append(text)
     if not placement.is_met and "stricter selection" in placement.steps:
         said.append(
@@ -385,7 +385,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     if placement.interrupted:
         said.append(_interrupted(placement))
     elif selection.status == "time_limit":
-        said.append("the time limit ended the integer program; more time may improve it")
+        said.append("the integer program reached its time limit; more time may improve it")
     return said
 
 
@@ -404,7 +404,7 @@ def _interrupted(placement: Placement) -> str:
     step = placement.interrupted
     found = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
     if found.get(step):
-        return f"interrupted in {step}: best result so far"
+        return f"interrupted during {step}: best result so far"
     return f"interrupted: result before {step}"
 
 

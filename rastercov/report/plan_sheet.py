@@ -260,7 +260,7 @@ def plan_sheet(
         lamps=[_lamp_symbol(each, frame) for each in lamps],
         dimensions=dimensions,
         keep_out=[
-            _label(shapely.point_on_surface(v), each["name"] or "no cameras", frame)
+            _label(shapely.point_on_surface(v), each["name"] or "keep-out", frame)
             for v, each in zip(volumes, site.keep_out, strict=True)
         ],
         has=[name for name in MARKS if (lamps if name == "LAMPS" else paths[name] != NOTHING)],

@@ -72,6 +72,6 @@ def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False)
             said = [f"no answer in {MOST_SECONDS} s"]
     if not path.exists():
         raise ConfigError(
-            f"--pdf: {command[0]} did not print {name}.html ({''.join(said) or 'no reason'}); "
+            f"--pdf: expected a PDF by {command[0]}, got {''.join(said) or 'none'}; "
             "leave out --pdf, or print the page by hand"
         )

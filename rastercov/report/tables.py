@@ -33,7 +33,7 @@ def summary_table(summary: Mapping[str, Any], level: int | None = None, unit: st
     """
     views, by_area = summary["required_views"], "covered_area" in summary
     title = f"Covered by {plural(summary['poses'], 'camera')}"
-    title += f", {views} a {'point' if by_area else 'face'}" if views > 1 else ""
+    title += f", {views} per {'point' if by_area else 'face'}" if views > 1 else ""
     if "over_time" in summary:
         title += f" {summary['over_time']['in_words']}"
     rows, has_seeable = part_rows(summary, level), bool(summary["unseeable_m2"]) or not by_area
@@ -83,8 +83,8 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
     table.add_row("method", Text(summary["run"]["measured_by"]["renderer"]))
     kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
-    bound = f"; largest bound {summary['largest_visibility_bound']:.2g}"
-    table.add_row("visibility", ", ".join(kinds) + bound if kinds else "none")
+    bound = f"; error bound {summary['largest_visibility_bound']:.2g}"
+    table.add_row("visible fractions", ", ".join(kinds) + bound if kinds else "none")
     return table
 
 

@@ -547,7 +547,7 @@ def rule_notes(rig: Rig | None) -> tuple[str, ...]:
     if rig is None or not rig.gates:
         return ()
     return (
-        "colours show single cameras per face, except for missing device; the covered area follows "
+        "colours show single cameras per face, except Missing sensor; the covered area follows "
         "the rule of the rig",
     )
 

@@ -97,6 +97,25 @@ def test_the_schema_is_one():
         assert "--json" not in options
 
 
+def without_words(schema, path):
+    """Keys of a schema and of what is in it that have no description."""
+    for name, each in schema.get("properties", {}).items():
+        if not {"description", "$ref"} & each.keys():
+            yield f"{path}/{name}"
+        yield from without_words(each, f"{path}/{name}")
+    for name in ("items", "additionalProperties", "anyOf"):
+        inner = schema.get(name, ())
+        for each in inner if isinstance(inner, list | tuple) else [inner]:
+            if isinstance(each, dict):
+                yield from without_words(each, path)
+
+
+def test_every_key_is_described():
+    assert [
+        key for name in SCHEMA["$defs"] for key in without_words(SCHEMA["$defs"][name], name)
+    ] == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(each, marks=nightly if each in SLOW else ()) for each in LINES]

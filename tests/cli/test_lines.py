@@ -52,6 +52,7 @@ def test_a_long_value_keeps_its_begin_and_end_and_the_words_around_it(capsys):
 INTERRUPTED = """
 import ctypes, os, time
 from rastercov import cli
+from rastercov.cli import console
 def stop():
     os.kill(os.getpid(), signal.{name})
     time.sleep(1)
@@ -64,7 +65,7 @@ def is_swallowed(times):
     for _ in range(times):
         ctypes.CFUNCTYPE(None)(stop)()
     time.sleep(60)
-cli._group = lambda: lambda arguments, **options: {fate}
+console.group = lambda: lambda arguments, **options: {fate}
 cli.main()
 """
 """An interrupt that a compiler makes an error of, or that a callback of LLVM swallows."""

@@ -396,7 +396,7 @@ def test_pages_of_plans_show_the_figures_over_time(capsys):
     found = rc.place(PLAN | {"outputs": {"page": True}}, out="out")
     page = Path("out/page.html").read_text(encoding="utf-8")
     assert "<polyline" in page
-    assert "least covering camera" in page
+    assert "camera with least coverage" in page
     assert "of the area for at least 90 % of the time" in shown_words(page)
     assert not set("{}") & set(shown_words(page))
     rc.check(PLAN, found.cameras.placed, min_coverage=0.1, out="checked")

@@ -193,7 +193,7 @@ def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
 
 def test_limits_of_places_are_in_the_picture(placement):
     place, floor = page_module.network_of(placement, summary(placement), has_parts=False).volumes
-    assert (place.name, floor.name) == ("cameras may be here", "no cameras: floor")
+    assert (place.name, floor.name) == ("mounting box", "keep-out: floor")
     for volume, high in ((place, 9), (floor, -1)):
         assert len({tuple(map(tuple, edge)) for edge in volume.edges.tolist()}) == 12
         assert (np.count_nonzero(np.diff(volume.edges, axis=1), axis=2) == 1).all()

@@ -236,7 +236,7 @@ def test_a_number_that_cannot_be_is_answered_by_one_line(tab):
     tab.open("Network")
     for number in ("120", "0"):
         tab.type_number("Max incidence", number)
-        wanted = "Max incidence: give a number above 0 and of at most 90 deg; got "
+        wanted = "Max incidence: expected a number above 0 and of at most 90 deg, got "
         assert line.inner_text() == f"{wanted}“{number}”"
     assert tab.state() == before
     tab.type_number("Max incidence", "45")
@@ -518,9 +518,9 @@ def test_a_hostile_drawing_is_inert_or_refused(tab, tmp_path):
         (tmp_path / name).write_bytes(data)
         chosen_drawing(tab, tmp_path / name)
     tab.page.get_by_text("b.png has 50000 × 50000 pixels").wait_for()
-    tab.page.get_by_text("c.pdf is no PNG, JPEG or SVG").wait_for()
+    tab.page.get_by_text("c.pdf: expected a PNG, JPEG or SVG").wait_for()
     tab.js(DROPPED)
-    tab.page.get_by_text("d.stl is no PNG, JPEG or SVG").wait_for()
+    tab.page.get_by_text("d.stl: expected a PNG, JPEG or SVG").wait_for()
     assert tab.page.locator("img.drawing:visible").get_attribute("src").startswith("data:image/svg")
     assert tab.js("window.ran") is None
     assert [each for each in tab.requests if "example.org" in each] == []

@@ -18,7 +18,7 @@ def test_a_dead_program_is_told_and_nothing_is_lost(tab, program, tmp_path):
     tab.press("ArrowLeft")  # an edit that nobody hears
     tab.page.get_by_role("alert").filter(has_text="Your rig is kept in this page").wait_for()
     with tab.page.expect_download() as saved:
-        tab.page.get_by_role("button", name="Download it").click()
+        tab.page.get_by_role("button", name="Download the rig").click()
     saved.value.save_as(tmp_path / saved.value.suggested_filename)
     poses = rc.read_poses(tmp_path / "rig.json")
     wanted = tab.js("rastercov.session.poseOf(rastercov.session.station())")
@@ -55,7 +55,7 @@ def test_a_program_that_was_started_again_gets_the_rig_back(tab, left_alone):
     edited, again = left_alone
     tab.page.locator(".banner").wait_for()
     again()
-    tab.page.get_by_text("the rig of this page was put back").wait_for()
+    tab.page.get_by_text("the rig of this page was restored").wait_for()
     tab.idle()
     assert tab.state()["stations"] == edited
     assert tab.state()["can_undo"]
@@ -66,7 +66,7 @@ def test_another_key_of_the_program_leads_to_its_address(tab, left_alone, progra
     other = again(token="another-" + program.token)
     tab.page.get_by_text("open the address that it printed").wait_for()
     tab.page.evaluate("url => location.assign(url)", other.url)
-    tab.page.get_by_role("button", name="Put it back").click()
+    tab.page.get_by_role("button", name="Restore the rig").click()
     tab.page.wait_for_function("rastercov.state().can_undo")
     assert tab.state()["stations"] == edited
 

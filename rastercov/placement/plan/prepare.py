@@ -418,7 +418,7 @@ def _with_cavities(
         f"the other candidates leave {'' if job.cells is None else 'parts of '}"
         f"{int(unseen.sum())} faces "
         f"({percent(problem.share(missed))} of {OF[plan.task.weight_by]}) uncovered; "
-        f"{len(further)} candidates in cavities cover {n_now} of these "
+        f"{len(further)} candidates in cavities cover {n_now} of them "
         f"({percent(problem.share(now))})"
     )
     return found, opened, (matrix, problem), line

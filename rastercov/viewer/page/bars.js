@@ -31,8 +31,8 @@ export function topBar(session, { summary, help }) {
 }
 
 const SAVES = [
-  ["rig", "Save rig", "poses, cameras and thresholds, into the output folder"],
-  ["report", "Save report", "page, tables and pictures, into the output folder"],
+  ["rig", "Save rig", "poses, cameras and thresholds, to the output folder"],
+  ["report", "Save report", "page, tables and pictures, to the output folder"],
 ];
 const DOWNLOADS = [
   ["rig", "Download rig", "rig.json"],
@@ -83,33 +83,33 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
       cut.setPlan(isOn);
       drawing?.setPlan(isOn);
     },
-    { title: "from above, cut at a height (P)" },
+    { title: "view from above, cut at a height (P)" },
   );
   const cut = sectionControls(session, view);
   const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), {
     title: "distance of two points (R)",
   });
   const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), {
-    title: "turn the chosen camera to a point (I)",
+    title: "aim the selected camera at a point (I)",
   });
   session.on("tool", (tool) => {
     measure.set(tool === "measure");
     aim.set(tool === "aim");
   });
-  const shows = menu("Show", "what is drawn", [
+  const shows = menu("Show", "visible items", [
     toggle("Cameras", true, (isOn) => frusta.setShown(isOn), { title: "frusta and names (C)" }),
     session.canEdit
       ? [
           toggle("Handles", true, (isOn) => gizmo.setShown(isOn), {
-            title: "arrows and rings of the chosen camera (G)",
+            title: "arrows and rings of the selected camera (G)",
           }),
-          toggle("Handles along the camera", false, (isOn) => gizmo.setLocal(isOn), {
+          toggle("Handles along camera axes", false, (isOn) => gizmo.setLocal(isOn), {
             title: "axes of the camera, not of the world (X)",
           }),
         ]
       : null,
     toggle("Depth of field", false, (isOn) => frusta.setFocus(isOn), {
-      title: "planes between which the chosen camera is in focus",
+      title: "planes of the depth of field of the selected camera",
     }),
     OPTIONS.map((option) => optionToggle(session, view, ...option)),
   ]);
@@ -129,11 +129,11 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
 }
 
 const OPTIONS = [
-  ["Transparent occluders", "isTransparent", "bodies that only hide (T)"],
-  ["Leave out faces turned away", "isCulled", "look into rooms from outside (B)"],
+  ["Transparent occluders", "isTransparent", "see through occluders (T)"],
+  ["Back-face culling", "isCulled", "look into rooms from outside (B)"],
   ["Exact pieces at rest", "hasPieces", "parts of faces that are not covered"],
-  ["Lines along edges", "hasEdges", "creases, borders, and edges between groups (O)"],
-  ["Flat colours", "isFlat", "exactly the colours of the legend, without light (H)"],
+  ["Edge lines", "hasEdges", "creases, borders, and edges between groups (O)"],
+  ["Unshaded colours", "isFlat", "colours of the legend, without shading (H)"],
 ];
 
 function optionToggle(session, view, text, name, title) {

@@ -53,7 +53,7 @@ function coverageSection(session, view) {
             element("dt", {}, "Covers"),
             element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
             element("dt", {}, "Alone"),
-            element("dd", {}, `${percent(row.alone_percent)} that is not covered without it`),
+            element("dd", {}, `${percent(row.alone_percent)} only by it`),
           ],
     );
   };
@@ -66,15 +66,15 @@ function coverageSection(session, view) {
       "div.buttons",
       {},
       button("Look through", () => session.station() && view.lookThrough(session.station()), {
-        title: "see the scene from this camera (L)",
+        title: "view the scene from this camera (L)",
       }),
     ),
   ]);
 }
 
-/** Image of the chosen camera, at most `side` pixels long, with its caption, its legend, and a note; `load` asks for it once a state. */
+/** Image of the selected camera, at most `side` pixels long, with its caption, its legend, and a note; `load` asks for it once a state. */
 function cameraImage(session, side) {
-  const picture = element("img.camera-image", { alt: "image of the chosen camera" });
+  const picture = element("img.camera-image", { alt: "image of the selected camera" });
   const caption = element("figcaption");
   const keys = element("ul.keys");
   const note = element("p.soft");
@@ -107,15 +107,15 @@ function cameraImage(session, side) {
   return { picture, caption, keys, note, load };
 }
 
-/** Dialog with the image of the chosen camera as large as the window, or in its own pixels. */
+/** Dialog with the image of the selected camera as large as the window, or in its own pixels. */
 export function largeImage(session) {
   const { picture, caption, keys, note, load } = cameraImage(session, LARGE_SIDE);
-  const own = toggle("Own pixels", false, (isOn) => dialog.classList.toggle("own-size", isOn), {
-    title: "a pixel of the page for each pixel of the image",
+  const own = toggle("Original size", false, (isOn) => dialog.classList.toggle("own-size", isOn), {
+    title: "one screen pixel per image pixel",
   });
   const dialog = element(
     "dialog.large",
-    { "aria-label": "Image of the chosen camera" },
+    { "aria-label": "Image of the selected camera" },
     element(
       "header",
       {},
@@ -144,7 +144,7 @@ export function largeImage(session) {
 export function cameraPanel(session, view, isVisible, large) {
   const { picture, caption, keys, note, load } = cameraImage(session, IMAGE_SIDE);
   const enlarge = button("Enlarge", () => session.station() && large.show(), {
-    title: "the image as large as the window",
+    title: "enlarge the image",
   });
   picture.addEventListener("click", () => large.show());
   const blur = element("p.blur", { "aria-live": "polite" });
@@ -177,7 +177,7 @@ export function cameraPanel(session, view, isVisible, large) {
     stationMenu(session),
     section("Its image", [
       isRecorded
-        ? element("p.soft", {}, "This file holds no images.")
+        ? element("p.soft", {}, "This file has no images.")
         : [element("figure", {}, picture, caption), element("div.buttons", {}, enlarge)],
       keys,
       note,

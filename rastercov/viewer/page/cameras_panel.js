@@ -53,8 +53,8 @@ function stationRows(session) {
     element("span", {}, "Name"),
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
-      : element("span", { title: "of the task's area, covered by this camera" }, "covers"),
-    element("span", { title: "of the task's area, not covered without this camera" }, isAloneKnown ? "alone" : ""),
+      : element("span", { title: "share of the area that this camera covers" }, "covers"),
+    element("span", { title: "share of the area that only this camera covers" }, isAloneKnown ? "alone" : ""),
   );
   const rows = session.state.stations.map((station) => {
     const share = shares.get(station.id);
@@ -92,7 +92,7 @@ function stationRows(session) {
 
 const isAllowed = (station) => !station.place || station.place === "allowed";
 const placeWords = (station) =>
-  `${station.name} is at a place that the plan does not allow: ${station.place}`;
+  `${station.name} violates the constraints of the plan: ${station.place}`;
 
 /** Type of a further camera. */
 export const typeOfNext = (session) => {
@@ -101,7 +101,7 @@ export const typeOfNext = (session) => {
   return chosen in cameras ? chosen : Object.keys(cameras)[0];
 };
 
-/** Adds a camera with the pose of the present view. */
+/** Adds a camera with the pose of the current view. */
 export function addHere(session, view) {
   session.act({ do: "add", camera: typeOfNext(session), pose: view.camera.pose() });
 }
@@ -113,13 +113,13 @@ export function addNext(session, jobs) {
 
 function rigButtons(session, view, jobs) {
   const remove = button("Delete", () => session.act({ do: "delete", station: session.chosen }), {
-    title: "delete the chosen camera (Del)",
+    title: "delete the selected camera (Del)",
   });
   const copy = button("Duplicate", () => session.act({ do: "duplicate", station: session.chosen }), {
     title: "a second camera at the same pose (Ctrl+D)",
   });
   const best = button("Add the best next camera", () => addNext(session, jobs), {
-    title: "searches the candidates for the camera that adds most",
+    title: "search the candidates for the camera that adds most",
     kind: "primary",
   });
   const show = () => {
@@ -130,7 +130,7 @@ function rigButtons(session, view, jobs) {
   return element(
     "div.buttons",
     {},
-    button("Add here", () => addHere(session, view), { title: "a camera with the pose of the present view" }),
+    button("Add here", () => addHere(session, view), { title: "a camera with the pose of the current view" }),
     copy,
     remove,
     best,
@@ -198,26 +198,26 @@ function poseSection(session, { view, tools, jobs }) {
       {},
       button("Aim", () => tools.set("aim"), { title: "then click the point to look at (I)" }),
       button("Look through", () => view.lookThrough(session.station()), {
-        title: "see the scene from this camera (L)",
+        title: "view the scene from this camera (L)",
       }),
       button("Refine this camera", () => jobs.start({ kind: "refine", station: session.chosen }), {
-        title: "moves and turns it so that the network covers more",
+        title: "optimise its pose for the coverage of the rig",
         kind: "primary",
       }),
     ),
     element(
       "p.soft",
       {},
-      "Heading from +x towards +y; elevation above the horizon. Drag the arrows and rings in the picture, or press its arrow keys.",
+      "Heading from +x towards +y; elevation above the horizon. Drag the arrows and rings in the view, or press the arrow keys.",
     ),
   );
-  const root = section("Chosen camera", [body]);
+  const root = section("Selected camera", [body]);
   const show = () => {
     const station = session.station();
     root.hidden = !station;
     if (!station) return;
     writeName(station.name);
-    warning.textContent = isAllowed(station) ? "" : `Its place is not allowed by the plan: ${station.place}.`;
+    warning.textContent = isAllowed(station) ? "" : `Its position violates the constraints of the plan: ${station.place}.`;
     const now = values();
     // Typed poses keep all digits of what is not typed; these are for reading.
     for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)));
@@ -263,12 +263,12 @@ function typeSection(session) {
     const shared = session.state.stations.filter((each) => each.camera === type).length;
     fill(
       body,
-      element("label.field-head", {}, element("span.field-label", {}, station ? "Type" : "Of the next camera"), menu),
+      element("label.field-head", {}, element("span.field-label", {}, station ? "Type" : "Type of the next camera"), menu),
       sold,
       focusWords(camera),
-      shared > 1 && station ? element("p.soft", {}, `Shared by ${shared} cameras: a change is one of all.`) : null,
+      shared > 1 && station ? element("p.soft", {}, `${shared} cameras use this type; a change affects all of them.`) : null,
       controls.map((each) => each.control.root),
-      station ? button("Copy this type", () => copyType(session, type), { title: "and give the copy to the chosen camera alone" }) : null,
+      station ? button("Copy this type", () => copyType(session, type), { title: "copy the type for the selected camera only" }) : null,
     );
     return { key: keyOf(station, type), controls };
   };
@@ -309,6 +309,6 @@ function focusWords(camera) {
   const far = sharp && (sharp[1] === null ? "infinity" : metres(sharp[1]));
   const words =
     `${camera.model}, ${camera.width} × ${camera.height} px` +
-    (sharp ? `, sharp from ${metres(sharp[0])} to ${far}` : ", sharp everywhere");
+    (sharp ? `, in focus from ${metres(sharp[0])} to ${far}` : ", in focus everywhere");
   return element("p.soft.focus-words", {}, words);
 }

@@ -142,7 +142,7 @@ export class Drawing {
     );
     const aspect = image.naturalHeight / image.naturalWidth;
     if (!isImage || !(aspect > 1 / MOST_ASPECT && aspect < MOST_ASPECT))
-      return this.session.emit("fault", `${kept.name} cannot be shown; save it anew as PNG, JPEG or SVG`);
+      return this.session.emit("fault", `${kept.name} cannot be shown; save it again as PNG, JPEG or SVG`);
     this.aspect = aspect;
     Object.assign(this.image, { src: url, width: WIDTH, height: WIDTH * aspect });
     this.kept = { ...kept, place: kept.place ?? this.#overScene(), image: url.split(",")[1] };
@@ -293,12 +293,12 @@ const dataUrl = (blob) =>
 
 /** Type of a drawing by its first bytes, or one line on what is wrong with it, before it is decoded. */
 function judged(name, bytes) {
-  if (bytes.length > MOST_BYTES) return { fault: `${name} has more than ${MOST_BYTES >> 20} MB; save it smaller` };
+  if (bytes.length > MOST_BYTES) return { fault: `${name}: expected at most ${MOST_BYTES >> 20} MB; save it smaller` };
   const found = headOf(bytes);
-  if (!found) return { fault: `${name} is no PNG, JPEG or SVG for the floor plan; open meshes and rigs with rastercov view` };
+  if (!found) return { fault: `${name}: expected a PNG, JPEG or SVG; open meshes and rigs with rastercov view` };
   const [type, width, height] = found;
   if (width * height <= MOST_PIXELS) return { type };
-  return { fault: `${name} has ${width} × ${height} pixels, of at most ${MOST_PIXELS / 1e6} million; save it smaller` };
+  return { fault: `${name} has ${width} × ${height} pixels, expected at most ${MOST_PIXELS / 1e6} million; save it smaller` };
 }
 
 /** Type, width and height of a PNG, a JPEG, or an SVG, which has no pixels; null for another file. */

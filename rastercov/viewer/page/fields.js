@@ -81,12 +81,12 @@ const shown = (value) => (value === null || value === undefined ? "" : figure(va
 function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {
   const least = low === null ? "" : isLowOpen ? ` above ${figure(low)}` : ` of at least ${figure(low)}`;
   const range = [least, high === null ? "" : ` of at most ${figure(high)}`].filter(Boolean).join(" and");
-  const wanted = `${label}: give a${isWhole ? " whole" : ""} number${range}${unit ? ` ${unit}` : ""}`;
+  const wanted = `${label}: expected a${isWhole ? " whole" : ""} number${range}${unit ? ` ${unit}` : ""}`;
   const isNumber = text.trim() !== "" && Number.isFinite(number);
   const isAboveLow = low === null || number > low || (number === low && !isLowOpen);
   const isInside = isAboveLow && (high === null || number <= high);
   const isRight = isNumber && isInside && (!isWhole || Number.isInteger(number));
-  return isRight ? "" : `${wanted}; got “${text.trim()}”`;
+  return isRight ? "" : `${wanted}, got “${text.trim()}”`;
 }
 
 /**
@@ -220,9 +220,9 @@ const LABELS = {
   fx: "Focal length",
   width: "Image width",
   f_number: "F-number",
-  focus_near: "Sharp from",
-  focus_far: "Sharp to",
-  near: "Nearest seen",
+  focus_near: "Focus near",
+  focus_far: "Focus far",
+  near: "Near plane",
   alpha_deg: "Alpha",
   beta: "Beta",
   min_pixels_per_m2: "Min pixels per m²",

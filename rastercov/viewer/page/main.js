@@ -97,7 +97,7 @@ async function open() {
     event.preventDefault();
     const [file] = event.dataTransfer.files;
     if (file && drawing) drawing.choose(file);
-    else if (file) session.emit("fault", `${file.name}: this page takes no files`);
+    else if (file) session.emit("fault", `${file.name}: this page accepts no files`);
   });
   await view.open();
   listenToKeys({ session, view, navigation, gizmo, tools, bar, tabs: panels, help });

@@ -4,7 +4,7 @@ import { check, count, element, metres, section } from "rastercov/dom.js";
 import { hasConstraints } from "rastercov/constraints.js";
 import { modeList } from "rastercov/modes.js";
 
-const ROLES = { task: "to be covered", occluder: "only hides", target: "target" };
+const ROLES = { task: "evaluated", occluder: "occluder", target: "target" };
 
 export function objectPanel(session, view, shown) {
   const { scene } = session;
@@ -59,7 +59,7 @@ function sizeOf(sides) {
 
 function constraintControls(session, view, shown) {
   const { constraints } = session.scene;
-  const kept = check("Keep cameras where the plan allows them", constraints.is_kept, (isKept) => {
+  const kept = check("Enforce the constraints of the plan", constraints.is_kept, (isKept) => {
     session.act({ do: "constraints", is_kept: isKept });
   });
   kept.hidden = !session.canEdit;
@@ -68,11 +68,11 @@ function constraintControls(session, view, shown) {
     kept.querySelector("input").checked = isKept;
   });
   const words = [
-    constraints.boxes?.length ? `${constraints.boxes.length} mounting places (green)` : "",
-    ...(constraints.keep_out ?? []).map((part) => `no camera in “${part.name}” (red)`),
+    constraints.boxes?.length ? `${constraints.boxes.length} mounting boxes (green)` : "",
+    ...(constraints.keep_out ?? []).map((part) => `keep-out “${part.name}” (red)`),
   ].filter(Boolean);
   return [
-    check("Show them", shown.constraints, (isOn) => {
+    check("Show the constraints", shown.constraints, (isOn) => {
       shown.constraints = isOn;
       view.request();
     }),

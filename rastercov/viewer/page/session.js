@@ -18,7 +18,7 @@ const PING_EVERY = 2000;
 export const keyOf = ({ revision, at = [], goal = "" }) => `${revision} ${at} ${goal}`;
 
 const KEPT_KEY = "rastercov-kept";
-const KEY_IS_OLD = "the program was started again with another key: open the address that it printed";
+const KEY_IS_OLD = "rastercov was restarted with a new key; open the address that it printed";
 
 export class Session {
   #listeners = new Map();
@@ -258,7 +258,7 @@ export class Session {
     if (error.status === 409) {
       for (const other of this.#queue.splice(0)) other.resolve(null);
       await this.reload(
-        "Another tab changed the rig; it is shown here now, and your last change was left out.",
+        "Another tab changed the rig; it is shown here now, and your last change was discarded.",
       );
     } else {
       this.emit("fault", error.message);
@@ -356,7 +356,7 @@ export class Session {
     const state = await this.server.state();
     const isSame = state.session === kept.session;
     if (isSame && revision === kept.revision) {
-      this.emit("notice", "rastercov answers again; nothing was lost.");
+      this.emit("notice", "rastercov responds again; nothing was lost.");
       this.#send();
       if (this.isIdle) this.refresh();
       return;
@@ -371,7 +371,7 @@ export class Session {
         resolve(null);
       }
       this.refresh();
-      this.emit("notice", "rastercov answers again.");
+      this.emit("notice", "rastercov responds again.");
       return;
     }
     for (const { resolve } of this.#queue.splice(0)) resolve(null);
@@ -383,7 +383,7 @@ export class Session {
       stations: kept.stations.map((s) => ({ ...s, pose: poses.get(s.id) ?? s.pose })),
     });
     this.emit("restarted");
-    this.emit("notice", "The program was started again; the rig of this page was put back.");
+    this.emit("notice", "rastercov was restarted; the rig of this page was restored.");
   }
 
   /** Puts a state that this page kept in place of the server's, as one step that can be undone. */

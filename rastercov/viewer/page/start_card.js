@@ -42,11 +42,11 @@ export function startCard(session, view, jobs) {
     ),
     way(
       button("Add the best one", addBest),
-      placement?.is_by_plan ? "the candidate of the plan that covers most" : "the pose that covers most, of 600",
+      placement?.is_by_plan ? "the candidate of the plan with the largest gain" : "the best of 600 poses",
     ),
     way(
       button("Add one here", () => addHere(session, view)),
-      "at the eye of this view; arrows and rings move it",
+      "at the current view; move it by arrows and rings",
     ),
   );
   const show = () => {

@@ -43,7 +43,7 @@ export function connectionBanner(session) {
     "div.banner",
     { role: "alert", hidden: true },
     words,
-    button("Download it", () => offerFile("rig.json", session.poseFile()), {
+    button("Download the rig", () => offerFile("rig.json", session.poseFile()), {
       title: "poses of all cameras that are on, for rastercov view --poses",
     }),
     button("Try again", () => session.check()),
@@ -61,10 +61,10 @@ export function offerLost(session, lines) {
   const kept = session.lost();
   if (!kept) return;
   const line = lines.say(
-    "The program was started again. A rig that was not saved is still in this tab.",
+    "rastercov was restarted. This tab still has an unsaved rig.",
     "notice",
     [
-      button("Put it back", () => {
+      button("Restore the rig", () => {
         line.remove();
         session.restore(kept);
       }),
@@ -83,13 +83,13 @@ export class Jobs {
       "div.job",
       { hidden: true, role: "status" },
       element("div.what", {}, this.words, this.bar, this.times),
-      button("Cancel", () => this.#cancel(), { title: "and keep the rig as it was" }),
+      button("Cancel", () => this.#cancel(), { title: "cancel and keep the rig unchanged" }),
     );
   }
 
   async start(what) {
     if (this.isRunning) {
-      this.session.emit("notice", "One piece of work at a time: wait for it, or cancel it.");
+      this.session.emit("notice", "Another job is running: wait, or cancel it.");
       return;
     }
     await this.#run(() => this.session.server.startJob(what));

@@ -16,7 +16,7 @@ export function variantsSection(session) {
     const { stations, variants = [] } = session.state;
     const summary = session.figures?.summary ?? {};
     const present = {
-      name: "present rig",
+      name: "current rig",
       cameras: stations.filter((station) => station.is_on).length,
       ...summary,
       is_of_task: true,
@@ -28,7 +28,7 @@ export function variantsSection(session) {
     name.placeholder = keeping.disabled ? "" : free(session);
     fill(table, rows.length ? tableOf(session, rows) : []);
     note.textContent = variants.some((each) => !each.is_of_task)
-      ? "* counted by thresholds of its own, which it brings back."
+      ? "* evaluated with its own thresholds, which it restores."
       : variants.length
         ? ""
         : "Keep the rig as a variant, change it, and compare.";
@@ -51,7 +51,7 @@ function tableOf(session, rows) {
   const columns = [
     ["cameras", "cameras that are on", (row) => String(row.cameras)],
     ["covers", "of the task's area", (row) => percent(coveredPercent(row)) + (row.is_of_task ? "" : "*")],
-    ["cost", "of each camera that of the plan's nearest candidate", (row) => figure(row.cost, 4), "cost"],
+    ["cost", "sum of the costs of the nearest candidates of the plan", (row) => figure(row.cost, 4), "cost"],
   ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
   const best = Math.max(...rows.map((row) => coveredPercent(row) ?? 0));
   return [

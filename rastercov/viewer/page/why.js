@@ -25,8 +25,8 @@ export function whyPanel(session, view) {
           "p.soft",
           {},
           session.server.isRecorded
-            ? "Click on a face: its figures appear here."
-            : "Click on a face: each camera's reason and figures appear here, and the body that hides it is striped in the picture.",
+            ? "Click a face for its figures."
+            : "Click a face for the reason and figures of each camera; its occluder is striped in the view.",
         ),
       );
       return;
@@ -57,9 +57,9 @@ function explained(session, view, answer) {
     element("p.verdict", {}, answer.words),
     faceFacts(answer.face, answer.group, answer.area),
     shownPieces(session, view)
-      ? element("p.soft", {}, "This is of the whole face; the picture shows the parts of it.")
+      ? element("p.soft", {}, "These figures are of the whole face; the view shows its parts.")
       : null,
-    button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
+    button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
     answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
   ];
 }
@@ -76,7 +76,7 @@ function cameraCard(session, view, camera, isOpen) {
         "button.occluder",
         {
           type: "button",
-          title: "highlight what hides it",
+          title: "highlight the occluder",
           on: {
             pointerenter: () => show(true),
             pointerleave: () => show(false),
@@ -129,7 +129,7 @@ function recorded(session, view, answer) {
   return [
     faceFacts(answer.face, group?.name, area),
     element("table.figures", {}, rows),
-    button("Centre the view on it", () => flyToFace(view, answer.face), { kind: "link" }),
+    button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
   ];
 }
 
@@ -158,12 +158,12 @@ export function zonesPanel(session, tools) {
   const show = async () => {
     if (!root.open || known === keyOf(session.state)) return;
     const key = keyOf(session.state);
-    note.textContent = "looking for them…";
+    note.textContent = "computing…";
     try {
       const zones = await session.server.zones();
       if (key !== keyOf(session.state)) return;
       known = key;
-      note.textContent = zones.length ? "" : "There are none: everything is covered.";
+      note.textContent = zones.length ? "" : "None: everything is covered.";
       fill(
         list,
         zones.slice(0, MOST_ZONES).map((zone) => zoneRow(zone, tools)),
