@@ -302,8 +302,8 @@ class Lines:
             return
         started, before = self._first
         left = (now - started) / max(done - before, 1) * (total - done)
-        about = f", about {left:,.0f} s left" if done > before else ""
-        say(f"{self._what}: {done:,} of {total:,}{about}", 0)
+        time_ = f"about {left:,.0f} s left" if done > before else f"{now - started:,.0f} s so far"
+        say(f"{self._what}: {done:,} of {total:,}, {time_}", 0)
 
 
 _STEPS: list[Lines | None] = []

@@ -223,7 +223,7 @@ def check(
         else:
             from rastercov.report.check import write  # with the first page only
 
-            found = write(made, out, pdf=pdf, level=level)
+            found = write(made, out, _step, pdf=pdf, level=level)
     except (RastercovError, OSError) as error:
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
         outcome.write(*files, plan, [case])

@@ -9,6 +9,7 @@ from rastercov.base.format import percent
 from rastercov.base.output import write_json
 from rastercov.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
+from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.placement import network_of, verdicts
@@ -20,14 +21,20 @@ CHECK = ReportKind("check", re.compile(r"check\.(html|pdf|json)"), last="check.j
 
 
 def write(
-    made: Callable[[], Checked], out: Path, *, pdf: bool = False, level: int | None = None
+    made: Callable[[], Checked],
+    out: Path,
+    step: Step = quiet,
+    *,
+    pdf: bool = False,
+    level: int | None = None,
 ) -> Checked:
     """Make a check and write its report, once the folder can be used."""
     with ReportFolder(out, CHECK) as folder:
         if pdf:
             browser()  # none fails before the work
         found = made()
-        write_page(folder, "check", page_of(found, level), pdf=pdf)
+        with step("page"):
+            write_page(folder, "check", page_of(found, level), pdf=pdf)
         write_json(folder.file("check.json"), record(found))
         folder.publish()
     return found

@@ -483,9 +483,9 @@ class NetworkPage:
         for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
             columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
         axes = upright(poses := self.poses.world_from_camera)
-        turned = zip(*(mounting_angles(axes @ pose[:3]) for pose in poses), strict=True)
-        for name, values in zip(("heading", "down", "roll"), turned, strict=True):
-            columns[name] = [f"{signed(value, 1)}°" for value in values]
+        turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
+        for row, name in enumerate(("heading", "down", "roll")):
+            columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
         else:

@@ -553,6 +553,15 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
     assert f"  {line}" in checked.lines()
 
 
+def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
+    own = PLAN["rigs"]["fringe"] | {"max_uncertainty": 1e-9, "noise_px": 0.5}
+    found = placed(PLAN | {"rigs": {"fringe": own}}, outputs={"page": True})
+    assert not len(found.cameras.placed)
+    (line,) = [each for each in found.prepared.notes if "cannot be reached" in each]
+    assert line.endswith("; no camera is chosen")
+    assert "too uncertain" in Path("out/page.html").read_text()
+
+
 def test_a_baseline_that_is_too_short_is_named():
     rigs = {"fringe": PLAN["rigs"]["fringe"] | {"min_baseline_deg": 25.0}}
     (line,) = [each for each in placed(PLAN | {"rigs": rigs}).prepared.notes if "baseline" in each]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import enter
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pages import read_alone
@@ -570,8 +571,7 @@ def test_labels_of_plots_do_not_overlap(written):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
+    enter(tmp_path, monkeypatch)
     Path("camera.toml").write_text("width = 64\nheight = 48\nfx = 70\nfy = 70\n")
     return tmp_path
 

@@ -458,10 +458,11 @@ def _for_goal(
     except ConfigError as error:
         on = "" if cells is None else f"on patches of {cells.size:g} m: "
         said = str(error).replace(f"group '{OF_GOALS}/", "goal '")
-        notes.append(
-            f"{on}{said}; this selection covers {percent(FALLBACK_SHARE)} of what "
-            "the candidates can cover, or more"
-        )
+        chosen = "no camera is chosen"
+        if all_of.problem.reachable.any():
+            share = percent(FALLBACK_SHARE)
+            chosen = f"this selection covers {share} of what the candidates can cover, or more"
+        notes.append(f"{on}{said}; {chosen}")
         nearest = FewestCameras(FALLBACK_SHARE, of_reachable=True)
         problem = replace(all_of.problem, goal=nearest)
     if cells is not None and cells.size >= objectives.faces.observer.mesh.diagonal:
