@@ -45,6 +45,7 @@ FILES = {
     "turntable": "plan.toml",
     "buildings": "house.toml",
     "start": "camera.toml",
+    "recipes": "ir.toml",
     "robot": "inspect.toml",
 }
 """Pages whose first table is a file of the reader."""
