@@ -1,8 +1,8 @@
 """Inspection by a robot: a stereo head on an arm sees a part from as few poses as it needs.
 
-Both cameras of the head must see a point, by rays at least 8 degrees apart. Poses are those that
-the arm of arm.urdf reaches without touching part, table or itself; each is measured again with the
-arm in the picture. The result are poses with joint angles, in the order of a tour.
+Both cameras of the head must see a point, with rays at least 8 degrees apart. The arm of arm.urdf
+must reach each pose without touching part, table or itself; each pose is measured again with the
+arm in the image. The result is a list of poses with joint angles, in the order of a tour.
 """
 
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import rastercov as rc
 
 ARM = Path(__file__).with_name("arm.urdf")
-PLACE = [0.5, 0.05, 0.0]  # of the part before the arm, m
+PLACE = [0.5, 0.05, 0.0]  # of the part in front of the arm, m
 MIDDLE = [0.5, 0.05, 0.08]
 TABLE = [0.5, 0.05, -0.2555]  # 0.5 mm below the foot of the part
 HEAD = [
@@ -32,7 +32,7 @@ PLAN = {
         {
             "generator": "on_arm",
             "body": "arm/head",
-            "mount": {"translation": [0, 0, 0.06]},  # the lenses are 1 cm before the head
+            "mount": {"translation": [0, 0, 0.06]},  # the lenses are 1 cm in front of the head
             "clearance": 0.01,
             "rolls_deg": [0, 90],
             "of": {

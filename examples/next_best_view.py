@@ -3,11 +3,11 @@
     pip install gymnasium
     python examples/next_best_view.py
 
-An episode takes views of a part one after the other. An action is a place on a shell around the
-part; its camera looks at the middle. The reward is the share of the area that the view adds: of
-each face, its best coverage over the views so far counts. So the return of an episode is the share
-that all its views cover, and what is learned can be compared with `rastercov place`, which has a
-bound. Observed are the best coverage of each face and the place of the last view.
+An episode takes views of a part one after the other. An action is a position on a shell around the
+part, from which the camera looks at the middle. The reward is the share of the area that the view
+adds, where each face counts with its best coverage over the views so far. So the return of an
+episode is the share that all its views cover, which can be compared with `rastercov place` and its
+bound. The observation is the best coverage of each face and the position of the last view.
 """
 
 import time
@@ -21,7 +21,7 @@ import rastercov as rc
 
 
 class NextBestView(gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]):
-    """Views of a mesh from a shell, one a step.
+    """Views of a mesh from a shell, one per step.
 
     Parameters
     ----------
@@ -84,5 +84,5 @@ if __name__ == "__main__":
         rewards = [environment.step(environment.action_space.sample())[1] for _ in range(8)]
         returns.append(sum(rewards))
     seconds = time.perf_counter() - began
-    print(f"{len(returns) * 8 / seconds:.0f} steps a second, {mesh.n_faces} faces")
+    print(f"{len(returns) * 8 / seconds:.0f} steps per second, {mesh.n_faces} faces")
     print(f"8 random views cover {100 * np.mean(returns):.1f} % of the area")

@@ -1,4 +1,4 @@
-"""Coverage of a part in a fixture that hides faces and is not scored."""
+"""Coverage of a part in a fixture that occludes faces and is not evaluated."""
 
 import numpy as np
 

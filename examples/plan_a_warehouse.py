@@ -24,7 +24,7 @@ RACKS_X, RACKS_Y = (4.0, 19.0), (3.5, 7.1, 10.7, 14.3, 17.9)
 PLAN = """
 [[meshes]]
 path = "warehouse.glb"
-role = "occluder"                # the hall only hides; people are what matters
+role = "occluder"                # the hall only occludes; people are targets
 
 [[targets]]                      # faces of people, at any place on the floor
 name = "people"

@@ -1,9 +1,9 @@
 """Cameras that watch a 3-D printer: how much of the newest 10 mm they see while the head moves.
 
-Bed, gantry and head are boxes, the print is a star-shaped tower at four heights. The head goes
-around the contour of each. Faults of a print are found where it is new; a part counts where a
-camera sees it in 90 % of the time, because a head is in front of any camera now and then. Lamps are
-chosen for the cameras then, whose light the head hides as well.
+Bed, gantry and head are boxes, the print is a star-shaped tower at four heights. The head moves
+around the contour of each. Faults of a print appear in its newest layers. A point counts if a
+camera sees it 90 % of the time, because the head passes in front of every camera. Lamps are then
+chosen for these cameras; the head also blocks their light.
 """
 
 import json

@@ -1,10 +1,10 @@
 """Stations of a laser scanner in a room: for sight alone, then with range and incidence.
 
-A scanner on a tripod sees a wall from any distance and angle; its measurements are good up to some
-range, and up to some 60 degrees from the normal. The built-in room, three times as large (18 x 15 x
-8.4 m, with three blocks), is to be measured for 90 % of its area. Candidates are stations every 2
-m, 1.8 m above the floor. Thesis 7.3 leaves these limits to future work; Soudarissanane and
-Lindenbergh (2011) found 5 stations for sight of a room and 19 with both.
+A scanner on a tripod sees a wall from any distance and angle, but measures well only up to some
+range, and up to some 60 degrees from the normal. It must measure 90 % of the area of the built-in
+room, three times as large (18 x 15 x 8.4 m, with three blocks). Candidates are stations every 2 m,
+1.8 m above the floor. Thesis 7.3 leaves these limits to future work; Soudarissanane and Lindenbergh
+(2011) found 5 stations that see a room and 19 that measure it.
 
     python examples/scan_a_room.py
 """
@@ -20,7 +20,7 @@ PLAN = {
             "high": [8.5, 7.0, 1.8],
             "sides": ["+z"],
             "spacing": 2.0,
-            "aim": [{"direction": [1.0, 0.0, 0.0]}],  # upright; a turn changes nothing
+            "aim": [{"direction": [1.0, 0.0, 0.0]}],  # upright; a rotation changes nothing
         }
     ],
     "constraints": {"clearance": 0.6},

@@ -86,24 +86,21 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> dict[str, Any]:
     }
     if not given.keys().isdisjoint(ANGLES):
         given = _with_focal_lengths(given)
-    for one, other in (("fx", "fy"), ("fy", "fx")):
-        if one in given:
-            given.setdefault(other, given[one])  # square pixels
-    by_lens = given.keys().isdisjoint({"fx", "fy"})
-    wanted = ["width", "height"]
-    wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
-    if missing := [name for name in wanted if name not in given]:
+    focal = [given[name] for name in ("fx", "fy") if name in given]
+    wanted = ("width", "height", "focal_length", "pixel_size")
+    if missing := [name for name in wanted[: 2 if focal else 4] if name not in given]:
         raise CameraError(
             f"expected {', '.join(wanted)}, got no {', '.join(missing)}; give fx, fy or "
             "focal_length, pixel_size or hfov_deg"
         )
-    if by_lens:
+    if not focal:
         given = _of_lens(given)
     elif "principal_point" in given:
         raise CameraError(
             "expected fx and fy, or focal_length, pixel_size and principal_point, got both; remove "
             "one"
         )
+    given = dict.fromkeys(("fx", "fy"), *focal[:1]) | given  # one alone: square pixels
     n = given.pop("f_number", None)
     has_aperture = given.get("aperture") is not None
     if n is not None and has_aperture:

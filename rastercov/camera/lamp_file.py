@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import pair, shown
+from rastercov.base.checks import is_one_of, pair, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
 from rastercov.base.files import (
     StrPath,
@@ -22,7 +22,7 @@ from rastercov.base.files import (
 from rastercov.base.memory import FloatArray
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
-from rastercov.camera.lamps import KINDS, SIZES, UNITS, Lamp, Lamps, lamps_of_json
+from rastercov.camera.lamps import SIZES, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
 from rastercov.camera.viewpoints import look_at
 
@@ -143,14 +143,12 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
             raise CameraError(f"expected ies or {', '.join(others)}, got both; remove one")
         return Lamp.from_ies(folder / str(entries["ies"]))
     kind = entries.get("kind", "point")
-    if kind not in KINDS:
-        raise CameraError(f"expected kind of a lamp to be {', '.join(KINDS)}, got {shown(kind)}")
     names = ("half_angle_deg", "exponent", "share", "points")
     own = {name: entries[name] for name in names if name in entries}
     own |= {"intensity": entries.get("intensity_cd"), "power_w_sr": entries.get("power_w_sr")}
     if kind == "spot" and "half_angle_deg" not in own:
         raise CameraError("expected half_angle_deg for a lamp of kind spot, got none; add it")
-    if kind in KINDS[:2]:
+    if not is_one_of(kind, SIZES):
         return Lamp(kind=kind, **own)
     size = entries.get("size")
     if size is None or (kind != "area" and isinstance(size, list)):

@@ -158,7 +158,7 @@ class Lamp:
             object.__setattr__(self, name, float(getattr(self, name)))
         object.__setattr__(self, "points", int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))
-        n_sides = {"area": 2, "bar": 1, "ring": 1, "dome": 1}.get(self.kind, 0)
+        n_sides = (self.kind in SIZES) + (self.kind == "area")
         if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
             raise CameraError(
                 f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "

@@ -68,7 +68,7 @@ def refusal(capsys, line):
 
 
 def without_progress(text):
-    """What a command says on standard error, without lines on its time so far."""
+    """Text of a command on standard error, without lines on its time so far."""
     kept = text.splitlines(keepends=True)
     end = b" s so far" if isinstance(text, bytes) else " s so far"
     return text[:0].join(line for line in kept if not line.rstrip().endswith(end))

@@ -291,7 +291,7 @@ class OverTime(InOneLine):
 
     @cached_property
     def _known(self) -> dict[int, Covered]:
-        """What passes stages, as far as it was found with that of another time."""
+        """Covered parts by stage, as far as those of another time gave them."""
         return {}
 
     def _in_front(self, camera: Cameras, asked: BoolArray) -> BoolArray:
