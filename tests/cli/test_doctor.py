@@ -172,7 +172,7 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
         return counts
 
     monkeypatch.setattr(GLRasterizer, "count", miscount)
-    words = rf"plan {plan}: {scene}: 1 of 4 poses are counted wrongly"
+    words = rf"plan {plan}: expected correct counts of {scene}, got 1 of 4 poses wrong"
     with pytest.raises(DeviceError, match=words):
         diagnose.verify_device("surfaceless")
 
@@ -214,7 +214,9 @@ def test_one_wrong_count_on_the_cpu_fails_its_self_test(monkeypatch, what):
         return found
 
     monkeypatch.setattr(CPURasterizer, name, wrong)
-    with pytest.raises(DeviceError, match=r"^box: \d of 4 poses are counted wrongly$"):
+    with pytest.raises(
+        DeviceError, match=r"^expected correct counts of box, got \d of 4 poses wrong$"
+    ):
         diagnose.verify_cpu()
 
 
@@ -291,7 +293,7 @@ def test_a_graphics_card_is_shown_with_its_driver_and_named_at_the_end(gpu_repor
     ],
 )
 def test_a_cpu_that_fails_is_answered_with_what_passes(gpu_report, results, advice):
-    problem = "box: 1 of 4 poses are counted wrongly"
+    problem = "expected correct counts of box, got 1 of 4 poses wrong"
     gpu_report["cpu"]["self_test"] = problem
     for row, result in zip(gpu_report["reports"], results, strict=True):
         row["self_test"] = result

@@ -566,4 +566,4 @@ def test_names_of_groups_stay_when_a_second_mesh_joins(capsys):
     Path("other.obj").write_text(Path("other.obj").read_text() + "g roof\nf 1 3 2\n")
     code, _, err = call(capsys, share)
     assert code == 2
-    assert "2 files have a group 'lid'; give one of " in err
+    assert "expected one file with a group 'lid', got 2; give one of " in err

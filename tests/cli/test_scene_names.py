@@ -129,11 +129,11 @@ def test_a_mesh_that_is_there_twice_is_an_error(other):
 
 @pytest.mark.parametrize(
     ("option", "words"),
-    [({"unit": ["part:mm"]}, "2 files have the name 'part'"),
-     ({"transform": ["part.obj: scale = 2"]}, "2 files have the name 'part.obj'"),
-     ({"occluder": ["part"]}, "2 files have the name 'part'"),
-     ({"target": ["part"]}, "2 files have the name 'part'"),
-     ({"unit": ["p*:mm", "pa*:cm"]}, "given twice for part.obj")],
+    [({"unit": ["part:mm"]}, "expected one file of the name 'part', got 2"),
+     ({"transform": ["part.obj: scale = 2"]}, "expected one file of the name 'part.obj', got 2"),
+     ({"occluder": ["part"]}, "expected one file of the name 'part', got 2"),
+     ({"target": ["part"]}, "expected one file of the name 'part', got 2"),
+     ({"unit": ["p*:mm", "pa*:cm"]}, "expected --unit once for part.obj")],
 )  # fmt: skip
 def test_a_name_of_two_files_is_refused(option, words):
     Path("other").mkdir()
@@ -166,7 +166,7 @@ def test_an_unknown_name_is_a_short_line(read):
     with pytest.raises(RastercovError) as caught:
         read("fase 17" + 3000 * "x")
     assert len(str(caught.value)) < 500
-    with pytest.raises(MeshError, match=r"groups are face 17,.* and 39\d more"):
+    with pytest.raises(MeshError, match=r"such as face 17,.* and 39\d more"):
         loaded(occluder=["fase 17"], meshes=["cad.obj"])
 
 
