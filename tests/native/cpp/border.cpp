@@ -133,7 +133,7 @@ TEST_CASE("handles that are null, freed or of another kind are refused") {
     CHECK(rc_solver_free(reinterpret_cast<rc_solver *>(surface)) == RC_BAD_HANDLE);
     CHECK(rc_surface_free(surface) == RC_OK);
     CHECK(rc_surface_free(surface) == RC_BAD_HANDLE);
-    CHECK(says("freed or is of another kind"));
+    CHECK(says("freed or has another type"));
     rc_surface *next = scene.surface();
     CHECK(next != surface); // no number is used again
     CHECK(rc_solver_create(surface, RC_EXACT, 1, &solver) == RC_BAD_HANDLE);
@@ -182,7 +182,7 @@ TEST_CASE("what is asked for in vain has a code and a line") {
     task.min_depth = NAN;
     refused(find(scene.camera, task), "min_depth");
     poses[3] = NAN;
-    refused(find(scene.camera, scene.task), "finite poses");
+    refused(find(scene.camera, scene.task), "finite numbers in a pose");
     poses = scene.poses(1);
     poses[0] = -1; // a reflection
     refused(find(scene.camera, scene.task), "determinant 1");
