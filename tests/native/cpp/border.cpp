@@ -187,7 +187,7 @@ TEST_CASE("what is asked for in vain has a code and a line") {
     poses[0] = -1; // a reflection
     refused(find(scene.camera, scene.task), "determinant 1");
     poses[0] = 2;
-    refused(find(scene.camera, scene.task), "without scale");
+    refused(find(scene.camera, scene.task), "remove scale");
     poses = scene.poses(1);
     poses[15] = 2;
     refused(find(scene.camera, scene.task), "last row");
