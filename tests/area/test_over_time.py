@@ -234,7 +234,7 @@ def test_tables_of_json_and_csv_are_the_same_motion(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("m.json", "{", "not valid JSON"),
+        ("m.json", "{", "expected valid JSON"),
         ("m.json", "{}", "bodies"),
         (
             "m.json",

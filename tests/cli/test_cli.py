@@ -114,7 +114,7 @@ def test_help_and_version(capsys):
         (QUICK + " --supersample 4", ["supersample 1 with method certified", "use method sampled"]),
         (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --unit mm", ["expected box, which is built in"]),
-        (QUICK + " --unit m --unit mm", ["--unit is given twice for all files"]),
+        (QUICK + " --unit m --unit mm", ["expected --unit once for all files"]),
         (
             QUICK + " --transform scale=0",
             ["--transform", "scale: expected a number above 0, got 0"],

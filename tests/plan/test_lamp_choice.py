@@ -341,7 +341,7 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
         ),
         (
             {"task": {**PLAN["task"], "min_illuminance": "3 W/m2"}},
-            "min_illuminance is in W/m2, and the lamps give lx",
+            "expected min_illuminance in lx",
         ),
         ({"task": {**PLAN["task"], "by": "face"}}, "by"),
         (

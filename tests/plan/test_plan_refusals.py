@@ -56,7 +56,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         # cameras and rigs
         (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
         (BASE + "width = 0", "camera: expected width to be a whole number of pixels"),
-        (BASE + "file = 'plan.toml'", "camera: file stands beside near"),
+        (BASE + "file = 'plan.toml'", "camera: expected only near"),
         (BOX + "[camera]\nfile = 'x.toml'", "camera.file: expected a file"),
         (BOX + "[camera]\nwidth = 3", "camera: missing height"),
         (ONE_CAMERA + "cost = 1", "camera.cost: expected "),
@@ -135,13 +135,13 @@ def placed(plan):
     [
         (scene, BASE.replace("[camera]", 'role = "occluder"\n[camera]'), "meshes: expected"),
         (scene, SHEET.replace("room", "flor") + "height = 1", "meshes[0].built_in: expected one"),
-        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0].above: there is no group"),
+        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0].above: expected a group"),
         (scene, TARGET + 'file = "bad.obj"', "targets[0].file: bad.obj"),
         (scene, GRID + "spacing = 0.001", "targets[0].box: "),
         (scene, GRID + "size = 2.0", "targets[0].box: "),
         (
             scene, SHEET + 'height = 1\nname = "eyes"\n[[targets]]\nabove = "eyes"\nheight = 1',
-            "targets[1].above: there is no group 'eyes'",
+            "targets[1].above: expected a group",
         ),
         (pool, FAR, "candidates[0]: expected a stand-off"),
         (cells, FLAT.format(1e-5), "task.resolution_of_result: expected at most "),
