@@ -200,7 +200,7 @@ def test_times_that_cannot_be_are_refused():
     for over in (0.0, 1.5, "ever", -1):
         with pytest.raises(ConfigError, match="over"):
             over_time(found, motion, over)
-    with pytest.raises(ConfigError, match="no body"):
+    with pytest.raises(ConfigError, match="expected a body"):
         regions_over_time(motion, CAMERA, ABOVE, TASK, body="tool")
     with pytest.raises(ConfigError, match="got those of another"):
         over_time(rc.regions(ico(), CAMERA, ABOVE), motion)

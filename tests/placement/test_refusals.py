@@ -166,7 +166,7 @@ REFUSED = [
         "the mesh of 120 faces, got one of 12",
     ),
     # improvement
-    (counted(weight_by="colour"), "weight_by must be"),
+    (counted(weight_by="colour"), "weight_by to be"),
     (counted(views=0), "expected views of 1"),
     (counted(views={"x": 1}), "expected a group, got 'x'"),
     (counted(min_angle_deg=200), "expected min_angle_deg of 0 to 180"),
@@ -178,7 +178,7 @@ REFUSED = [
     (refined(turn_deg=0), "expected turn_deg of"),
     (refined(step=-1.0), "expected step above 0"),
     (refined(step=[1.0, 1.0, 1.0]), "expected step as one number or 2"),
-    (refined(halvings=1.5), "halvings must be"),
+    (refined(halvings=1.5), "halvings to be"),
     (refined(budget=1), "expected budget of 2"),
     (lambda o: refine(o, SPACE, EYE[None]), "expected camera 0 in an allowed place, got one"),
     (lambda o: InstallationError(position_mm=-1), "position_mm to be"),

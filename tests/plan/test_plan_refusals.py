@@ -54,15 +54,15 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (TARGET + "box = [[0, 0, 0]]", "targets[0].box: expected 2 or more of them"),
         (TARGET + 'file = "no.stl"', "targets[0].file: expected a file, got 'no.stl'"),
         # cameras and rigs
-        (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
+        (BASE + "aperture = 0.1", "camera: expected aperture and focus_distance together"),
         (BASE + "width = 0", "camera: expected width to be a whole number of pixels"),
         (BASE + "file = 'plan.toml'", "camera: expected only near"),
         (BOX + "[camera]\nfile = 'x.toml'", "camera.file: expected a file"),
-        (BOX + "[camera]\nwidth = 3", "camera: missing height"),
+        (BOX + "[camera]\nwidth = 3", "camera: expected width, height"),
         (ONE_CAMERA + "cost = 1", "camera.cost: expected "),
         (ONE_CAMERA + EYE, "expected camera or cameras, got both"),
         (BOX + EYE + "cost = -1", "cameras.eye.cost: expected a number of 0 or more"),
-        (BOX + "[cameras.eye]\nwidth = 3", "cameras.eye: missing height"),
+        (BOX + "[cameras.eye]\nwidth = 3", "cameras.eye: expected width, height"),
         (BOX + EYE + "price = 3", "cameras.eye.price: expected "),
         (
             BOX + EYE + PAIR.replace('"eye"', '"ear"'),

@@ -208,7 +208,7 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path, format
     if suffix in PROJECTS:
         raise CameraError(
-            f"expected cameras, got a project of {PROJECTS[suffix]}; export them as COLMAP, "
+            f"expected cameras, got a project of {PROJECTS[suffix]}; export cameras as COLMAP, "
             "Bundler or XML"
         )
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
