@@ -378,7 +378,7 @@ def test_a_plan_places_a_head_and_a_check_finds_the_same():
     ("rig", "words"),
     [
         ({"rule": "both"}, "rule"),
-        ({"rule": "at_least"}, "needs k"),
+        ({"rule": "at_least"}, "expected k, a number of sensors"),
         ({"rule": "all", "k": 2}, "k and needs"),
         ({"rule": "at_least", "k": 3}, "1 to 2"),
         ({"rule": "at_least", "k": 2, "needs": ["lamp"]}, "some of"),

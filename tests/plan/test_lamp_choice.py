@@ -346,7 +346,7 @@ KEY, SPOT = {**LAMPS["key"]}, {"generator": "on_sphere", "count": 8, "distances"
         ({"task": {**PLAN["task"], "by": "face"}}, "by"),
         (
             {"lamps": {**LAMPS, "other": {"kind": "point", "intensity_cd": 3.0}}},
-            "lamp 'other': a lamp needs position",
+            "lamp 'other': expected position",
         ),
         (
             {"task": {**PLAN["task"], "min_illuminance": 1e5}},

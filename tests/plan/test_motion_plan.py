@@ -155,7 +155,7 @@ def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
         ({"motion": {"conveyor": BELT, "turntable": {"body": "part", "steps": 4}}}, "as many"),
         ({"motion": {"conveyor": BELT, "animation": ""}}, "one glTF file"),
         ({"motion": {"poses": "none.json"}}, "expected a file"),
-        ({"camera": PLAN["camera"] | {"body": "lid"}}, "no body 'lid'"),
+        ({"camera": PLAN["camera"] | {"body": "lid"}}, "got 'lid'"),
         ({"task": PLAN["task"] | {"over": 0.0}}, "task.over"),
         ({"task": PLAN["task"] | {"over": "ever"}}, "task.over"),
         ({"task": {"over": 0.9, "by": "face"}}, "by area"),
@@ -267,7 +267,7 @@ def test_the_command_evaluates_over_time_and_leaves_its_files(capsys):
         ("m.toml", "[motion]\nspin = 1\n", (), "got 'spin'"),
         ("m.toml", "[motion]\n", (), "expected a body that moves"),
         ("m.toml", "[motion\n", (), "TOML"),
-        ("m.json", '{"bodies": {"plate": {}}, "times": [1, 0]}', (), "must"),
+        ("m.json", '{"bodies": {"plate": {}}, "times": [1, 0]}', (), "strictly increasing"),
         ("m.toml", TOML, ("--by", "face"), "by area"),
     ],
 )
@@ -366,11 +366,11 @@ OTHER = '[[bodies]]\nname = "b"\nurdf = "arm.urdf"\n[motion]'
 SPOILT = {
     "m.toml: no.urdf": ("m.toml", "arm.urdf", "no.urdf", "no.urdf"),
     "no mesh": ("arm.urdf", '<box size="0.2 0.05 0.05"/>', '<mesh filename="a.stl"/>', "a.stl"),
-    "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "got a cycle"),
+    "cycle": ("arm.urdf", '<parent link="base"/>', '<parent link="head"/>', "expected no cycle"),
     "column": ("path.csv", "elbow", "knee", "columns pan, lift, elbow"),
     "time": ("path.csv", "3.0", "0.5", "times to be strictly increasing"),
     "two": ("m.toml", "[motion]", OTHER, "one body with urdf for joints, got 2"),
-    "no body": ("m.toml", "arm/head", "arm/foot", "no body 'arm/foot'"),
+    "no body": ("m.toml", "arm/head", "arm/foot", "got 'arm/foot'"),
     "no robot": ("m.toml", 'urdf = "arm.urdf"', 'groups = ["plate"]', "urdf"),
 }
 
