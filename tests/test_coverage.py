@@ -242,5 +242,5 @@ def test_only_what_is_asked_for_is_computed(how):
 
 @pytest.mark.parametrize("fields", ["coverage", ["coverge"], [1], 3])
 def test_an_unknown_figure_is_refused(fields):
-    with pytest.raises(ConfigError, match="name some of in_view, "):
+    with pytest.raises(ConfigError, match="expected arrays of Coverage, got "):
         evaluate(TEAPOT, SMALL, POSES, fields=fields, by="face")

@@ -240,5 +240,7 @@ def checked_fields(names: Sequence[str] | None) -> list[str]:
         return list(FIGURES)
     known = isinstance(names, list | tuple | set | frozenset | dict)
     if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
-        raise ConfigError(f"expected fields, got {shown(names)}; name some of {', '.join(FIGURES)}")
+        raise ConfigError(
+            f"expected arrays of Coverage, got {shown(names)}; name some, such as reason"
+        )
     return [name for name in FIGURES if name in names]

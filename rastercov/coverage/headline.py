@@ -31,7 +31,7 @@ def answer(summary: Summary) -> str:
     text = f"covered: {in_words(summary['covered_area'])}{over_time}"
     of_seeable = summary["covered_of_seeable_percent"]
     if summary["unseeable_m2"] and of_seeable is not None:
-        text += f"; {percent(of_seeable / 100)} of what is coverable"
+        text += f"; {percent(of_seeable / 100)} of the coverable area"
     return text
 
 
@@ -93,7 +93,7 @@ def other_lines(
         others = summary["other_dead_zones"]
         m2 = sum(zone["area_m2"] for zone in rest) + others["area_m2"]
         count = plural(len(rest) + others["zones"], "more dead zone")
-        lines.append(f"and {count}, {area(m2)} in all")
+        lines.append(f"and {count}, {area(m2)} in total")
     if len(reasons) > 1 and has_reasons:
         lines.append(f"not covered: {by_reason(reasons)}")
     elif "covered_area" not in summary:

@@ -52,9 +52,7 @@ def carried_out(remedy, rig, placed, points, limits):
     eyes, middle = placed[:, :3, 3], placed[:, :3, 3].mean(axis=0)
     target = points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]
     moved = placed.copy()
-    if wider := re.match(
-        r"a baseline ([\d.]+) times as wide(, its devices turned to it)?$", remedy
-    ):
+    if wider := re.match(r"a baseline ([\d.]+) times as wide(, its devices aimed at it)?$", remedy):
         moved[:, :3, 3] = middle + float(wider[1]) * (eyes - middle)
         for row in range(2 if wider[2] else 0):
             before, after = target - eyes[row], target - moved[row, :3, 3]

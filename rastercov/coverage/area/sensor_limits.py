@@ -161,7 +161,7 @@ class _Head:
         """The least change of each kind that covers some number of the points."""
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
         target = self.points[np.linalg.norm(off, axis=1).argmin()]
-        turned = ("", None), (", its devices turned to it", target)
+        turned = ("", None), (", its devices aimed at it", target)
         wider = (
             f"a baseline {factor:g} times as wide{words}"
             for factor in WIDER

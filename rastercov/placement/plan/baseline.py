@@ -56,7 +56,7 @@ class Tolerated:
         if match is None or not (0 <= value <= 100 or (value >= 0 and match[3])):
             raise ConfigError(
                 "allow_worse: expected 0 to 100 percentage points, such as 0.5, or an area, such "
-                f"as 2cm2, got {shown(loss)}"
+                f"as 2cm2, got {shown(loss)}; give either"
             )
         return cls(m2=value * SQUARE_METRES[match[3].lower()]) if match[3] else cls(value / 100)
 

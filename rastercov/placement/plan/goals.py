@@ -102,7 +102,9 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
     taken = {name for goal in plan.goals.values() for name in goal.groups or ()}
     rest = [name for name in scored if name not in taken]
     if not rest:
-        raise PlanError(plan.name, "goals: expected a group without one, got none; leave one out")
+        raise PlanError(
+            plan.name, "goals: expected a group without a goal, got none; leave one out"
+        )
     goals = tuple(
         OwnGoal(
             name=name,
