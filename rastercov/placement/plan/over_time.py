@@ -67,7 +67,7 @@ class MotionFile(Entry):
     over: Over = "some"
     """Time in which a point must be covered: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Whether several cameras must cover it at one time, or each at any time."""
+    """Several cameras must cover it at one time, or each at any time."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

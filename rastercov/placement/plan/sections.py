@@ -681,7 +681,7 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     over: Over | None = None
     """Time in which a point must be covered, if bodies move: some, all, or a share."""
     views_at: Literal["one time", "any time"] = "one time"
-    """Whether several cameras must cover it at one time, or each at any time."""
+    """Several cameras must cover it at one time, or each at any time."""
     views: Count | dict[str, Count] = 1
     """Required number of cameras per point or face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "seeable", "count"] = "area"
