@@ -65,8 +65,8 @@ class Groups:
     of_pose : (P,) int64
         Group of each pose.
     seen_m2, lost_m2, alone_m2 : (G,) float64
-        Area that any pose of the group covers, that is covered no more without the group, and that
-        no other group covers.
+        Area that any pose of the group covers, that is lost without the group, and that no other
+        group covers.
     subset : Selection or None
         Fewest groups found that cover the same as all, with a bound; None where it was not asked.
     """

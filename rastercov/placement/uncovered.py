@@ -268,7 +268,7 @@ class Leftover:
         return shares_by_reason(self.mesh, why, self.left & members, members)
 
     def lines(self) -> list[str]:
-        """Sentences for people, the largest share first."""
+        """Sentences, the largest share first."""
         summary = self.summary()
         if not summary["left"]["faces"]:
             return ["Every face is covered."]

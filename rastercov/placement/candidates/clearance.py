@@ -109,7 +109,7 @@ def filter_candidates(
     clearance: float = 0.0,
     keep_out: Sequence[KeepOut] = (),
 ) -> tuple[Candidates, NDArray[np.uint8]]:
-    """Candidates at positions where a camera can be mounted, in their order; the `Place` of all.
+    """Candidates at positions where a camera can be mounted, in order, and the `Place` of all.
 
     Only the camera centre is tested; occlusion is not.
 
@@ -117,11 +117,11 @@ def filter_candidates(
     ----------
     mesh : Mesh
         All its faces are surfaces, including occluders, except those of targets, within which a
-        camera may be. Closed and consistently wound components
-        are solid: a point is in matter where their winding numbers have a positive sum; a component
-        that faces inward contributes -1. If such a component contains the whole mesh, it is a room,
-        and everything outside it is matter, too. So a cavity in a part is air, and the inside of a
-        room is air except for crates in it. Open components enclose nothing.
+        camera may be. Closed and consistently wound components are solid: a point is in solid
+        material if the sum of their winding numbers is positive; a component that faces inward
+        contributes -1. If such a component contains the whole mesh, it is a room, and everything
+        outside it is solid, too. So a cavity in a part is air, and the inside of a room is air
+        except for crates in it. Open components enclose nothing.
     clearance : float
         Least distance to any surface, metres; 0 or more.
     keep_out : sequence of KeepOut
@@ -176,7 +176,7 @@ class Nearest:
 
 
 class NearestSurface:
-    """Search for nearest points of a surface, a few microseconds a query.
+    """Search for nearest points of a surface, a few microseconds per query.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Views that are no candidates: what a robot or a constraint rules out, each with its reason."""
+"""Views that a robot or a constraint rejects, each with its reason."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ MOST_REASONS = 6
 
 
 class Refusal(NamedTuple):
-    """A view that is no candidate.
+    """A rejected view.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class Refusal(NamedTuple):
     words : str
         In words, such as "head collides with table".
     lack : float
-        By how much it is missed, or more; 0 where that is not known.
+        Minimum amount by which the view fails; 0 if unknown.
     unit : {"m", "deg"}
     camera : int
         Index of the camera.
@@ -40,7 +40,7 @@ class Refusal(NamedTuple):
 
 
 def by_words(refusals: Sequence[Refusal]) -> list[dict[str, Any]]:
-    """Number of views of each reason in words, and what the nearest of them lacks; most first."""
+    """Number of views by reason in words, and the smallest lack among them; most first."""
     found: dict[str, dict[str, Any]] = {}
     for each in refusals:
         new = {"reason": each.reason, "what": each.words, "views": 0, "unit": each.unit}

@@ -1,4 +1,4 @@
-"""Cameras of a plan on the arm of a robot: what the arm hides of their pictures, and its joints.
+"""Cameras of a plan on the arm of a robot: occlusion by the arm, and its joint angles.
 
 Candidates are measured without the arm. The chosen poses are measured again with it in each of
 their joint angles: where one hides too much, another solution of the same pose is tried. The moves

@@ -1,4 +1,4 @@
-"""A check compared with an earlier one: what is worse beyond the bounds of both, and where.
+"""Comparison of a check with an earlier one: losses beyond the bounds of both, and their places.
 
 A face is the same in both checks if it has the same centroid, to the bit. Of a dead zone, that
 counts which its faces have more of than in the earlier check, and all of a face that was not there.
@@ -133,7 +133,7 @@ class Against:
         return lines
 
     def lines(self, level: int | None = None) -> list[str]:
-        """The differences for people, the verdict first."""
+        """The differences in words, the verdict first."""
         better = [words(each) for each in self.shares[:1] if each["status"] == "better"]
         verdict = f"{'' if self.is_worse else 'no '}worse than {self.file}{self.tolerated}"
         return [verdict, *(f"better: {each}" for each in better), *self.losses(level)]
@@ -167,7 +167,7 @@ def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) 
     Raises
     ------
     ConfigError
-        For another file, for what is no loss, and for a loss against nothing.
+        For another file, an invalid loss, and a loss without a baseline.
     """
     tolerated = NOTHING if allow_worse is None else Tolerated.of(allow_worse)
     if path is None:

@@ -25,7 +25,7 @@ from rastercov.placement.plan.file import Plan
 from rastercov.shards import Progress
 
 MOST_LOST = 0.5
-"""Points of the task's area that it may hide of the picture of its camera."""
+"""Percentage points of the task area that it may occlude in the image of its camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class CarriedPoses:
         return "\n".join([",".join(self.joint_names), *rows, ""])
 
     def line(self) -> str:
-        """Joint angles for people."""
+        """Joint angles in words."""
         if not len(self.clearance):
             return "no pose was chosen, so joints.csv is empty"
         least = distance(float(self.clearance.min()))
@@ -91,12 +91,12 @@ class CarriedPoses:
 
 
 class Carrier(Protocol):
-    """Moves the cameras of a plan by joints, and hides a part of their pictures."""
+    """Moves the cameras of a plan by joints, and occludes a part of their images."""
 
     def measured(
         self, finder: RegionPass, mounted: Poses, known: FloatArray | None
     ) -> tuple[list[Regions], CarriedPoses]:
-        """Regions of each of K mounts with it in the picture, and its joint angles.
+        """Regions of each of K mounts with it in the image, and its joint angles.
 
         Parameters
         ----------

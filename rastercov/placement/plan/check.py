@@ -112,7 +112,7 @@ class Checked(InOneLine, InNotebook):
         return not is_worse and all(each.status == HOLDS for each in self.requirements)
 
     def lines(self, level: int | None = None) -> list[str]:
-        """The outcome for people; `level` is that of the parts that are named."""
+        """The outcome in words; `level` is that of the parts that are named."""
         return [*self.first_lines(level), *self.other_lines(level)]
 
     def first_lines(self, level: int | None = None) -> list[str]:
@@ -260,7 +260,7 @@ class Checked(InOneLine, InNotebook):
 def limits(
     plan: Plan, min_coverage: float | None, groups: Sequence[str], *, may_be_none: bool = False
 ) -> dict[str | None, float]:
-    """Required shares: those of the plan, replaced by those of the command line.
+    """Required shares: those of the plan, overridden by those of the command line.
 
     Raises
     ------

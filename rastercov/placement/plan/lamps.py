@@ -136,7 +136,7 @@ class LampChoice:
         }
 
     def lines(self) -> list[str]:
-        """The choice for people."""
+        """The choice in words."""
         found = [
             f"lamp {each['lamp']} at ({', '.join(f'{x:.3g}' for x in each['position'])}) m, "
             f"towards ({', '.join(f'{x:.2f}' for x in each['direction'])})"

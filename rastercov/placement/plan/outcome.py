@@ -97,7 +97,7 @@ def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[
 
 
 def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
-    """Write what fails in Markdown, a row of a table a case, those that lose most first."""
+    """Write the failures in Markdown, a table row per case, those that lose most first."""
     failing = [case for case in found if case.status]
     lines = [f"{TITLE} {plan.name}: {'fails' if failing else 'holds'}"]
     lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in found[:1])]
@@ -117,7 +117,7 @@ def _marked(text: str) -> str:
 
 
 def _write_junit(path: Path, plan: Path, found: Sequence[Case]) -> None:
-    """Write the outcome as JUnit XML: a test case each."""
+    """Write the outcome as JUnit XML, with a test case for each."""
     kinds = [KINDS.get(case.status, "failure") for case in found]
     counts = {"tests": str(len(kinds)), "failures": str(kinds.count("failure"))}
     counts["errors"] = str(kinds.count("error"))

@@ -125,7 +125,7 @@ class Placement(InOneLine, InNotebook):
         Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
         `selection` are of.
     withheld : list of list of Refusal
-        Views that are no candidates and would cover half of each of the first dead zones.
+        Rejected views that would cover half of each of the first dead zones.
     """
 
     prepared: Prepared
@@ -179,7 +179,7 @@ def place(
     Later it ends the run with the results so far, those of a search or a refinement included, and
     `Placement.interrupted` names the step.
 
-    A folder is for one run at a time; the caller holds its lock (`ReportFolder`).
+    One run at a time may use a folder; the caller holds its lock (`ReportFolder`).
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def place(
     PlanError
         For a plan without candidates or selection, or one that does not fit its meshes.
     ConfigError
-        When no candidate is left.
+        If no candidate remains.
     """
     lamps = plan.lamp_entries
     is_there = len(plan.candidates) > len(lamps) or plan.existing is not None

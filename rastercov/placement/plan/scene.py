@@ -308,7 +308,7 @@ class CandidatePool:
     parts: tuple[Part, ...]
 
     def lines(self) -> list[str]:
-        """Counts of candidates made and dropped, for people."""
+        """Counts of candidates made and dropped, in words."""
         total = plural(sum(self.made.values()), "candidate")
         made = ", ".join(f"{count} {source}" for source, count in self.made.items())
         if not self.refused:

@@ -1,4 +1,4 @@
-"""Views that would cover dead zones of a placement, and are no candidates: why they are none."""
+"""Rejected views that would cover dead zones of a placement, with the reasons."""
 
 from typing import Any
 
