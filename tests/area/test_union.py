@@ -145,7 +145,7 @@ def test_no_cameras_cover_nothing():
 def test_regions_of_another_mesh_and_no_regions_are_refused():
     mesh, camera, poses = room()
     other = rc.regions(square(1, 2), CAMERA, np.eye(4))
-    with pytest.raises(ConfigError, match="got two of 48 and 2 faces"):
+    with pytest.raises(ConfigError, match="got two: 48, 2 faces"):
         rc.unite([rc.regions(mesh, camera, poses), other])
     with pytest.raises(ConfigError, match="got none"):
         rc.unite([])

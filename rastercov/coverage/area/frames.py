@@ -168,8 +168,7 @@ def check_same_mesh(first: Mesh, second: Mesh) -> None:
     # A copy may have other flags of its groups.
     if first.vertices is not second.vertices or first.faces is not second.faces:
         raise ConfigError(
-            f"expected one Mesh, got two of {first.n_faces} and {second.n_faces} faces; use the "
-            "same Mesh"
+            f"expected one Mesh, got two: {first.n_faces}, {second.n_faces} faces; give the same"
         )
 
 
