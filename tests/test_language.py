@@ -37,14 +37,28 @@ RETIRED = re.compile(
 )
 """Phrases that no user reads any more; the terms are in docs/conventions.md."""
 
-OF_FORM = ["base", "camera", "exact", "mesh", "native", "raster"]
+OF_FORM = [
+    "base",
+    "camera",
+    "cli",
+    "cluster",
+    "exact",
+    "mesh",
+    "native",
+    "raster",
+    "report",
+    "shards",
+]
+OF_FORM += ["viewer"]
 """Folders of the package whose errors all have the form."""
 FORM = re.compile(
     r"(.*: |0)?expected .*, got\b.*|expected \w+ to be 0|(.*: )?0|0(?!.*\bmust\b).*, got.*"
+    r"|00|0: sheet|(--camera 0: )?0[;,] .*"
 )
 """Form of an error: where, expected X, got Y; do Z. Each value that is put in is a 0; texts that a
 function or another error gives may come first or last."""
 OTHERS = ("ValueError", "LookupError", "AttributeError", "OSError", "UnparsedError", "_FaultError")
+OTHERS += ("DamagedError",)
 """Errors that others catch, and those whose text is what came."""
 
 

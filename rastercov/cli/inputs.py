@@ -248,7 +248,7 @@ def _transform(text: str) -> dict[str, Any]:
     except ValidationError as error:
         reason = lines_of(error, table, TransformEntry)[0]
     except (tomllib.TOMLDecodeError, RecursionError):
-        reason = "expected entries such as 'angle_deg = 90, translation = [0, 0, 1]'"
+        reason = "expected entries such as 'angle_deg = 90, scale = 2', got something else"
     raise ConfigError(f"--transform {shown(text)}: {reason}; correct it")
 
 

@@ -57,7 +57,7 @@ LONGEST_ERROR = 300
 """Characters of an error, of which a request may have chosen most."""
 SECONDS_TO_CLOSE = 1.0
 """Time that an answer has to end when the program does."""
-INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
+INSTALL = "expected starlette and uvicorn, got no package; run: pip install 'rastercov[view]'"
 IMPORT_MAP = '{"imports": {"rastercov/": "/static/"}}'
 """Folder of the modules, which import each other by bare names."""
 POLICY = (

@@ -182,13 +182,13 @@ def bivalence_lines(comparison: ModelComparison) -> list[str]:
         lines.append(
             f"the bivalent test classifies {found.called_hidden:,} faces as hidden of which "
             f"{100 * found.called_hidden_visibility:.0f} % is visible on average, "
-            f"{found.called_hidden_pixels:,.0f} px^2 in total"
+            f"{found.called_hidden_pixels:,.0f} px² in total"
         )
     if found.called_seen:
         lines.append(
             f"it classifies {found.called_seen:,} faces as visible of which "
             f"{100 * (1 - found.called_seen_visibility):.0f} % is hidden on average, "
-            f"{found.called_seen_pixels:,.0f} px^2 in total"
+            f"{found.called_seen_pixels:,.0f} px² in total"
         )
     return lines
 
@@ -252,7 +252,7 @@ def score_table(comparison: ModelComparison) -> Table:
     poses = plural(comparison.poses, "pose")
     table = Table(title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left")
     table.add_column("model", no_wrap=True)
-    for name in ("covers", "faces", "seen", "graded", "mean", "time"):
+    for name in ("faces", "share", "seen", "graded", "mean", "time"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in score_rows(comparison):
         table.add_row(*row)
