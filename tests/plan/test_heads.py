@@ -561,7 +561,7 @@ def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
     assert "too uncertain" in Path("out/page.html").read_text()
     # The camera alone would cover a zone from many of the places, and is no candidate.
     zones = told()["dead_zones"]
-    assert {each["tried"] for each in zones} == {None}
+    assert not any(each["tried"] for each in zones)
     assert "places within" in zones[0]["advice"]
 
 
