@@ -41,7 +41,8 @@ def rooms_at(mesh: Mesh, points: FloatArray) -> list[str]:
     for product, space in mesh.spaces:
         low, high = space.bounds
         near = np.flatnonzero((found == 0) & ((low < points) & (points < high)).all(axis=1))
-        found[near[in_solid(space, points[near])]] = product.label
+        if len(near):
+            found[near[in_solid(space, points[near])]] = product.label
     return [each or "" for each in found]
 
 

@@ -628,7 +628,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     title, own = folder.resolve().name, told.get("plan")
     own = own if isinstance(own, Mapping) else {}
     try:
-        sheet = SheetSection.model_validate(own.get("sheet") or {})
+        given = own.get("sheet") or (run.get("options") or {}).get("sheet")
+        sheet = SheetSection.model_validate(given or {})
         limits = Constraints.model_validate(own.get("constraints") or {})
     except ValidationError as error:
         raise TypeError from error

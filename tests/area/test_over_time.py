@@ -11,6 +11,7 @@ from timed import evaluate_over_time, over_time, regions_over_time
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.table import joined
+from rastercov.coverage.area.zones import zone_line
 from rastercov.coverage.reasons import NAMES
 
 TASK = rc.Task()
@@ -122,11 +123,13 @@ def test_only_what_is_occluded_is_hidden_by_a_body():
 def test_what_hides_itself_is_another_part_of_it():
     # The inner side of a torus, from outside on all sides.
     torus = rc.shapes.by_name("torus")
-    motion = rc.Motion(torus, {torus.groups[0].name: rc.turntable(8)})
+    name = torus.groups[0].name
+    motion = rc.Motion(torus, {"ring": rc.turntable(8)}, groups={"ring": [name]})
     eyes = [(10, 0, 1), (10, 0, -1), (-10, 0, 1), (-10, 0, -1)]
     eyes = rc.look_at(eyes=eyes, targets=(0, 0, 0), up=(0, 0, 1))
     zones = evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
-    assert zones[0]["hidden_by"] == torus.groups[0].name
+    assert zones[0]["hidden_by"] == name
+    assert zone_line(zones[0]).endswith(": self-occluded")
     assert zones[0]["advice"] == "another part of it blocks the view"
 
 

@@ -113,6 +113,8 @@ def test_pages_of_evaluate_and_audit_have_the_title_block_of_a_file(here, capsys
         (found,) = here.glob(f"out*/{page}")
         assert block in found.read_text()
         assert "North" not in found.read_text()
+    done(capsys, "sheet out2 --out plan.svg")
+    assert "A &amp; B" in (here / "plan.svg").read_text()
     line = "evaluate torus.obj -c khepra -p sphere:2 -o no --sheet"
     for text, words in {
         "a = 1": "job.toml: expected a table [sheet] with the title block, got none",

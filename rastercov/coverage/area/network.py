@@ -104,6 +104,7 @@ class AreaNetwork:
     """
 
     places: Places | None = None
+    kind: int = 0
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         check_pointwise(task)
@@ -229,7 +230,8 @@ class AreaNetwork:
         `views` as for `summary`. The result is kept until regions are added.
         """
         zones = self.zones(camera, poses, views)
-        return self._once(zones, lambda: summary_of(zones, camera, self.task, poses, self.places))
+        own = camera, self.task, poses, self.places, self.kind
+        return self._once(zones, lambda: summary_of(zones, *own))
 
     def zones(
         self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None

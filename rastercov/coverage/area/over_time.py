@@ -321,7 +321,6 @@ class OverTime(InOneLine):
         carried = carriers(self.asked, self.camera, self.poses)
         face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
         hides = np.zeros((n, len(motion.names)), np.int64)
-        own_body = [int(np.bincount(motion.body[face[zone == row]]).argmax()) for row in range(n)]
         of_frames: dict[int, str | None] = {}
         some = np.linspace(0, len(motion) - 1, min(MOST_JUDGED, len(motion)))
         for row in np.unique(some.astype(np.int64)).tolist():
@@ -351,13 +350,16 @@ class OverTime(InOneLine):
             counts = np.bincount(body[body > 0], minlength=len(motion.names))
             of_frames[row] = motion.names[int(counts.argmax())] if counts.any() else None
         found = []
-        for winner, moving, body_of in zip(winners, hides[:, 1:], own_body, strict=True):
+        for row, (winner, moving) in enumerate(zip(winners, hides[:, 1:], strict=True)):
             if winner != Reason.OCCLUDED or not moving.any():
                 found.append(_said(NAMES[winner]))
                 continue
-            hiding = 1 + int(moving.argmax())
-            before = "another part of it" if hiding == body_of else motion.names[hiding]
-            found.append(_said(NAMES[winner], motion.names[hiding], before))
+            own, hiding = face[zone == row], 1 + int(moving.argmax())
+            if hiding == np.bincount(motion.body[own]).argmax():
+                group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
+                found.append(_said(NAMES[winner], group, "another part of it"))
+                continue
+            found.append(_said(NAMES[winner], motion.names[hiding], motion.names[hiding]))
         return found, of_frames
 
     def dead_zones(self) -> dict[str, Any]:

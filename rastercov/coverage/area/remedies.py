@@ -126,6 +126,8 @@ class Remedies:
         Area that it covers; None if parts need several cameras.
     places : Places or None
         Where cameras may be.
+    kind : int
+        Row of the camera that is added where there is none.
     pairs : int
         Pairs of camera and face that were measured so far, see `MOST_PAIRS`.
     most_judged : int
@@ -138,6 +140,7 @@ class Remedies:
     poses: Poses
     covered_m2: float | None
     places: Places | None = None
+    kind: int = 0
     pairs: int = 0
     most_judged: ClassVar[int] = 64
 
@@ -295,7 +298,7 @@ class Remedies:
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
         target, to = _rounded(spot.at, scale)
         is_one = not gates_of(self.camera) and lamps_of(self.camera) is None
-        index = int(self.poses.camera[row]) if len(self.poses) else 0
+        index = int(self.poses.camera[row]) if len(self.poses) else self.kind
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
         origin = spot.at
         if len(self.poses):
@@ -350,7 +353,7 @@ class Remedies:
             np.array(each) for each in zip(*((c.eye, c.target) for c in changes), strict=True)
         )
         poses = look_at(eyes, targets)
-        index = int(self.poses.camera[row]) if len(self.poses) else 0
+        index = int(self.poses.camera[row]) if len(self.poses) else self.kind
         if (camera := changes[0].camera) is not None:
             return camera, tasks_of(self.camera, self.task)[index], Poses.of(poses)
         for at, gate in gates_of(self.camera).items():

@@ -504,6 +504,7 @@ def summary_of(
     task: Task,
     poses: ArrayLike | Poses,
     places: Places | None = None,
+    kind: int = 0,
 ) -> dict[str, Any]:
     """`dead_zones`, the largest first, and the sum of all that are not listed.
 
@@ -526,7 +527,8 @@ def summary_of(
         Places that advice may name for cameras.
     """
     n = zones.listed()
-    why = _reasons(zones, Remedies(zones.mesh, camera, task, Poses.of(poses), None, places), n)
+    remedies = Remedies(zones.mesh, camera, task, Poses.of(poses), None, places, kind)
+    why = _reasons(zones, remedies, n)
     return {
         "dead_zones": [place | said for place, said in zip(zones.places(n), why, strict=True)],
         "other_dead_zones": zones.others(),

@@ -469,7 +469,9 @@ def _by_area(
             share=curve[-1] if curve else 0.0,
         )
     assert cameras.areas is not None
-    cameras.areas.places = places_of_candidates(prepared.pool.candidates.poses[:, :3, 3])
+    candidates = prepared.pool.candidates
+    cameras.areas.places = places_of_candidates(candidates.poses[:, :3, 3])
+    cameras.areas.kind = int(plan.mounts.starts[candidates.placed.camera[0]])
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
