@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from rigs_to_view import CAMERA, acted, around, looking, moved, part, session_of, state_of
@@ -57,7 +57,7 @@ def covered_by(poses, task=None, camera=CAMERA):
 
 
 @pytest.mark.slow
-@settings(max_examples=12)
+@examples(4, at_night=12)
 @given(
     st.lists(st.integers(0, 3), min_size=1, max_size=4), st.floats(-0.3, 0.3),
     st.fixed_dictionaries({
