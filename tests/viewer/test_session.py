@@ -183,7 +183,7 @@ THRESHOLDS = st.fixed_dictionaries({
 })  # fmt: skip
 
 
-@examples(15, 150)
+@examples(5, at_night=150)
 @given(THRESHOLDS, st.lists(st.integers(0, 3), max_size=3, unique=True), st.booleans())
 def test_headline_and_shares_are_those_of_evaluate(thresholds, off, has_rule):
     """With a rule, cameras count where all of their rig are on; shares by leaving each out."""
