@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from commands import call
-from jsonschema import Draft202012Validator
 from nightly import nightly
 from reader import write_files
 from short_search import short_search  # noqa: F401 # a fixture for every test
@@ -61,6 +60,8 @@ def schema_of(name):
 
 
 def faults(name, data):
+    from jsonschema import Draft202012Validator  # it makes forty grammars
+
     found = Draft202012Validator(schema_of(name)).iter_errors(data)
     return [f"{'/'.join(map(str, each.absolute_path))}: {each.message[:200]}" for each in found]
 
@@ -93,6 +94,8 @@ def folder(tmp_path_factory):
 
 
 def test_the_schema_is_one():
+    from jsonschema import Draft202012Validator
+
     Draft202012Validator.check_schema(SCHEMA)
     kinds = {name.partition(",")[0] for name in LINES}
     assert kinds | WITHOUT == set(COMMANDS)
