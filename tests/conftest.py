@@ -12,19 +12,24 @@ import moderngl
 import pytest
 from gl_device import DEVICE
 from hypothesis import settings
+from nightly import IS_NIGHTLY, amount
 
 from rastercov.base.errors import DeviceError
 from rastercov.mesh import Mesh
+from rastercov.placement.select import greedy
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, libraries
 from rastercov.raster.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
 # limit for one example: these machines are shared.
-settings.register_profile("desk", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
+EXAMPLES = amount(40, at_night=100)
+settings.register_profile("desk", deadline=None, max_examples=EXAMPLES)
+settings.register_profile("ci", deadline=None, max_examples=EXAMPLES, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
+OF_SELECTIONS = {"placement", "test_golden", "test_examples_in_docstrings"}
+"""Modules and folders about what selections find."""
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""
 
@@ -41,6 +46,17 @@ def pytest_configure(config):
     ours = {path.stem for folder in folders for path in (root / folder).rglob("*.py")}
     names = "|".join(["__main__", *sorted(ours)])
     config.addinivalue_line("filterwarnings", rf"error:::(rastercov\b|({names})$)")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Keep the collector off the million objects of all tests, which live as long as the run."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter):
@@ -62,6 +78,19 @@ def load(tmp_path):
         return Mesh.load(path, **options)
 
     return write_and_load
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_kicks(request):
+    """A local search of selections that ends early, by day, in tests of whole plans.
+
+    It takes most of the time of a small plan. Tests of placement, and those of what was answered
+    before, have all of it.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if not ({request.path.stem, request.path.parent.name} & OF_SELECTIONS or IS_NIGHTLY):
+            patch.setattr(greedy, "MOST_KICKS", 60)
+        yield
 
 
 @pytest.fixture(scope="session")

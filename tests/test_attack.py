@@ -15,14 +15,21 @@ BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 CAMPAIGNS = sorted({path.stem for path in BENCHMARKS.glob("attack_*.py")} - {"attack_threads"})
 EFFORT = 0.002
 AT_NIGHT = {
+    "attack_advice": "tests/area/test_zones.py",
+    "attack_cones": "tests/area/test_cones.py",
     "attack_doors": "tests/test_doors.py",
+    "attack_edge_on": "tests/area/test_edge_on_area.py",
+    "attack_exact": "tests/exact/test_exactness.py",
     "attack_frames": "tests/cluster/test_frames_in_shards.py",
     "attack_inputs": "tests/camera_formats/test_hostile.py",
     "attack_instances": "tests/test_repeated_parts.py",
     "attack_lenses": "tests/area/test_lens_regions.py",
     "attack_light": "tests/area/test_light_cuts.py",
     "attack_links": "tests/test_links.py",
+    "attack_matrix": "tests/placement/test_matrix.py",
     "attack_numbers": "tests/test_numbers.py",
+    "attack_readers": "tests/mesh/test_mesh_damage.py",
+    "attack_reasons": "tests/area/test_stages.py",
     "attack_reports": "tests/report/test_report_folder.py",
 }
 """The dearest, and where their law is tried by day."""

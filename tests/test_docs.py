@@ -50,7 +50,8 @@ FILES = {
 }
 """Pages whose first table is a file of the reader."""
 SHORT = {"--workers 8": "--workers 2", "as1.stp": "as1.obj", "audit/": "audit", "report/": "report"}
-"""Words that are replaced: fewer processes, and the groups of a public file without the file."""
+SHORT |= {"teapot -c stereo:0.12 -p turntable:8@30": "teapot-5 -c stereo:0.12 -p turntable:2@30"}
+"""Words that are replaced: fewer processes and poses, and a public file without the file."""
 LONG = {"tutorials/inspection"}
 """Pages whose goals short searches do not reach."""
 OF_SEARCHES = {"plan_result", "tutorials/building"}

@@ -8,6 +8,8 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import rastercov
 
 ROOT = Path(rastercov.__file__).parent
@@ -86,6 +88,27 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
     assert files[0] == "coverage/job.py"
     texts = (re.sub(EXAMPLES, "", (ROOT / name).read_text(), flags=re.DOTALL) for name in files)
     assert sum(len(text.splitlines()) for text in texts) <= 2000
+
+
+@pytest.mark.parametrize(
+    ("title", "steps", "returns"),
+    [("From mesh to coverage", 14, 2), ("From a plan to cameras", 60, 10)],
+)
+def test_the_steps_of_a_walk_are_few_and_are_there(title, steps, returns):
+    page = (ROOT.parent / "docs" / "appendix" / "architecture.md").read_text(encoding="utf-8")
+    section = page.split(f"## {title}")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `([\w/]+\.\w+)` \| (.*) \|$", section, re.MULTILINE)
+    found = [
+        (file, *each) for file, text in rows for each in re.findall(r"(\d+) `([\w.:]+)`", text)
+    ]
+    numbers = [int(number) for _, number, _ in found]
+    assert len(set(numbers)) == len(numbers)
+    assert max(numbers) <= steps
+    assert len(re.findall("[Rr]eturns ", "".join(text for _, text in rows))) <= returns
+    for file, _, name in found:
+        own = re.split(r"\.|::", name)[-1]
+        text = (ROOT / file).read_text(encoding="utf-8")
+        assert re.search(rf"(def |class |::){own}\(", text), f"{file}: {name}"
 
 
 def test_weight_counts_tokens_of_what_ships(tmp_path):

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS, SIDE
+from nightly import examples
 
 from rastercov import Camera, CameraError, ConfigError
 from rastercov.camera.camera import border_of
@@ -56,7 +57,7 @@ def test_without_distortion_all_is_as_through_the_pinhole(rng):
 
 @pytest.mark.slow
 @every_lens
-@settings(max_examples=15)
+@examples(5, at_night=15)
 @given(seed=seeds)
 def test_all_of_the_pyramid_of_half_angles_is_in_the_image(lens, seed):
     camera, rng = CAMERAS[lens], np.random.default_rng(seed)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from exact_views import SEEDS
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from nightly import examples
 from scenes import joined, square
 from surface_cases import hostile_scene, room
 
@@ -104,7 +105,7 @@ def test_groups_may_need_views_of_their_own():
 @pytest.mark.slow
 @given(seed=SEEDS, lens=st.sampled_from([None, "fisheye"]))
 @example(272, "fisheye")  # a plane of the lens that sees nothing of the mesh
-@settings(max_examples=20)
+@examples(7, at_night=20)
 def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed, lens):
     mesh, camera, poses = hostile_scene(seed)
     camera = CAMERAS[lens] if lens else camera

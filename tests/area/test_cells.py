@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, square
 from surface_cases import building, in_regions, room
 
@@ -17,7 +18,7 @@ TASK = rc.Task(max_incidence_deg=70, min_pixels_per_m2=2000)
 
 @pytest.mark.slow
 @given(size=st.floats(0.05, 30))
-@settings(max_examples=25)
+@examples(8, at_night=25)
 def test_cells_divide_their_faces_and_are_no_larger_than_asked(size):
     mesh, _, _ = room()
     cells = rc.cells(mesh, size)
@@ -73,14 +74,13 @@ def test_occluders_have_no_cells():
 
 
 @pytest.mark.slow
-def test_too_small_cells_are_refused_with_a_size_that_fits():
+def test_too_small_cells_are_refused_with_a_size_that_fits(monkeypatch):
     mesh, _, _ = room()
-    with pytest.raises(
-        ResourceError, match=r"at most 5,000,000 patches, .* use 0\.0\d+ m"
-    ) as caught:
+    monkeypatch.setattr("rastercov.coverage.area.cells.MOST_CELLS", 50_000)
+    with pytest.raises(ResourceError, match=r"at most 50,000 patches, .* use 0\.\d+ m") as caught:
         rc.cells(mesh, 1e-5)
     fits = float(str(caught.value).split("; use ")[1].split(" m")[0])
-    assert len(rc.cells(mesh, fits * 1.05)) <= 5_000_000
+    assert len(rc.cells(mesh, fits * 1.05)) <= 50_000
     with pytest.raises(ResourceError, match="; use "):
         rc.cells(mesh, 1e-300)
     for size in (0, -1, float("nan"), "small"):

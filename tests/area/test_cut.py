@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import examples
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
@@ -48,7 +49,7 @@ def test_the_angle_between_rays_is_as_by_points(limits):
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=20)
+@examples(7, at_night=20)
 def test_the_angle_in_hostile_scenes_is_as_by_points(seed):
     mesh, camera, poses = hostile_scene(seed)
     rng = np.random.default_rng(seed)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import examples
 from surface_cases import hostile_scene, in_regions, room, turned
 
 import rastercov as rc
@@ -42,7 +43,7 @@ def test_pieces_have_the_poses_that_cover_them():
 
 
 @pytest.mark.slow
-@settings(max_examples=30)
+@examples(10, at_night=30)
 @given(seed=SEEDS)
 def test_sets_in_hostile_scenes_are_as_by_points(seed):
     mesh, camera, pose = hostile_scene(seed)

@@ -8,6 +8,7 @@ from exact_cases import box
 from exact_views import exact_sides
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined
 from timed import regions_over_time
 
@@ -67,7 +68,7 @@ def test_cameras_at_the_height_of_shelves_have_no_bound_of_their_tops(height):
 
 
 @given(angle=st.floats(0, 6.25))
-@settings(max_examples=40)
+@examples(13, at_night=40)
 def test_what_is_in_doubt_by_rounding_adds_to_the_upper_end_alone(angle):
     mesh, pose = turned(angle)
     found = covered(mesh, CAMERA, pose[None])

@@ -63,7 +63,7 @@ def lit_points(mesh, lamps, camera, poses, points, face):
 def test_what_is_seen_and_lit_is_as_by_points(two_sided):
     mesh, camera, poses = room()
     mesh = mesh.with_groups([], [each.name for each in mesh.groups] if two_sided else [])
-    points, face = points_on(mesh, 3000)
+    points, face = points_on(mesh, amount(1000, at_night=3000))
     lamps = three_lamps()
     found = rc.regions(mesh, camera, poses, TASK, lamps=lamps)
     truth = lit_points(mesh, lamps, camera, poses, points, face)
@@ -71,7 +71,7 @@ def test_what_is_seen_and_lit_is_as_by_points(two_sided):
         wrong = int((in_regions(found, row, points, face) != truth[row]).sum())
         assert wrong <= 2 + found.bounds()[row].sum() / mesh.areas.sum() * len(points)
     share = found.areas().sum(axis=1) / mesh.areas.sum()
-    assert share == pytest.approx(truth.mean(axis=1), abs=0.02)
+    assert share == pytest.approx(truth.mean(axis=1), abs=0.03)
     assert np.array_equal(found.pose_ids, np.arange(6))
     assert found.eyes.tolist() == poses[:, :3, 3].tolist()
 
@@ -83,7 +83,7 @@ def test_a_lamp_of_size_is_as_by_many_rays():
     place = rc.look_at((4, 2.5, 2.6), (4, 2.5, 0), (0, 1, 0))
     lamps = rc.Lamps([rc.Lamp.area(0.6, intensity=1)], place)
     own = rc.Camera(width=2000, height=2000, fx=500, fy=500)  # sees nearly all that it lights
-    points, face = points_on(mesh, 1500)
+    points, face = points_on(mesh, amount(700, at_night=1500))
     lit = lit_points(mesh, lamps, own, place, points, face)[0]
     rng = np.random.default_rng(3)
     sees, n = np.zeros(len(points)), amount(18, at_night=32)
@@ -92,7 +92,7 @@ def test_a_lamp_of_size_is_as_by_many_rays():
         at[:3, 3] += place[0, :3, :2] @ ((np.array(cell) + rng.random(2)) / n - 0.5) * 0.6
         sees += covers_points(mesh, lamps.eyes[0], at[None], rc.Task(), points, face)[0]
     seen = covers_points(mesh, own, place, TASK, points, face)[0]
-    assert abs(lit.mean() - (seen & (sees >= n**2 / 2)).mean()) < 0.003
+    assert abs(lit.mean() - (seen & (sees >= n**2 / 2)).mean()) < 0.005
 
 
 def test_lamp_and_camera_on_both_sides_of_a_sheet_light_nothing():
@@ -232,7 +232,9 @@ def test_the_command_takes_a_file_of_lamps(tmp_path, monkeypatch, capsys):
         "[exposure]\nexposure_time = 0.05\nf_number = 4\npixel_size = 5e-6\n"
         "quantum_efficiency = 0.6\nfull_well = 20000\nmin_snr = 20\n"
     )
-    line = "evaluate teapot -c khepra -p sphere:4 --lamps lamps.toml -o out --max-incidence-deg 75"
+    line = (
+        "evaluate teapot-5 -c khepra -p sphere:2 --lamps lamps.toml -o out --max-incidence-deg 75"
+    )
     out, _ = done(capsys, line)
     assert "exposure: SNR 20 or more and saturation 1 or less is " in out
     assert "visible but unlit: " in out
@@ -311,7 +313,7 @@ CASES = amount(
 def test_light_that_adds_up_is_as_by_points(own, two_sided):
     mesh, camera, poses = room()
     mesh = mesh.with_groups([], [each.name for each in mesh.groups] if two_sided else [])
-    points, face = points_on(mesh, amount(1000, at_night=3000))
+    points, face = points_on(mesh, amount(500, at_night=3000))
     lamps, task = adding_lamps(), rc.Task(max_incidence_deg=75, **own)
     found = rc.regions(mesh, camera, poses, task, lamps=lamps)
     truth = enough_light(mesh, lamps, camera, poses, task, points, face)

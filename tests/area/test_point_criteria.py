@@ -155,7 +155,7 @@ def test_regions_of_a_room_are_as_by_points(kind, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@examples(30)
+@examples(10)
 @given(seed=SEEDS)
 def test_regions_of_hostile_scenes_are_as_by_points(kind, seed):
     mesh, _, pose = hostile_scene(seed)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import examples
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
@@ -38,7 +39,7 @@ def test_poses_cover_the_points_in_their_pieces():
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=15)
+@examples(5, at_night=15)
 def test_poses_cover_the_points_in_their_pieces_of_hostile_scenes(seed):
     assert_as_in_pieces(*hostile_scene(seed), rc.Task(), 500)
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from exact_cases import box
 from exact_views import SEEDS, soup
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, sheet, square
 from surface_cases import (
     assert_pointwise,
@@ -54,7 +55,7 @@ def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(scene, task,
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=40)
+@examples(13, at_night=40)
 def test_regions_of_hostile_scenes_hold_their_covered_points(seed):
     mesh, camera, pose = hostile_scene(seed)
     density = 10.0 ** np.random.default_rng(seed).uniform(-1, 3)
@@ -69,7 +70,7 @@ def test_regions_of_hostile_scenes_hold_their_covered_points(seed):
 
 @pytest.mark.slow
 @given(seed=SEEDS, scale=st.sampled_from([1e-6, 1e-3, 1.0, 1e3, 1e6]))
-@settings(max_examples=20)
+@examples(7, at_night=20)
 def test_regions_of_any_scale_hold_their_covered_points(seed, scale):
     mesh = soup(np.random.default_rng(seed), n=20)
     mesh = rc.Mesh(mesh.vertices * scale, mesh.faces)
@@ -81,7 +82,7 @@ def test_regions_of_any_scale_hold_their_covered_points(seed, scale):
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=30)
+@examples(10, at_night=30)
 def test_regions_of_hostile_scenes_have_the_visible_area_in_the_image(seed):
     mesh, camera, pose = hostile_scene(seed)
     assert_visible_area(mesh.with_groups(two_sided="all"), camera, pose[None])

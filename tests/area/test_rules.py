@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from exact_cases import box
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import examples
 from surface_cases import cut_at_random, hostile_scene, in_regions, room
 
 import rastercov as rc
@@ -58,7 +59,7 @@ def test_what_both_of_a_pair_see_is_as_by_points():
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=15)
+@examples(5, at_night=15)
 def test_rules_of_hostile_scenes_are_as_by_points(seed):
     mesh, camera, poses = hostile_scene(seed)
     rng = np.random.default_rng(seed)

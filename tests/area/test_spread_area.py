@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from exact_views import SEEDS
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import examples
 from surface_cases import building, hostile_scene, room
 from timed import evaluate_over_time
 
@@ -61,7 +62,7 @@ def test_a_building_is_as_by_points():
 
 
 @pytest.mark.slow
-@settings(max_examples=20)
+@examples(7, at_night=20)
 @given(seed=SEEDS)
 def test_hostile_scenes_are_as_by_points(seed):
     mesh, camera, pose = hostile_scene(seed)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from exact_cases import hostile
 from exact_views import SEEDS
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
+from nightly import examples
 from surface_cases import assert_pointwise, room
 from target_scenes import beside, only, sheet_at, some_as_targets
 
@@ -32,7 +33,7 @@ def split(seed):
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=40)
+@examples(13, at_night=40)
 def test_targets_change_no_region_of_the_surface(seed):
     mesh, is_target, camera, poses = split(seed)
     bare = only(mesh, ~is_target)
@@ -44,7 +45,7 @@ def test_targets_change_no_region_of_the_surface(seed):
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=25)
+@examples(8, at_night=25)
 def test_regions_of_hostile_targets_hold_their_covered_points(seed):
     mesh, _, camera, poses = split(seed)
     assert_pointwise(mesh, camera, poses, rc.Task(), 1000, seed)

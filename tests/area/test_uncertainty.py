@@ -250,7 +250,7 @@ def test_bounds_are_narrow_where_a_device_is_much_nearer_than_others(n, along, h
 
 
 @pytest.mark.slow
-@examples(30)
+@examples(10)
 @given(seed=SEEDS)
 def test_devices_in_hostile_scenes_are_as_by_points(seed):
     mesh = hostile_scene(seed)[0]

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_views import SEEDS, soup
-from hypothesis import example, given, settings
+from hypothesis import example, given
+from nightly import examples
 from scenes import square
 from surface_cases import building, hostile_scene, in_regions, off_clipper2, room
 
@@ -23,7 +24,7 @@ CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=20)
+@examples(7, at_night=20)
 def test_the_union_of_hostile_scenes_agrees_with_clipper2(seed):
     rng = np.random.default_rng(seed)
     mesh = soup(rng, n=30) if seed % 2 else hostile_scene(seed)[0]
@@ -100,7 +101,7 @@ def test_pieces_of_a_partition_do_not_overlap_and_know_their_views():
 @pytest.mark.slow
 @given(seed=SEEDS)
 @example(seed=8287)  # a needle with a short side along a long one: 1.3e-5 too much
-@settings(max_examples=25)
+@examples(8, at_night=25)
 def test_hostile_scenes_keep_the_laws_of_sets(seed):
     rng = np.random.default_rng(seed)
     mesh, camera, pose = hostile_scene(seed)

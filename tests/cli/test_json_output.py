@@ -12,10 +12,8 @@ import pytest
 import trimesh
 from bungalow import bungalow
 from commands import process, write_part
-from nightly import nightly
 from step_crate import crate
 
-import rastercov as rc
 from rastercov import cli
 from rastercov.base.streams import no_printing
 from rastercov.mesh import shapes
@@ -54,24 +52,12 @@ SLOW = {
        for n in SELECTIONS for by in ("area", "face")},
     **{kind: EVALUATE.format(f"part.{kind}")
        for kind in ("stl", "ply", "off", "glb", "dae", "step", "ifc")},
-    **{f"by_{method}": f"{EVALUATE.format('part.obj')} --method {method}"
-       for method in ("certified", "exact", "sampled")},
+    "by_exact": EVALUATE.format("part.obj") + " --method exact",
     "by_opengl": EVALUATE.format("part.obj") + " --method sampled --device surfaceless",
     "workers": EVALUATE.format("part.obj") + " --workers 2",
     "by_area": EVALUATE.format("part.obj") + " --by area --table all",
-    "pictures": EVALUATE.format("part.obj").replace("--pictures 0", "--pictures 1"),
-    "demo": "demo --shape box --poses 1 --device cpu --json -o out",
-    "render": "render part.obj -c camera.toml -p sphere:1 --device surfaceless --json -o out",
-    "compare": "compare part.obj -c camera.toml -p sphere:1 --faces 2 --method certified "
-    "--no-convergence --json -o out",
-    "models": "compare part.obj -c lens.toml -p sphere:2 --models --json -o out",
-    "check": "check fewest_greedy_area.toml -p rig.json --json",
-    "audit": "audit six.json part.obj --json -o out",
-    "convert": "convert rig.json out.npy --json",
-    "doctor": "doctor --json",
 }  # fmt: skip
-AT_NIGHT = {"markers": "validate markers --json -o out"}
-"""It takes as long as all others."""
+"""Other commands, methods and formats than those of `test_json_schema`."""
 
 
 @pytest.fixture
@@ -85,18 +71,9 @@ def files(here):
     Path("part.step").write_bytes(crate())
     Path("part.ifc").write_bytes(bungalow())
     Path("camera.toml").write_text(CAMERA)
-    Path("lens.toml").write_text(
-        "width = 48\nheight = 36\npixel_size = [1e-5, 1e-5]\nfocal_length = 4e-4\n"
-        "aperture = 1e-4\nfocus_distance = 3.0\n"
-    )
     for name, selection in SELECTIONS.items():
         for by in ("area", "face"):
             Path(f"{name}_{by}.toml").write_text(PLAN.format(by=by, selection=selection))
-    ends = [(3, 0, 0), (0, 3, 0), (0, 0, 3), (-3, 0, 0), (0, -3, 0), (0, 0, -3)]
-    poses = rc.look_at(ends, (0, 0, 0))
-    rc.write_poses("rig.json", poses)
-    rig = rc.Rig([rc.Camera.load("camera.toml")], ["wide"])
-    rc.write_views("six.json", rc.Views(rig, rc.Poses.of(poses), tuple("abcdef")))
 
 
 def check_output(line, capfd):
@@ -114,9 +91,9 @@ def test_a_library_prints_nothing_beside_the_answer(files, capfd, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*SLOW, *(pytest.param(n, marks=nightly) for n in AT_NIGHT)])
+@pytest.mark.parametrize("name", SLOW)
 def test_no_library_prints_beside_the_answer_of_any_command_method_or_format(files, capfd, name):
-    check_output((SLOW | AT_NIGHT)[name], capfd)
+    check_output(SLOW[name], capfd)
 
 
 def test_the_command_as_a_process_prints_json_alone(files):

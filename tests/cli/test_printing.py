@@ -98,8 +98,8 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium to open pages; see `make chromium`")
 def test_paper_has_no_more_pages_for_more_images(here, capsys):
     (here / "camera.toml").write_text(RIG)
-    call(capsys, "evaluate torus -c camera.toml -p sphere:100 --pictures 0 -o evaluate")
-    call(capsys, "audit evaluate/rig.json torus -o out --pdf")
+    call(capsys, "evaluate box -c camera.toml -p sphere:100 --pictures 0 -o evaluate")
+    call(capsys, "audit evaluate/rig.json box -o out --pdf")
     sheets = [packed(each.extract_text()) for each in PdfReader("out/audit.pdf").pages]
     assert len(sheets) < 15
     assert sum("Thefirst80of100rows" in text for text in sheets) >= 1

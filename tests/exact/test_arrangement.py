@@ -6,6 +6,7 @@ from exact_cases import AHEAD, window
 from exact_views import SEEDS, assert_agree, assert_within_bounds, look, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, sheet, square
 
 from rastercov.mesh import Mesh, contacts, shapes
@@ -47,7 +48,7 @@ def test_faces_that_pass_through_each_other_are_divided_along_their_intersection
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=20)
+@examples(7, at_night=20)
 def test_faces_that_pass_through_each_other_are_as_good_as_their_bounds(seed):
     rng = np.random.default_rng(seed)
     mesh = joined(square(2.0, 4.0), soup(rng, n=int(rng.integers(2, 40)), size=rng.uniform(0.3, 2)))

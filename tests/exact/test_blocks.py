@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from exact_cases import grid
 from exact_views import SEEDS, Certificate, look, regions_of, see_again, soup
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined
@@ -57,7 +57,7 @@ def one_by_one(mesh):
 
 @pytest.mark.slow
 @given(seed=SEEDS, front_only=st.booleans())
-@examples(12, at_night=25)
+@examples(4, at_night=25)
 def test_blocks_change_no_figure(seed, front_only):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
@@ -99,7 +99,7 @@ def assert_same_figures(together, apart):
 
 @pytest.mark.slow
 @given(seed=SEEDS, front_only=st.booleans())
-@settings(max_examples=15)
+@examples(5, at_night=15)
 def test_regions_end_where_whole_blocks_of_two_sides_meet(seed, front_only):
     """Each side of the box is two blocks, some turned inside out: contours run between blocks."""
     rng = np.random.default_rng(seed)

@@ -33,7 +33,7 @@ def test_a_camera_that_the_least_number_of_all_divides_from_a_corner():
 @example(seed=1402)
 @example(seed=2873)
 @example(seed=3805)
-@examples(60, at_night=20_000)
+@examples(20, at_night=20000)
 def test_a_camera_in_the_plane_of_the_first_face_of_a_strip(seed):
     # That face is a sliver, which is clipped, and passes through the last one.
     rng = np.random.default_rng(seed)

@@ -60,7 +60,7 @@ def hostile_pose(rng, mesh, camera):
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@examples(15)
+@examples(5)
 @example(seed=112)  # seen from the front by 9e-6 px^2, and was "from behind"
 def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
     rng = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ from exact_views import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined, square
 
 from rastercov.camera.camera import Camera
@@ -60,7 +61,7 @@ def test_faces_cut_in_space_make_room_for_themselves(path):
     focal=st.floats(-1, 2),
     stretch=st.floats(-1, 1),
 )
-@settings(max_examples=15)
+@examples(5, at_night=15)
 def test_any_camera_sees_as_in_exact_arithmetic(path, seed, width, height, cx, cy, focal, stretch):
     # One pixel, a strip, a principal point many widths outside, pixels ten times as wide as high.
     rng = np.random.default_rng(seed)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from exact_cases import hostile
 from exact_views import SEEDS, look, on_both_paths, see_again, soup
-from hypothesis import given, settings
+from hypothesis import given
+from nightly import examples
 from surfaces import surface_of
 
 from rastercov.camera.camera import Camera
@@ -32,7 +33,7 @@ def solver_with_pieces(mesh, camera, pose, path):
 @pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
-@settings(max_examples=25)
+@examples(8, at_night=25)
 def test_pieces_have_the_visible_area_and_asking_changes_no_bit(path, seed):
     case = hostile(seed)
     plain = look(case.mesh, case.camera, case.pose, path)

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_views import Certificate, HalfPlanes
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
-from nightly import amount
+from nightly import amount, examples
 from scenes import joined, square
 from surfaces import surface_of
 
@@ -68,7 +68,7 @@ def test_visible_areas_in_a_closed_room_add_up_to_the_image(name, seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@examples(5, at_night=15)
 @example(seed=1, focal=300.0, k=(-0.35, 0.0), p=0.0, tau=0.0)  # it folds within the image
 @given(
     seed=st.integers(0, 10_000),

@@ -7,6 +7,7 @@ from exact_views import SEEDS, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from nightly import examples
 from scenes import joined, square
 from surfaces import surface_of
 from target_scenes import only, some_as_targets
@@ -33,7 +34,7 @@ def scene(seed):
 
 @pytest.mark.slow
 @given(seed=SEEDS, method=st.sampled_from(["certified", "exact"]))
-@settings(max_examples=20)
+@examples(7, at_night=20)
 def test_sorted_faces_have_the_figures_of_the_mesh(seed, method):
     assert_same(seed, WINDOW, method)
 

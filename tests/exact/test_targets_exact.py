@@ -37,7 +37,7 @@ def split(seed):
 @on_both_paths
 @pytest.mark.parametrize("share", [0.0, 0.5])
 @given(seed=SEEDS)
-@examples(60)
+@examples(20)
 def test_faces_have_the_same_bits_whatever_other_targets_there_are(path, share, seed):
     case, is_target, mesh = split(seed)
     pose = np.asarray(case.pose, np.float64)
@@ -51,7 +51,7 @@ def test_faces_have_the_same_bits_whatever_other_targets_there_are(path, share, 
 @pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
-@examples(40)
+@examples(13)
 def test_areas_of_targets_are_within_their_bounds_of_the_exact_ones(path, seed):
     case, is_target, mesh = split(seed)
     pose = np.asarray(case.pose, np.float64)

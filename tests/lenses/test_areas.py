@@ -7,10 +7,11 @@ import lens_cases
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, pixels_of_plane, points_of
 from lens_rooms import on_plane, room
+from nightly import examples
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses.of_camera import blind_area, polygon_areas
@@ -99,7 +100,7 @@ def test_edges_along_the_border_of_the_image():
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@examples(8, at_night=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(LENSES)))
 def test_parts_of_a_polygon_add_up(seed, name):
     lens = LENSES[name]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
+from nightly import examples
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses import BASES, Lens, formulas
@@ -134,7 +135,7 @@ COEFFICIENT = st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@examples(8, at_night=25)
 @example("pinhole", [-0.2], [], [0.02, -0.01], [0.01, -0.02, 0.015, 0.005], (0, 0), False, 500.0)
 @example("pinhole", [-0.2], [], [0.02, -0.01], [], (0, 0), True, 500.0)
 @given(

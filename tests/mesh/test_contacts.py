@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from nightly import examples
 from scenes import joined
 from solids import tessellated_plane
 
@@ -137,7 +138,7 @@ def test_a_soup_touches_where_exact_arithmetic_says(vertices):
 
 @pytest.mark.slow
 @given(vertices=GRID, data=st.data())
-@settings(max_examples=50)
+@examples(17, at_night=50)
 def test_a_mesh_touches_where_exact_arithmetic_says(vertices, data):
     # Few vertices for many faces: fans, folds, copies and seams.
     rows = hnp.arrays(
@@ -192,7 +193,7 @@ def nearest(one, other):
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32), thin=st.floats(0, 6), flat=st.booleans())
-@settings(max_examples=50)
+@examples(17, at_night=50)
 def test_no_pair_within_the_tolerance_is_missed(seed, thin, flat):
     rng = np.random.default_rng(seed)
     one, other = rng.normal(size=(2, 3, 3))

@@ -297,7 +297,7 @@ DAMAGED = VALID | {"a.dae": dae(), "a.3mf": threemf(), "a.gltf": Glb().json()}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DAMAGED)
-@settings(examples(25, at_night=200), suppress_health_check=TMP_PATH_IS_SHARED)
+@settings(examples(8, at_night=200), suppress_health_check=TMP_PATH_IS_SHARED)
 @given(data=st.data())
 def test_corrupt_files_load_whole_or_raise_mesh_error(name, data, load):
     """Whole as far as the file says: a text without counts may say less after it was damaged."""

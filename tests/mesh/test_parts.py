@@ -143,7 +143,7 @@ GOALS = st.dictionaries(st.sampled_from([*NAMES, "arm"]), st.floats(0.7, 0.98), 
     st.lists(st.tuples(ENDS, ENDS, ENDS), min_size=4, max_size=4), GOALS, st.floats(0.3, 0.98),
     st.sampled_from(["face", "area"]), st.integers(1, 2), st.booleans(),
 )  # fmt: skip
-@settings(examples(12, at_night=100), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(examples(4, at_night=100), suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_place_and_check_agree_on_each_goal(tmp_path, ends, groups, share, by, views, refine):
     """Goals are shares of what all candidates cover, which a check of these says."""
     ends = np.array(ends) + 0.013 * np.arange(4)[:, None, None]

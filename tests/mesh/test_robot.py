@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_files import binary_stl
+from nightly import amount
 from robots import seven_axes
 from scipy.spatial.transform import Rotation
 
@@ -377,15 +378,16 @@ def test_an_arm_of_seven_axes_loses_no_view_that_64_starts_reach(tmp_path):
     (tmp_path / "seven.urdf").write_text(seven_axes())
     seven = rc.Robot.load(tmp_path / "seven.urdf")
     rng = np.random.default_rng(17)
-    eyes = rng.uniform((-1.1, -1.1, 0.0), (1.1, 1.1, 1.2), (1000, 3))
-    poses = rc.look_at(eyes, rng.uniform((0.2, -0.3, -0.2), (0.8, 0.3, 0.4), (1000, 3)))
+    n, seeds = amount((300, (1,)), at_night=(1000, (1, 2, 3)))
+    eyes = rng.uniform((-1.1, -1.1, 0.0), (1.1, 1.1, 1.2), (n, 3))
+    poses = rc.look_at(eyes, rng.uniform((0.2, -0.3, -0.2), (0.8, 0.3, 0.4), (n, 3)))
     reached = set(seven.solve(poses, "link_7").pose.tolist())
     first = seven.kinematics.solve(poses, "link_7", np.eye(4), (16,), 0, 1)
     assert set(first.pose.tolist()) < reached
-    for seed in (1, 2, 3):
+    for seed in seeds:
         others = seven.kinematics.solve(poses, "link_7", np.eye(4), (64,), seed, 1)
         assert set(others.pose.tolist()) <= reached
-    assert len(reached) > 80
+    assert len(reached) > 0.08 * n
 
 
 def test_how_far_a_pose_is_beyond_a_limit_is_known(tmp_path):

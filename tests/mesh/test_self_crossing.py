@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from exact_cases import box
 from exact_views import HalfPlanes, fractions, look
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined
 from visible_fractions import visibility
 
@@ -62,7 +63,7 @@ def test_the_diagnosis_names_the_faces_that_cut_each_other():
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=12)
+@examples(4, at_night=12)
 def test_prisms_over_any_ring_are_seen_as_fractions_say(seed):
     rng = np.random.default_rng(seed)
     mesh = prism([tuple(p) for p in rng.normal(size=(int(rng.integers(4, 8)), 2))])
@@ -73,7 +74,7 @@ def test_prisms_over_any_ring_are_seen_as_fractions_say(seed):
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=15)
+@examples(5, at_night=15)
 def test_culling_changes_no_area_of_solids_that_cross_one_another(seed):
     """Each is closed and outward by itself, so the winding number is nowhere negative."""
     rng = np.random.default_rng(seed)

@@ -31,7 +31,7 @@ def in_parts(problem, n_parts):
 
 
 @pytest.mark.slow
-@examples(30)
+@examples(10)
 @given(problems(**LARGER), st.integers(1, 3))
 def test_the_lazy_rule_takes_the_cameras_of_the_plain_rule(problem, n_parts):
     plain = select_greedy(problem, effort=0)
@@ -65,7 +65,7 @@ def test_lists_have_the_pairs_of_the_dense_array(problem):
 
 
 @pytest.mark.slow
-@examples(25)
+@examples(8)
 @given(problems(angles=(0,), max_views=3))
 def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
     best = best_by_trying_all(problem)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 
 import rastercov as rc
 from rastercov.coverage.area.regions import RegionPass
@@ -66,7 +67,7 @@ def by_camera(matrix, n_faces, first=None):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["faces", "cells"])
-@settings(max_examples=12, deadline=None)
+@examples(4, at_night=12)
 @given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=8, max_size=8))
 def test_a_rig_covers_what_any_of_its_cameras_covers(kind, seed, index):
     mounts, placed = mounts_of(seed), rc.Poses.of(POSES, camera=index)

@@ -84,7 +84,7 @@ def rig_problems(draw, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SELECTORS)
-@examples(25, at_night=60)
+@examples(8, at_night=60)
 @given(problem=rig_problems(sizes=(5, 3, 6, 1)))
 def test_selections_are_what_they_say_and_bounds_hold(name, problem):
     found = SELECTORS[name](problem)
@@ -147,7 +147,7 @@ def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish)
 
 
 @pytest.mark.slow
-@examples(25)
+@examples(8)
 @given(problem=rig_problems())
 def test_the_curve_counts_every_camera(problem):
     chosen = np.arange(problem.n_candidates)

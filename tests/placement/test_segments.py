@@ -147,7 +147,7 @@ def test_occluders_have_no_segment_and_stop_growth():
 
 @pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
-@examples(15)
+@examples(5)
 def test_merging_takes_all_within_beta_of_an_average(mesh, alpha, beta):
     grown, greatest = segment(mesh, alpha, None), beta + ANGLE_TOLERANCE_DEG
     owner = np.full(grown.n_segments, -1)

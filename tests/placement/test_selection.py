@@ -72,7 +72,7 @@ def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
 
 
 @pytest.mark.slow
-@examples(20)
+@examples(7)
 @given(problems())
 def test_improvement_never_loses(problem):
     sign = sign_of(problem)
@@ -109,7 +109,7 @@ def test_the_order_of_the_candidates_changes_nothing(problem, random):
 
 
 @pytest.mark.slow
-@examples(15, 40)
+@examples(5, at_night=40)
 @given(problems(angles=[0]), st.integers(2, 3))
 def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
     dense = dense_of(problem)

@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 import pytest
 from commands import write_part
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from pydantic import ValidationError
@@ -368,7 +368,7 @@ def altered(coverage, visibility):
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@examples(8, at_night=25)
 @given(
     seed=st.integers(0, 10_000),
     size=st.floats(0, 0.4),

@@ -12,10 +12,10 @@ import pytest
 from exact_cases import triangles
 from gl_device import IN_SOFTWARE
 from hostile_scenes import check_scenes
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from image_laws import assert_same_counts
-from nightly import amount
+from nightly import amount, examples
 from processes import run_python
 from scenes import soup
 from solids import tessellated_plane
@@ -155,7 +155,7 @@ def owned(corners, width, height):
     st.randoms(use_true_random=False),
     st.booleans(),
 )
-@settings(max_examples=25)
+@examples(8, at_night=25)
 def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
     size, drawn, random, hides_backs
 ):

@@ -10,8 +10,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -255,7 +256,7 @@ def area_of(points):
 
 
 @pytest.mark.slow
-@settings(max_examples=30)
+@examples(10, at_night=30)
 @given(mesh=frontal_sheets(), self_occlusion=st.sampled_from(["definition3", "perspective", None]))
 def test_centroid_sort_is_right_for_sheets_parallel_to_the_image(mesh, self_occlusion):
     hidden = occlusion(mesh, CAMERA, ORIGIN, self_occlusion=self_occlusion)

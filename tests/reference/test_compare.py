@@ -13,6 +13,7 @@ import pytest
 from commands import enter
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from pages import read_alone
 from PIL import Image
 from scenes import joined, sheet, square
@@ -258,7 +259,7 @@ ROW = st.tuples(
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@examples(8, at_night=25)
 @given(st.lists(st.lists(ROW, min_size=1, max_size=12), min_size=1, max_size=4))
 @example([[(4.0, 0.5, 0.9, 0.5, 0)] * 3 + [(4.0, 0.5, 0.51, 0.001, 0)]])
 def test_a_tally_agrees_with_all_figures_side_by_side(poses):

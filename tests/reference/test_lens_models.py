@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from nightly import examples
 from scenes import joined, square
 
 from rastercov import Camera, CameraError, Mesh, Task
@@ -44,7 +45,7 @@ def test_the_others_refuse_in_one_line_with_the_reason(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ANY_LENS)
-@settings(max_examples=15)
+@examples(5, at_night=15)
 @given(seed=st.integers(0, 10**9))
 def test_without_distortion_coverage_is_that_of_the_pinhole(name, seed):
     rng = np.random.default_rng(seed)

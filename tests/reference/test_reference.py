@@ -91,7 +91,7 @@ def test_near_takes_the_place_of_the_camera_s(module):
 
 @pytest.mark.slow
 @given(seeds, st.booleans())
-@examples(12, at_night=100)
+@examples(4, at_night=100)
 def test_polygons_agree_with_exact_arithmetic(seed, cull):
     case = hostile(seed)
     scene = case.mesh, case.camera, case.pose

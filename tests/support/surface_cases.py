@@ -130,16 +130,21 @@ def in_regions(regions, row, points, face):
     """Mask of the points of faces that lie in a piece of the pose in that row, (N,)."""
     found, xy = np.zeros(len(points), bool), to_plane(regions.mesh, face, points)
     order = np.lexsort((xy[:, 0], face))
-    ends = np.searchsorted(face[order], np.arange(regions.mesh.n_faces + 1))
     u, v = xy[order].T
-    for piece in np.flatnonzero(regions.pose == row):  # 20 us each
-        corners = regions.xy[regions.starts[piece] : regions.starts[piece + 1]]
-        (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-        first, last = ends[regions.face[piece] : regions.face[piece] + 2]
-        start = first + np.searchsorted(u[first:last], left)
-        last = first + np.searchsorted(u[first:last], right, "right")
-        within = start + np.flatnonzero((v[start:last] >= bottom) & (v[start:last] <= top))
+    pieces = np.flatnonzero(regions.pose == row)
+    ends = regions.xy, regions.starts[:-1]
+    low, high = (each.reduceat(*ends)[pieces] for each in (np.minimum, np.maximum))
+    # Complex numbers are ordered by their real part, the face, and then by the other.
+    of_points, of_pieces = face[order] + 1j * u, regions.face[pieces]
+    first = np.searchsorted(of_points, of_pieces + 1j * low[:, 0])
+    last = np.searchsorted(of_points, of_pieces + 1j * high[:, 0], "right")
+    for turn in np.flatnonzero(last > first):  # 20 us each
+        start, end = first[turn], last[turn]
+        bottom, top = low[turn, 1], high[turn, 1]
+        within = start + np.flatnonzero((v[start:end] >= bottom) & (v[start:end] <= top))
         if len(within):
+            piece = pieces[turn]
+            corners = regions.xy[regions.starts[piece] : regions.starts[piece + 1]]
             sides = np.roll(corners, -1, axis=0) - corners
             away = np.stack([u[within], v[within]], axis=1)[:, None] - corners
             values = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0]

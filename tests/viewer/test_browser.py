@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from browser import Program, Tab
+from nightly import amount
 from PIL import Image
 from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -158,7 +159,7 @@ def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
 def test_pixels_have_the_colours_of_the_legend(tab):
     tab.js("['hasEdges', 'hasPieces'].map(each => rastercov.setOption(each, false))")
     camera, image = picture_and_image(tab)
-    pixels, levels = inner_pixels(image, 200, seed=2), tab.levels()
+    pixels, levels = inner_pixels(image, amount(50, at_night=200), seed=2), tab.levels()
     legend = "[...document.querySelectorAll('.legend .swatch')].map(each =>"
     legend += " [Number(each.dataset.level), getComputedStyle(each).backgroundColor])"
     legend = dict(tab.js(legend))

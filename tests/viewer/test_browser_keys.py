@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Program, Tab
+from nightly import amount
 from rigs_to_view import ROOM, WIDE, percent_covered
 from test_time import live  # noqa: F401 # a fixture
 
@@ -52,7 +53,7 @@ FIELDS = {
 """What the rig has of a field, and texts, some of which it refuses."""
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(amount(1, at_night=3)))
 def test_a_field_never_shows_what_is_not_the_rigs(tab, seed):
     """After undo, redo, Esc and each edit that is taken, by any order of keys."""
     rng, steps = np.random.default_rng(seed), 0

@@ -75,7 +75,7 @@ def session(tmp_path):
     made.close()
 
 
-@examples(12, 150)
+@examples(4, at_night=150)
 @given(seed=st.integers(0, 10**6), by_face=st.booleans())
 def test_states_are_those_of_check(tmp_path_factory, seed, by_face):
     rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("plan")

@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from rigs_to_view import CAMERA, acted, around, looking, moved, part, session_of, state_of
@@ -57,7 +57,7 @@ def covered_by(poses, task=None, camera=CAMERA):
 
 
 @pytest.mark.slow
-@settings(max_examples=12)
+@examples(4, at_night=12)
 @given(
     st.lists(st.integers(0, 3), min_size=1, max_size=4), st.floats(-0.3, 0.3),
     st.fixed_dictionaries({
@@ -183,7 +183,7 @@ THRESHOLDS = st.fixed_dictionaries({
 })  # fmt: skip
 
 
-@examples(15, 150)
+@examples(5, at_night=150)
 @given(THRESHOLDS, st.lists(st.integers(0, 3), max_size=3, unique=True), st.booleans())
 def test_headline_and_shares_are_those_of_evaluate(thresholds, off, has_rule):
     """With a rule, cameras count where all of their rig are on; shares by leaving each out."""

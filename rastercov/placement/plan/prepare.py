@@ -9,7 +9,7 @@ import json
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
@@ -254,8 +254,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     opened: Openings | None = None
     reachable: AreaNetwork | None = None
     if job.over_time is None:
-        matrix = measuring.matrix_of("visibility matrix", found.candidates.placed)
-        problem = measuring.problem(matrix, found)
+        matrix, problem = measuring.problem("visibility matrix", found, found.candidates.placed)
         found, opened, into, line = _with_cavities(measuring, found, problem)
         if into is not None:
             matrix, problem = into
@@ -326,30 +325,28 @@ class _Measuring:
         """Arguments of `problem_of`."""
         return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
 
-    def matrix_of(self, name: str, poses: Poses) -> VisibilityMatrix:
-        """Matrix of these poses after those of the calls before."""
+    def problem(
+        self, name: str, found: CandidatePool, poses: Poses
+    ) -> tuple[VisibilityMatrix, Problem]:
+        """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
         options: dict[str, Any] = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
-        if job.folder is None:
-            with job.clock(name) as progress:
-                self.parts.append(build_matrix(observer, poses, task, progress=progress, **options))
-                return reduce(VisibilityMatrix.joined, self.parts)
-        described = describe(observer, poses, task, None, job.cells, mounts)
-        header = json.dumps(described, sort_keys=True)
-        self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
-        with job.clock(name) as progress, named(self.used[-1]):
-            options |= {"workers": job.workers, "progress": progress, "watch": self.tally.add}
-            place = own_place(self.used[-1])
-            self.parts.append(build_matrix(observer, poses, task, place, **options))
+        with ExitStack() as step:
+            options["progress"] = step.enter_context(job.clock(name))
+            if job.folder is not None:
+                described = describe(observer, poses, task, None, job.cells, mounts)
+                header = json.dumps(described, sort_keys=True)
+                self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
+                step.enter_context(named(self.used[-1]))
+                options |= {"folder": own_place(self.used[-1]), "workers": job.workers}
+                options["watch"] = self.tally.add
+            self.parts.append(build_matrix(observer, poses, task, **options))
             matrix = reduce(VisibilityMatrix.joined, self.parts)
-            is_large(job.plan, matrix)
-            return matrix
-
-    def problem(self, matrix: VisibilityMatrix, found: CandidatePool) -> Problem:
-        """Problem of a matrix of all candidates, without a goal."""
-        cells, nothing = self.job.cells, BestCoverage(cameras=0)
-        elements: Mesh | Cells = self.observer.mesh if cells is None else cells
-        return problem_of(matrix, elements, nothing, costs=found.costs, **self.counted)
+            if job.folder is not None:
+                is_large(job.plan, matrix)
+        nothing = BestCoverage(cameras=0)
+        elements: Mesh | Cells = observer.mesh if job.cells is None else job.cells
+        return matrix, problem_of(matrix, elements, nothing, costs=found.costs, **self.counted)
 
 
 def _in_frames(
@@ -408,8 +405,7 @@ def _with_cavities(
         before = len(found.candidates)
         found = filtered_pool(plan, job.whole, into)
         further = renumbered(found.candidates.placed[before:])
-    matrix = measuring.matrix_of("visibility matrix of cavities", further)
-    problem = measuring.problem(matrix, found)
+    matrix, problem = measuring.problem("visibility matrix of cavities", found, further)
     if job.cells is None:
         missed = unseen
     now = missed & problem.reachable
