@@ -112,7 +112,7 @@ def test_help_and_version(capsys):
         (QUICK + " --table some", ["table to be none, covered, seen, all or groups, got 'some'"]),
         (QUICK + " --full both", ["full to be none, poses, faces or all, got 'both'"]),
         (QUICK + " --supersample 4", ["supersample 1 with method certified", "use method sampled"]),
-        (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
+        (QUICK + " --method sampled --device nonsense", ["got 'nonsense'", "surfaceless"]),
         (QUICK + " --unit mm", ["expected box, which is built in"]),
         (QUICK + " --unit m --unit mm", ["expected --unit once for all files"]),
         (
@@ -146,7 +146,7 @@ def test_help_and_version(capsys):
         (QUICK + " -o camera.toml", ["camera.toml", "expected a folder, got a file"]),
         (QUICK + " -o /proc/x", ["/proc/x"]),
         (QUICK + " -o " + 300 * "x", [90 * "x" + "...", "name too long"]),
-        (f"evaluate {300 * 'x'} -c khepra -p sphere:2", [90 * "x", "...", "no such file"]),
+        (f"evaluate {300 * 'x'} -c khepra -p sphere:2", [90 * "x", "...", "got neither"]),
     ],
 )
 def test_each_bad_command_line_gets_one_line_that_says_why(capsys, line, words):
