@@ -82,9 +82,7 @@ def run(folder: Path | str | None = None, shift: float = 0.0, workers: int = 0) 
     motion = rc.Motion(mesh, {"ball": rc.conveyor(FRAMES, direction=(0, 1, 0), distance=1.5)})
     staff = rc.Workers(workers) if workers else None
     with mock.patch.object(shards, "PAIRS_A_SHARD", 1):
-        found = rc.evaluate(
-            mesh, CAMERA, EYES, motion=motion, fields=(), folder=folder, workers=staff
-        )
+        found = rc.evaluate(mesh, CAMERA, EYES, motion=motion, fields=(), shards=(folder, staff))
         return found.over_time
 
 

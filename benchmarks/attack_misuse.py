@@ -99,7 +99,7 @@ def _figures(mesh: rc.Mesh, camera: rc.Camera, poses: np.ndarray, rng: np.random
         min_pixels=10.0 ** rng.choice([-323, -90, 0, 300]), cap_resolution=rng.random() < 0.5
     )
     for method in ("certified", "exact", "sampled:cpu"):
-        coverage = rc.evaluate(mesh, camera, poses, task, method=method, threads=1)
+        coverage = rc.evaluate(mesh, camera, poses, task, method=rc.Engine.of(method, 1))
         for name in FIGURES:
             if np.isnan(getattr(coverage, name)).any():
                 return f"{method}: {name} is NaN"

@@ -5,85 +5,75 @@ A name is imported from its module at its first use: the command prints its help
 
 from importlib import import_module as _import_module
 from importlib.util import find_spec as _find_spec
-from typing import TYPE_CHECKING as _TYPE_CHECKING
-from typing import Any as _Any
+from typing import TYPE_CHECKING as _TYPE_CHECKING, Any as _Any
 
 if _TYPE_CHECKING:
-    from rastercov.base.errors import CameraError as CameraError
-    from rastercov.base.errors import ConfigError as ConfigError
-    from rastercov.base.errors import DeviceError as DeviceError
-    from rastercov.base.errors import MeshError as MeshError
-    from rastercov.base.errors import PoseError as PoseError
-    from rastercov.base.errors import RastercovError as RastercovError
-    from rastercov.base.errors import ResourceError as ResourceError
+    from rastercov.base.errors import (
+        CameraError as CameraError,
+        ConfigError as ConfigError,
+        DeviceError as DeviceError,
+        MeshError as MeshError,
+        PoseError as PoseError,
+        RastercovError as RastercovError,
+        ResourceError as ResourceError,
+    )
     from rastercov.camera.camera import Camera as Camera
     from rastercov.camera.exposure import Exposure as Exposure
-    from rastercov.camera.formats import read_views as read_views
-    from rastercov.camera.formats import write_views as write_views
+    from rastercov.camera.formats import read_views as read_views, write_views as write_views
     from rastercov.camera.formats.conventions import Conventions as Conventions
     from rastercov.camera.lamp_file import load_lamps as load_lamps
-    from rastercov.camera.lamps import Lamp as Lamp
-    from rastercov.camera.lamps import Lamps as Lamps
+    from rastercov.camera.lamps import Lamp as Lamp, Lamps as Lamps
     from rastercov.camera.pose import Poses as Poses
-    from rastercov.camera.pose_file import read_poses as read_poses
-    from rastercov.camera.pose_file import write_poses as write_poses
-    from rastercov.camera.rig import Rig as Rig
-    from rastercov.camera.rig import Views as Views
-    from rastercov.camera.rule import All as All
-    from rastercov.camera.rule import Any as Any
-    from rastercov.camera.rule import AtLeast as AtLeast
-    from rastercov.camera.viewpoints import look_at as look_at
-    from rastercov.camera.viewpoints import sphere_of_poses as sphere_of_poses
-    from rastercov.coverage.area.cells import Cells as Cells
-    from rastercov.coverage.area.cells import CellShares as CellShares
-    from rastercov.coverage.area.cells import cells as cells
-    from rastercov.coverage.area.criteria import BeamDensity as BeamDensity
-    from rastercov.coverage.area.criteria import Highlight as Highlight
-    from rastercov.coverage.area.criteria import Illuminance as Illuminance
-    from rastercov.coverage.area.criteria import RayAngle as RayAngle
-    from rastercov.coverage.area.criteria import Uncertainty as Uncertainty
+    from rastercov.camera.pose_file import read_poses as read_poses, write_poses as write_poses
+    from rastercov.camera.rig import Rig as Rig, Views as Views
+    from rastercov.camera.rule import All as All, Any as Any, AtLeast as AtLeast
+    from rastercov.camera.viewpoints import look_at as look_at, sphere_of_poses as sphere_of_poses
+    from rastercov.coverage.area.cells import (
+        Cells as Cells,
+        CellShares as CellShares,
+        cells as cells,
+    )
+    from rastercov.coverage.area.criteria import (
+        BeamDensity as BeamDensity,
+        Highlight as Highlight,
+        Illuminance as Illuminance,
+        RayAngle as RayAngle,
+        Uncertainty as Uncertainty,
+    )
     from rastercov.coverage.area.laser import LaserLine as LaserLine
     from rastercov.coverage.area.motion import MotionQuery as MotionQuery
     from rastercov.coverage.area.over_time import OverTime as OverTime
     from rastercov.coverage.area.table import Regions as Regions
-    from rastercov.coverage.area.union import Covered as Covered
-    from rastercov.coverage.area.union import RegionUnion as RegionUnion
-    from rastercov.coverage.area.union import unite as unite
-    from rastercov.coverage.area.zones import DeadZones as DeadZones
-    from rastercov.coverage.area.zones import dead_zones as dead_zones
+    from rastercov.coverage.area.union import (
+        Covered as Covered,
+        RegionUnion as RegionUnion,
+        unite as unite,
+    )
+    from rastercov.coverage.area.zones import DeadZones as DeadZones, dead_zones as dead_zones
     from rastercov.coverage.coverage import Coverage as Coverage
     from rastercov.coverage.engine import Engine as Engine
-    from rastercov.coverage.evaluation import Evaluation as Evaluation
-    from rastercov.coverage.evaluation import regions as regions
+    from rastercov.coverage.evaluation import Evaluation as Evaluation, regions as regions
     from rastercov.coverage.job import evaluate as evaluate
     from rastercov.coverage.network import Network as Network
-    from rastercov.coverage.observer import Observer as Observer
-    from rastercov.coverage.observer import open_observer as open_observer
+    from rastercov.coverage.observer import Observer as Observer, open_observer as open_observer
     from rastercov.coverage.reasons import Reason as Reason
     from rastercov.coverage.task import Task as Task
-    from rastercov.coverage.visibility import Visibility as Visibility
-    from rastercov.coverage.visibility import visibility as visibility
-    from rastercov.mesh import Group as Group
-    from rastercov.mesh import Mesh as Mesh
-    from rastercov.mesh import shapes as shapes
+    from rastercov.coverage.visibility import Visibility as Visibility, visibility as visibility
+    from rastercov.mesh import Group as Group, Mesh as Mesh, shapes as shapes
     from rastercov.mesh.collisions import Collisions as Collisions
-    from rastercov.mesh.motion import Motion as Motion
-    from rastercov.mesh.motion import conveyor as conveyor
-    from rastercov.mesh.motion import turntable as turntable
+    from rastercov.mesh.motion import Motion as Motion, conveyor as conveyor, turntable as turntable
     from rastercov.mesh.motion_file import load_motion as load_motion
     from rastercov.mesh.robot import Robot as Robot
-    from rastercov.raster import FaceCounts as FaceCounts
-    from rastercov.raster import Rasterizer as Rasterizer
-    from rastercov.raster import RasterizerInfo as RasterizerInfo
-    from rastercov.raster import VisibilityBuffer as VisibilityBuffer
-    from rastercov.raster import open_rasterizer as open_rasterizer
-    from rastercov.raster.observation import BoundKind as BoundKind
-    from rastercov.raster.observation import Observation as Observation
-    from rastercov.report.jobs import audit as audit
-    from rastercov.report.jobs import check as check
-    from rastercov.report.jobs import place as place
-    from rastercov.report.notebook import show as show
-    from rastercov.report.notebook import table as table
+    from rastercov.raster import (
+        FaceCounts as FaceCounts,
+        Rasterizer as Rasterizer,
+        RasterizerInfo as RasterizerInfo,
+        VisibilityBuffer as VisibilityBuffer,
+        open_rasterizer as open_rasterizer,
+    )
+    from rastercov.raster.observation import BoundKind as BoundKind, Observation as Observation
+    from rastercov.report.jobs import audit as audit, check as check, place as place
+    from rastercov.report.notebook import show as show, table as table
     from rastercov.shards import Workers as Workers
 
     __version__: str

@@ -10,6 +10,7 @@ from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
@@ -149,12 +150,12 @@ def test_no_poses_give_no_rows(how, none):
 def test_skipped_poses_keep_the_rows_of_the_input(how):
     poses = np.insert(POSES[:3], (0, 2), np.nan, axis=0)
     poses = np.concatenate((poses, 2 * POSES[:1]))
-    found = evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how, by="face")
+    found = evaluate(TEAPOT, SMALL, Poses.of(poses, skip_bad=True), **how, by="face")
     assert found.pose_ids.tolist() == [1, 2, 4]
     clean = evaluate(TEAPOT, SMALL, POSES[:3], **how, by="face")
     for name in FIGURES:
         assert np.array_equal(getattr(found, name), getattr(clean, name)), name
-    none = evaluate(TEAPOT, SMALL, poses[:1], skip_bad_poses=True, **how, by="face")
+    none = evaluate(TEAPOT, SMALL, Poses.of(poses[:1], skip_bad=True), **how, by="face")
     assert none.coverage.shape == (0, TEAPOT.n_faces)
 
 
@@ -177,7 +178,9 @@ def test_only_a_run_within_the_budget_is_returned(how, monkeypatch):
     size = sum(np.dtype(kind).itemsize for kind in FIGURES.values()) * 6 * TEAPOT.n_faces
     monkeypatch.setattr(job, "EVALUATE_BUDGET", size)
     poses = np.concatenate((POSES, POSES * np.nan))
-    assert len(evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how, by="face").pose_ids) == 6
+    assert (
+        len(evaluate(TEAPOT, SMALL, Poses.of(poses, skip_bad=True), **how, by="face").pose_ids) == 6
+    )
     monkeypatch.setattr(job, "EVALUATE_BUDGET", size - 1)
     found = evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how, by="face")
     assert found.reason.shape == (6, 552)

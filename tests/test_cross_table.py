@@ -170,7 +170,7 @@ def evaluated(case, scene, folder=None):
     """Coverage over time, or of bodies at rest, as `rc` has it: its exact area."""
     if case.motion is None:
         return rc.evaluate(case.mesh, *scene, by="area", fields=()).areas
-    return evaluate_over_time(case.motion, *scene, case.over, folder=folder).areas
+    return evaluate_over_time(case.motion, *scene, case.over, shards=folder).areas
 
 
 def in_shards(case, folder):

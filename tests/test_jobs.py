@@ -120,7 +120,7 @@ def test_an_interrupt_is_raised_by_the_function(monkeypatch):
 
     monkeypatch.setattr(ExactObserver, "observe", stop)
     with pytest.raises(KeyboardInterrupt):
-        rc.evaluate(rc.Mesh.load("part.obj"), RIG.cameras[0], POSES, by="face", threads=1)
+        rc.evaluate(rc.Mesh.load("part.obj"), RIG.cameras[0], POSES, by="face")
 
 
 def test_place_takes_other_cameras():
@@ -207,6 +207,35 @@ def test_audit_is_the_command(capsys):
     assert [entry["frame"] for entry in function["frames"]["per_frame"]] == list("abc")
     assert "All 3 frames are needed." in Path("function", "audit.html").read_text()
     assert pq.read_table("function/cameras.parquet")["frame"].to_pylist() == frames
+
+
+@pytest.mark.parametrize(
+    ("name", "instead"),
+    [
+        ("folder", "give shards=FOLDER"),
+        ("workers", r"give shards=\(FOLDER, workers\)"),
+        ("threads", r"give method=Engine\(METHOD, threads=N\)"),
+        ("skip_bad_poses", r"give Poses.of\(poses, skip_bad=True\)"),
+        ("light", "give motion, lamps"),
+    ],
+)
+def test_an_argument_that_is_not_there_is_named_with_what_is(name, instead):
+    with pytest.raises(rc.ConfigError, match=f"^unknown argument '{name}'; {instead}$"):
+        evaluated(**{name: 1})()
+
+
+def test_lamps_are_taken_from_a_file_and_motion_from_poses_of_bodies():
+    Path("lamps.toml").write_text("[lamps.a]\nintensity_cd = 9\nposition = [0, 0, 3]\n")
+    mesh, body = rc.Mesh.load("part.obj"), rc.turntable(3)
+    name = mesh.groups[0].name
+    by_file, by_value = (
+        rc.evaluate(mesh, RIG.cameras[0], POSES, lamps=lamps, motion=motion, fields=()).over_time
+        for lamps, motion in (
+            ("lamps.toml", {name: body}),
+            (rc.load_lamps("lamps.toml"), rc.Motion(mesh, {name: body})),
+        )
+    )
+    assert 0 < by_file.share() == by_value.share()
 
 
 def evaluated(**options):

@@ -126,7 +126,7 @@ def test_a_pose_too_far_away_is_named_among_others():
     ) as caught:
         rc.evaluate(MESH, CAMERA, poses)
     assert caught.value.pose_ids == (1,)
-    assert rc.evaluate(MESH, CAMERA, poses, skip_bad_poses=True).pose_ids.tolist() == [0, 2]
+    assert rc.evaluate(MESH, CAMERA, rc.Poses.of(poses, skip_bad=True)).pose_ids.tolist() == [0, 2]
 
 
 @pytest.mark.parametrize("order", ["C", "F"])

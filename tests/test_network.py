@@ -218,7 +218,7 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
     poses = np.concatenate([sphere_of_poses((0, 0, 0.08), 0.43, 11)] * 2)
     poses[3, 0, 0] = np.nan
     task = Task(min_pixels=3, max_incidence_deg=60)
-    whole = evaluate(mesh, camera, poses, task, method=method, skip_bad_poses=True, by="face")
+    whole = evaluate(mesh, camera, Poses.of(poses, skip_bad=True), task, method=method, by="face")
     expected = network_of(whole, mesh=mesh, task=task)
     monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 8)
     found = Network(mesh, task)

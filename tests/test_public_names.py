@@ -96,7 +96,7 @@ def values():
             EXPOSURE,
             *(rastercov.Lamp.point(5), rastercov.Lamps([rastercov.Lamp.point(5)])),
             *(arm, rastercov.Collisions(arm)),
-            rastercov.evaluate(mesh, CAMERA, POSES, motion=moving, threads=1).over_time,
+            rastercov.evaluate(mesh, CAMERA, POSES, motion=moving).over_time,
             rastercov.LaserLine(regions, 3, 1.0, 1.0),
             *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
         ]

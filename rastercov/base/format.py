@@ -1,5 +1,6 @@
 """Numbers as text: the one format of each quantity in tables, pages, plots and messages."""
 
+import base64
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -30,6 +31,11 @@ class InNotebook:
             return str(import_module("rastercov.report.notebook").html_of(self))
         except Exception:  # a value that cannot be drawn still has its text
             return None
+
+
+def base64_of(data: Any) -> str:
+    """Bytes as text of a page."""
+    return base64.b64encode(data).decode("ascii")
 
 
 def _in_short(value: object) -> str:

@@ -361,8 +361,7 @@ class Camera:
             if each.name in CHECKS and (value is not None or each.default is not None):
                 object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
-        object.__setattr__(self, "model", model)
-        object.__setattr__(self, "distortion", coefficients)
+        self.__dict__.update(model=model, distortion=coefficients)
         if model == "equirectangular" and self.max_angle_deg is not None:
             raise CameraError(
                 "expected no max_angle_deg of an equirectangular image, got "

@@ -67,9 +67,6 @@ def load_lamps(path: StrPath) -> Lamps:
         if suffix_of(path) == ".json":
             return lamps_of_json(read_json(path))
         return lamps_of(read_toml(path), Path(path).parent)
-    except (LookupError, TypeError, AttributeError):
-        shape = "lamps, places, names, rides and ambient of Lamps.to_json, got other entries"
-        raise CameraError(f"{printable(str(path))}: expected {shape}; save it again") from None
     except (UnreadableError, CameraError, ConfigError, PoseError) as error:
         raise CameraError(f"{printable(str(path))}: {error}") from None
 

@@ -130,9 +130,9 @@ class Lamp:
             )
         for name, value in given.items():
             if value is not None:
-                object.__setattr__(self, name, positive(f"{name} of a lamp", value))
+                self.__dict__[name] = positive(f"{name} of a lamp", value)
         half_angle = field_angle("half_angle_deg of a lamp", self.half_angle_deg)
-        object.__setattr__(self, "half_angle_deg", half_angle)
+        self.__dict__["half_angle_deg"] = half_angle
         m = finite_number(self.exponent)
         if m != 0 and not 1 <= m <= 1000:
             raise CameraError(
@@ -154,9 +154,7 @@ class Lamp:
                 f"expected points of a lamp of kind {self.kind} to be "
                 f"{'1' if is_single else f'1 to {MOST_POINTS}'}, got {shown(self.points)}"
             )
-        for name in ("exponent", "share"):
-            object.__setattr__(self, name, float(getattr(self, name)))
-        object.__setattr__(self, "points", int(n))
+        self.__dict__.update(exponent=float(m), share=float(self.share), points=int(n))
         width, height = (number("size of a lamp", each) for each in two("size", self.size))
         n_sides = (self.kind in SIZES) + (self.kind == "area")
         if sum(each > 0 for each in (width, height)) != n_sides or min(width, height) < 0:
@@ -164,8 +162,7 @@ class Lamp:
                 f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "
                 f"got {shown(self.size)}"
             )
-        object.__setattr__(self, "size", (width, height))
-        object.__setattr__(self, "profile", _checked(self.profile))
+        self.__dict__.update(size=(width, height), profile=_checked(self.profile))
         if self.profile and self.exponent:
             raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
 
@@ -456,11 +453,14 @@ class Lamps(InOneLine):
             raise CameraError(f"expected ambient to be 0 or more, got {shown(ambient)}")
         if exposure is not None:
             check_kind("exposure", exposure, Exposure, "an Exposure", CameraError)
-        for name, value in (
-            *(("lamps", found), ("places", matrices), ("names", words), ("exposure", exposure)),
-            *(("rides", on_rig), ("ambient", float(ambient))),
-        ):
-            object.__setattr__(self, name, value)
+        self.__dict__.update(
+            lamps=found,
+            places=matrices,
+            names=words,
+            rides=on_rig,
+            ambient=float(ambient),
+            exposure=exposure,
+        )
 
     def __len__(self) -> int:
         return len(self.lamps)
@@ -489,9 +489,7 @@ class Lamps(InOneLine):
         if len(given) != 1:
             raise PoseError(f"expected place to be one pose, got {len(given)}")
         places[int(lamp)] = given[0]
-        own: dict[str, Any] = {"rides": self.rides, "ambient": self.ambient}
-        own |= {"exposure": self.exposure}
-        return Lamps(self.lamps, places, self.names, **own)
+        return Lamps(**vars(self) | {"places": places})
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """(N, C) lamps that ride on cameras, by the names of these: "camera" or "rig/camera".
@@ -594,9 +592,13 @@ def illuminances(
 
 
 def lamps_of_json(entries: Mapping[str, Any]) -> Lamps:
-    """Lamps of `Lamps.to_json`."""
-    more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}
-    return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
+    """Lamps of `Lamps.to_json`; CameraError for other entries."""
+    try:
+        more = {"exposure": Exposure(**entries["exposure"])} if "exposure" in entries else {}
+        return Lamps(**{**entries, **more, "lamps": [Lamp(**each) for each in entries["lamps"]]})
+    except (LookupError, TypeError, AttributeError):
+        shape = "lamps, places, names, rides and ambient of Lamps.to_json"
+        raise CameraError(f"expected {shape}, got {shown(entries)}; save them again") from None
 
 
 def _checked(profile: object) -> Profile:

@@ -13,7 +13,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +28,7 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import head_of
+from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.lamps import Lamps, lamps_of_json
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rule import (
@@ -143,12 +145,16 @@ class Rig(InOneLine):
                 f"{shown(list(still))}"
             )
         gate = gate_of(rule, words, [min(each.fx, each.fy) for each in found])
-        for name, value in (
-            *(("cameras", found), ("names", words), ("rig_from_camera", places), ("fixed", still)),
-            *(("rule", rule), ("tasks", dict(tasks)), ("gates", {} if gate is None else {0: gate})),
-            ("lamps", None),
-        ):
-            object.__setattr__(self, name, value)
+        self.__dict__.update(
+            cameras=found,
+            names=words,
+            rig_from_camera=places,
+            rule=rule,
+            tasks=dict(tasks),
+            fixed=still,
+            gates={} if gate is None else {0: gate},
+            lamps=None,
+        )
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -235,8 +241,7 @@ class Rig(InOneLine):
     def _with(self, **changes: object) -> "Rig":
         """The rig with other values of some attributes, and everything else as it is."""
         found = copy(self)
-        for name, value in changes.items():
-            object.__setattr__(found, name, value)
+        found.__dict__.update(changes)
         return found
 
     def _lit(self, lamps: Lamps | None) -> "Rig":
@@ -317,16 +322,17 @@ def lamps_of(cameras: Cameras) -> Lamps | None:
     return cameras.lamps if isinstance(cameras, Rig) else None
 
 
-@overload
-def with_lamps(cameras: Rig, lamps: Lamps | None) -> Rig: ...
-@overload
-def with_lamps(cameras: Cameras, lamps: Lamps | None) -> Cameras: ...
-def with_lamps(cameras: Cameras, lamps: Lamps | None) -> Cameras:
-    """The cameras as a rig whose lamps must light what they see; as they are without lamps."""
-    if lamps is None:
-        return cameras
-    check_kind("lamps", lamps, Lamps, "Lamps (rc.load_lamps reads a file)", CameraError)
-    return (cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras)))._lit(lamps)
+def with_lamps(cameras: Cameras, lamps: object) -> Rig:
+    """The cameras as a rig whose lamps, or those of a file, must light what they see.
+
+    None leaves a rig as it is.
+    """
+    rig = cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras))
+    if isinstance(lamps, str | PathLike):
+        lamps = load_lamps(lamps)
+    if not isinstance(lamps, Lamps | None):
+        raise CameraError(f"expected lamps to be Lamps or a file, got {shown(lamps)}; correct it")
+    return rig if lamps is None else rig._lit(lamps)
 
 
 def is_joint(cameras: Cameras) -> bool:
@@ -349,14 +355,7 @@ def rig_with(rig: Rig, entries: Mapping[str, Any]) -> Rig:
             given = rule_to_json(rig.rule) | given
         more = {"tasks": rig.tasks, "fixed": rig.fixed} | more
         found = Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rule_of(given), **more)
-    if "lamps" not in entries:
-        return found
-    try:
-        return with_lamps(found, lamps_of_json(entries["lamps"]))
-    except (TypeError, AttributeError, KeyError):
-        raise CameraError(
-            f"expected lamps as written by place, got {shown(entries['lamps'])}; write them again"
-        ) from None
+    return found._lit(lamps_of_json(entries["lamps"])) if "lamps" in entries else found
 
 
 def rule_entries(rig: Rig) -> dict[str, Any]:
@@ -572,12 +571,12 @@ class Views(InOneLine):
         if self.rig is not None:
             check_kind("rig", self.rig, Rig, "a Rig, or None", CameraError)
             self.poses.check_cameras(len(self.rig))
-            object.__setattr__(self, "camera_names", self.rig.names)
+            self.__dict__["camera_names"] = self.rig.names
         elif self.camera_names:
             self.poses.check_cameras(len(self.camera_names))
         for name in ("images", "notes", "camera_names", "frames"):
             words = members(name, getattr(self, name), str, "texts", CameraError)
-            object.__setattr__(self, name, words)
+            self.__dict__[name] = words
         n = len(self.poses)
         for name, words in (("images", self.images), ("frames", self.frames or self.images)):
             if len(words) != n:

@@ -15,7 +15,7 @@ from rastercov.cli import options
 from rastercov.cli.console import print_network, progress_bar, report_skipped, say, warn
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
 from rastercov.coverage.task import Task
-from rastercov.shards import Tally
+from rastercov.shards import Staff, Tally
 
 NO_SCALE = (
     "the reconstruction has no scale, so lengths are in its units; for metres give --pose-unit"
@@ -72,7 +72,7 @@ def audit(
     from rastercov.report.audit import write  # loads pyarrow
 
     title = read_sheet(sheet)
-    staff, tally, mesh = processes.open(), Tally(), scene.read(meshes)
+    workers, tally, mesh = processes.open(), Tally(), scene.read(meshes)
     border = Border(conventions)
     views = read_through(source, border)
     if views.rig is None:
@@ -91,15 +91,12 @@ def audit(
             *(mesh, views.rig, views.poses, task),
             names=views.images or None,
             frames=views.frames,
-            progress=progress,
-            workers=staff,
-            watch=tally.add,
-            note=warn,
+            staff=Staff(workers, progress, tally.add, warn),
             unit="m" if views.has_unit else "unit",
             suggested=suggested,
             **asked,
         )
-        is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
+        is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
         _, summary = write(made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level)
     if as_json:

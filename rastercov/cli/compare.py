@@ -37,9 +37,8 @@ def compare(
     meshes: options.Meshes,
     poses: options.PosesOption,
     scene: SceneOptions,
-    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
-    camera_name: options.CameraName = None,
+    camera: options.CameraOptions,
+    conventions: Conventions,
     method: Annotated[
         list[str],
         typer.Option(
@@ -74,7 +73,7 @@ def compare(
     Without files: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
     mesh = scene.read(meshes)
-    eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
+    eyes = read_eyes(mesh, camera, poses, conventions)
     viewed = mesh, eyes.camera(), eyes.poses.world_from_camera
     if models and (method != COMPARED or against != "exact"):
         raise ConfigError("expected --models alone, got --method or --against; leave them out")

@@ -19,7 +19,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of_poses
+from rastercov.camera.rig import Cameras, names_of_poses, with_lamps
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -30,20 +30,13 @@ from rastercov.cli.console import (
     say,
     warn,
 )
-from rastercov.cli.inputs import (
-    SceneOptions,
-    lit_by,
-    poses_around,
-    read_eyes,
-    read_moving,
-    read_sheet,
-)
+from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
+from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.shards import Tally, Workers
 
 if TYPE_CHECKING:
-    from rastercov.coverage.evaluation import Moving
     from rastercov.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder
@@ -96,8 +89,7 @@ def evaluate(
     task: Task,
     report: ReportOptions,
     processes: options.Processes,
-    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
-    camera_name: options.CameraName = None,
+    camera: options.CameraOptions,
     lamps: options.LampsOption = None,
     out: options.Out = Path("report"),
     level: options.Level = None,
@@ -124,7 +116,7 @@ def evaluate(
 
     workers, mesh = processes.open(), scene.read(meshes)
     try:
-        eyes = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
+        eyes = read_eyes(mesh, camera, poses, conventions, several=True)
     except PoseError as error:
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
@@ -134,9 +126,14 @@ def evaluate(
     title = read_sheet(sheet)
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title)
     assert eyes.rig is not None
-    rig, task = lit_by(eyes.rig, task, lamps)
-    moving = None if motion is None else read_moving(motion, mesh, report.method)
-    mesh = mesh if moving is None else moving.motion.mesh
+    rig = with_lamps(eyes.rig, lamps)
+    task = narrowed(rig, task)
+    moving = None
+    if motion is not None:
+        from rastercov.placement.plan.scene import read_timed
+
+        moving = read_timed(motion, mesh, report.method)
+        mesh = moving.motion.mesh
     run_and_print(
         mesh,
         rig,
@@ -163,7 +160,7 @@ def run_and_print(
     workers: "Workers | None" = None,
     level: int | None = None,
     names: tuple[str, ...] = (),
-    moving: "Moving | None" = None,
+    moving: object = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
@@ -268,8 +265,7 @@ def render(
     poses: options.PosesOption,
     scene: SceneOptions,
     conventions: Conventions,
-    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
-    camera_name: options.CameraName = None,
+    camera: options.CameraOptions,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file, from 0.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
     device: options.Device = "auto",
@@ -284,7 +280,7 @@ def render(
     from rastercov.report.folder import ReportFolder, ReportKind
 
     mesh = scene.read(meshes)
-    eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
+    eyes = read_eyes(mesh, camera, poses, conventions)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
         raise PoseError(

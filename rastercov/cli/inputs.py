@@ -32,19 +32,15 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import is_head, is_name
 from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.lamp_file import load_lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, names_of_poses
+from rastercov.camera.rig import Rig, Views, names_of_poses
 from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
-from rastercov.coverage.area.light import lit
-from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
 
 if TYPE_CHECKING:
-    from rastercov.placement.plan.over_time import PlanMotion
     from rastercov.viewer.scene import Shown
 
 AROUND = ("sphere:", "turntable:")
@@ -181,15 +177,12 @@ def read_again(
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
     mesh = SceneOptions(**kept).read(meshes)
     found = {name: Path(now[file]) for name, file in others.items()}
-    moving = read_moving(found["motion"], mesh) if "motion" in found else mesh
-    return moving, load_lamps(found["lamps"]) if "lamps" in found else None
+    lamps = found.get("lamps")
+    if "motion" not in found:
+        return mesh, lamps
+    from rastercov.placement.plan.scene import read_timed
 
-
-def read_moving(path: Path, mesh: Mesh, method: str = "certified") -> "PlanMotion":
-    """The motion of a mesh by a file, see `MotionFile`."""
-    from rastercov.placement.plan.over_time import PlanMotion
-
-    return PlanMotion.read(path, mesh, method)
+    return read_timed(found["motion"], mesh), lamps
 
 
 def read_sheet(path: Path | None) -> dict[str, str] | None:
@@ -299,10 +292,9 @@ def left_out(poses: Poses) -> list[str]:
 
 def read_eyes(
     mesh: Mesh,
-    camera: Sequence[str],
+    given: options.CameraOptions,
     poses: str,
     conventions: Conventions,
-    camera_name: str | None = None,
     *,
     several: bool = False,
 ) -> Views:
@@ -312,15 +304,13 @@ def read_eyes(
     ----------
     mesh : Mesh
         The scene, for poses around it.
-    camera : sequence of str
-        A preset, a head or a file, or NAME=FILE for each of several; the file of the poses where
-        empty.
+    given : CameraOptions
+        A preset, a head or a file, or NAME=FILE for each of several, the file of the poses where
+        empty; and perhaps the camera of a file with several.
     poses : str
         A file, or poses around the mesh as of `poses_around`.
     conventions : Conventions
         Answers to what the files leave open.
-    camera_name : str, optional
-        Camera of a file with several.
     several : bool
         Take all cameras unless one is named; the poses then name theirs.
 
@@ -332,6 +322,7 @@ def read_eyes(
         For poses without a unit, and for what is no pose file.
     """
     border = Border(conventions)
+    camera, camera_name = given
     cameras = read_cameras(camera, border)
     if poses.startswith(AROUND):
         if cameras is None:
@@ -360,14 +351,13 @@ def read_eyes(
     return replace(views, notes=tuple(notes))
 
 
-def read_rig(
-    camera: Sequence[str], poses: Path, conventions: Conventions, camera_name: str | None = None
-) -> Views:
+def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions) -> Views:
     """Poses of a file in metres, with cameras where any are given or the file has them.
 
-    `camera` replaces the cameras of the file; arguments as for `read_eyes`.
+    Given ones replace the cameras of the file; arguments as for `read_eyes`.
     """
     border = Border(conventions)
+    camera, camera_name = given
     cameras = read_cameras(camera, border)
     views = in_metres(read_through(poses, border), poses)
     bad = left_out(views.poses)
@@ -377,11 +367,6 @@ def read_rig(
     elif camera_name is not None:
         views = views.of_camera(camera_name)
     return replace(views, notes=(*views.notes, *bad, *border.unused()))
-
-
-def lit_by(rig: Rig, task: Task, path: Path | None) -> tuple[Cameras, Task]:
-    """A rig with the lamps of a file, or its own, and the task with their exposure."""
-    return lit(rig, task, rig.lamps if path is None else load_lamps(path))
 
 
 def in_metres(views: Views, source: str | Path) -> Views:

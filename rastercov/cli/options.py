@@ -113,6 +113,13 @@ class Processes(NamedTuple):
         return Workers.of(self.workers, self.scheduler)
 
 
+class CameraOptions(NamedTuple):
+    """Cameras, and the one to use."""
+
+    camera: CamerasOption = []  # noqa: RUF012 - typer copies it
+    camera_name: CameraName = None
+
+
 CONVENTIONS = {
     "pixel_centre": (
         float | None,

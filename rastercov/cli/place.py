@@ -26,8 +26,7 @@ from rastercov.cli.console import (
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
-    CameraName,
-    CamerasOption,
+    CameraOptions,
     Level,
     Pdf,
     Processes,
@@ -184,8 +183,7 @@ def check(
     conventions: Conventions,
     goal: GoalOptions,
     outcomes: OutcomeOptions,
-    camera: CamerasOption = [],  # noqa: B006 - typer copies it
-    camera_name: CameraName = None,
+    camera: CameraOptions,
     out: Annotated[
         Path | None,
         out_option("Output folder for a page (check.html) and all figures (check.json)."),
@@ -213,8 +211,8 @@ def check(
         asked = read_plan(plan)
         before = read_baseline(outcomes.baseline, outcomes.allow_worse)
         limits = plan_check.limits(asked, *goal[:2], may_be_none=before is not None)
-        eyes = read_rig(camera, Path(poses), conventions, camera_name)
-        if camera and eyes.rig is not None:
+        eyes = read_rig(camera, Path(poses), conventions)
+        if camera.camera and eyes.rig is not None:
             asked = asked.without_cameras()
         asks = asked, Path(poses), limits, goal.views, _step
         made = partial(plan_check.check, *asks, poses=eyes, baseline=before)

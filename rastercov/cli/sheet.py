@@ -42,10 +42,9 @@ def sheet(
     conventions: Conventions,
     task: Task,
     entries: TitleOptions,
+    camera: options.CameraOptions,
     out: Annotated[Path, out_option("Output file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
-    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     poses: RigOption = None,
-    camera_name: options.CameraName = None,
     paper: Annotated[str, typer.Option(help="Paper size: A4, A3, A2, A1 or A0, landscape.")] = "A3",
     scale: Annotated[
         str, typer.Option(help="Scale: 1:50, 1:100, ...; auto for the largest that fits.")
@@ -75,7 +74,7 @@ def sheet(
     from rastercov.report import plan_sheet as report
 
     report.check_sheet_name(out)
-    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name, lamps)
+    scene = open_scene(sources, files, conventions, task, camera, poses, lamps)
     start, mesh = scene.start, scene.mesh
     if not start.on:
         raise ConfigError("expected a camera to draw, got none; give --poses")

@@ -62,9 +62,8 @@ def view(
     files: SceneOptions,
     conventions: Conventions,
     task: Task,
-    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
+    camera: options.CameraOptions,
     poses: RigOption = None,
-    camera_name: options.CameraName = None,
     lamps: options.LampsOption = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for files saved by the page.")
@@ -98,7 +97,7 @@ def view(
     if export is not None:
         check_name(export)
 
-    scene = open_scene(sources, files, conventions, task, camera, poses, camera_name, lamps)
+    scene = open_scene(sources, files, conventions, task, camera, poses, lamps)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn(*scene.mesh.warnings, *scene.notes, *doubts)
@@ -140,9 +139,8 @@ def open_scene(
     files: SceneOptions,
     conventions: Conventions,
     task: Task,
-    camera: list[str],
+    camera: options.CameraOptions,
     poses: str | None,
-    camera_name: str | None,
     lamps: Path | None = None,
 ) -> "Scene":
     """Scene of a plan, of the folder of a result, or of mesh files, with the lamps of a file."""
@@ -159,9 +157,9 @@ def open_scene(
             raise ConfigError(
                 f"expected the thresholds of {first}, got options; leave them out, or edit the page"
             )
-        rig = read_cameras(camera, Border(conventions))
+        rig = read_cameras(camera.camera, Border(conventions))
         if poses is not None:
-            rig = read_rig(camera, Path(poses), conventions, camera_name)
+            rig = read_rig(camera, Path(poses), conventions)
     if is_plan:
         if sources[1:]:
             raise ConfigError("expected a plan alone, got mesh files, too; name them in the plan")
@@ -169,7 +167,7 @@ def open_scene(
     elif first.is_dir():
         scene = _of_result(first, sources[1:], files, rig)
     else:
-        scene = _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
+        scene = _of_meshes(sources, files, camera, poses, conventions, task)
     return scene if lamps is None else scene.lit_by(lamps)
 
 
@@ -202,19 +200,18 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 def _of_meshes(
     sources: list[Path],
     given: SceneOptions,
-    camera: list[str],
+    camera: options.CameraOptions,
     poses: str | None,
     conventions: Conventions,
-    camera_name: str | None,
     task: Task,
 ) -> "Scene":
     from rastercov.viewer.scene import open_mesh
 
     mesh = given.read(sources)
     if poses is not None:
-        views = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
+        views = read_eyes(mesh, camera, poses, conventions, several=True)
     else:
-        cameras = read_cameras(camera, Border(conventions))
+        cameras = read_cameras(camera.camera, Border(conventions))
         if cameras is None:
             raise CameraError("expected a camera, got none; give --camera, a file or a preset")
         views = replace(cameras, poses=Poses.of(()), images=())

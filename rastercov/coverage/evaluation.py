@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by
 from rastercov.coverage.area.by_camera import ByCamera, doubts_of
-from rastercov.coverage.area.light import lit
+from rastercov.coverage.area.features import FEATURES, narrowed
 from rastercov.coverage.area.motion import (
     MOST_PICTURES,
     MotionQuery,
@@ -46,11 +46,30 @@ from rastercov.coverage.shards import is_long
 from rastercov.coverage.silhouettes import GroupViews, group_views
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.motion import Motion
 from rastercov.shards import Staff
 
-Moving = Motion | MotionQuery
-"""Bodies that move, and perhaps the share of time in which a point must be covered."""
+RETIRED = {
+    "folder": "give shards=FOLDER",
+    "skip_bad_poses": "give Poses.of(poses, skip_bad=True)",
+    "threads": "give method=Engine(METHOD, threads=N)",
+    "workers": "give shards=(FOLDER, workers)",
+}
+"""Arguments of the last version, and what to give instead."""
+
+
+def asked(
+    mesh: Mesh, camera: Cameras, task: Task | None, given: Mapping[str, object]
+) -> tuple[Cameras, Task, MotionQuery | None]:
+    """Cameras, task and motion by the arguments of features; ConfigError for other arguments."""
+    left = dict(given)
+    motion = left.pop("motion", None)
+    for each in FEATURES:
+        camera = each.given(camera, left.pop(each.word, None))
+    for name in left:
+        words = ", ".join(["motion", *(each.word for each in FEATURES if each.word)])
+        raise ConfigError(f"unknown argument {shown(name)}; {RETIRED.get(name, f'give {words}')}")
+    task = narrowed(camera, Task() if task is None else task)
+    return camera, task, None if motion is None else query_of(motion, mesh)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +80,8 @@ class Query:
     ----------
     camera : Camera, Rig or sequence of Camera
         With the lamps that must light what they see.
-    motion : Moving or None
-        Of the mesh, which is at rest; `asked` is its query.
+    motion : object
+        Of the mesh, which is at rest, as for `evaluate`, or None; `asked` is its query.
     by : {"area", "face"} or None
         Unit that is asked for.
     by_area : bool
@@ -76,7 +95,7 @@ class Query:
     poses: Poses
     task: Task
     engine: Engine = field(default_factory=Engine)
-    motion: Moving | None = None
+    motion: object = None
     by: str | None = None
     asked: MotionQuery | None = field(init=False, default=None)
     by_area: bool = field(init=False)
@@ -292,19 +311,18 @@ def regions(
     poses: ArrayLike | Poses,
     task: Task | None = None,
     *,
-    lamps: Lamps | None = None,
-    motion: Moving | None = None,
     method: str | Engine = "certified",
     threads: int | None = None,
+    **given: object,
 ) -> Regions:
     """Parts of the task faces that each pose covers, as convex polygons in their planes.
 
-    Parameters are those of `evaluate`. For a `Rig` with a rule, a row of the result is a pose of
-    the rig, with the parts that its cameras cover together. Of a motion of T frames, row t R + r is
-    row r of R in frame t, on the mesh at rest; `pose_ids` are those of each frame, and bodies that
-    are absent have no regions. Thresholds of a face must have their defaults: `min_pixels`,
-    `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`; `views` and `min_angle_deg`
-    apply to several poses, and are ignored here.
+    Parameters are those of `evaluate`, and `threads` as for `open_observer`. For a `Rig` with a
+    rule, a row of the result is a pose of the rig, with the parts that its cameras cover together.
+    Of a motion of T frames, row t R + r is row r of R in frame t, on the mesh at rest; `pose_ids`
+    are those of each frame, and bodies that are absent have no regions. Thresholds of a face must
+    have their defaults: `min_pixels`, `min_visibility`, `min_coverage`, `focus_rule`,
+    `cap_resolution`; `views` and `min_angle_deg` apply to several poses, and are ignored here.
 
     Raises
     ------
@@ -324,7 +342,7 @@ def regions(
     """
     check_scene(mesh, camera)
     placed, engine = Poses.of(poses), Engine.of(method, threads)
-    camera, task = lit(camera, Task() if task is None else task, lamps)
+    camera, task, motion = asked(mesh, camera, task, given)
     if motion is not None:
-        return regions_of_frames(query_of(motion, mesh), camera, placed, task, engine)
+        return regions_of_frames(motion, camera, placed, task, engine)
     return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)

@@ -18,17 +18,15 @@ from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import StrPath
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.locks import locked
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene, is_joint
 from rastercov.coverage.area.by_camera import ByCamera
-from rastercov.coverage.area.light import lit
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Moving, Query
+from rastercov.coverage.evaluation import Evaluation, Query, asked
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.judging import SUMMED, JudgedPoses, sums_of
 from rastercov.coverage.network import Network
@@ -51,14 +49,10 @@ def evaluate(
     task: Task | None = None,
     *,
     by: str | None = None,
-    lamps: Lamps | None = None,
-    motion: Moving | None = None,
     method: str | Engine = "certified",
-    threads: int | None = None,
-    skip_bad_poses: bool = False,
     fields: Sequence[str] | None = None,
-    folder: StrPath | None = None,
-    workers: Workers | None = None,
+    shards: StrPath | tuple[StrPath, Workers] | None = None,
+    **given: object,
 ) -> Evaluation:
     """Coverage of each face in each pose, and by all of them: what the command `evaluate` finds.
 
@@ -69,35 +63,32 @@ def evaluate(
     camera : Camera, Rig or sequence of Camera
         The cameras; for several, `Poses.camera` has the index of the camera of each pose.
     poses, task : (P, 4, 4) array_like, or Poses; Task, optional
-        world_from_camera, and thresholds, `Task()` unless given.
+        world_from_camera, and thresholds, `Task()` unless given. `Poses.of(poses, skip_bad=True)`
+        leaves out what is no rigid motion; see `Coverage.pose_ids`.
     by : {"area", "face"}, optional
         Unit of the result: exact area, with the unions and dead zones of docs/area.md, or whole
         faces as in the thesis. Area unless given, or face if a threshold applies to faces or the
         method counts samples.
-    lamps : Lamps, optional
-        Lamps that must light what is covered, by area; see docs/light.md.
-    motion : Motion or MotionQuery, optional
-        Frames of the mesh, and the share of them in which a point must be covered: some frame,
-        unless a `MotionQuery` is given. Areas are over time then, see `Evaluation.over_time`;
-        figures of faces and of single poses are those of the mesh at rest.
-    method, threads
-        As for `open_observer`.
-    skip_bad_poses : bool
-        Skip poses that are not rigid transforms instead of raising; see `Coverage.pose_ids`.
+    method
+        As for `open_observer`, or an `Engine`.
     fields : sequence of str, optional
         Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
-        none for () or with a folder. Any other array raises `ConfigError` when it is read.
-    folder : path, optional
+        none for () or with shards. Any other array raises `ConfigError` when it is read.
+    shards : path, or (path, Workers), optional
         Folder for shards of some poses or frames each, so that an interrupted run continues there,
-        with any number of frames: docs/scale.md.
-    workers : Workers, optional
-        Processes that make the shards.
+        with any number of frames, and perhaps the processes that make them: docs/scale.md.
+    **given
+        `lamps`: `Lamps`, or a file of them, that must light what is covered, by area; see
+        docs/light.md. `motion`: a `Motion` or `MotionQuery`, frames of the mesh, and the share of
+        them in which a point must be covered: some frame, unless a `MotionQuery` is given. Areas
+        are over time then, see `Evaluation.over_time`; figures of faces and of single poses are
+        those of the mesh at rest.
 
     Raises
     ------
     ConfigError
-        For an unknown field, a result by area where that is impossible, and a motion of another
-        mesh.
+        For an unknown field or argument, a result by area where that is impossible, and a motion of
+        another mesh.
     PoseError
         For a pose that is not a rigid transform.
     ResourceError
@@ -121,15 +112,14 @@ def evaluate(
     (0.12, 'back_facing')
     """
     check_scene(mesh, camera)
-    accepted, engine = Poses.of(poses, skip_bad=skip_bad_poses), Engine.of(method, threads)
-    camera, task = lit(camera, Task() if task is None else task, lamps)
+    accepted, engine = Poses.of(poses), Engine.of(method)
+    camera, task, motion = asked(mesh, camera, task, given)
     query = Query(mesh, camera, accepted, task, engine, motion, by)
+    folder, workers = shards if isinstance(shards, tuple) else (shards, None)
     if folder is not None:
         if fields:
             raise ConfigError("expected fields or a folder for shards, got both; leave one out")
         fields = ()
-    elif workers is not None:
-        raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     elif query.asked is not None:
         query.asked._check_held(accepted)
     names = checked_fields(fields)

@@ -177,11 +177,13 @@ class Task:
             or max(self.min_illuminance, self.max_highlight_deg) > 0
         )
 
-    def exposed(self, exposure: Exposure, unit: str = "lx") -> Self:
+    def exposed(self, exposure: Exposure | None, unit: str = "lx") -> Self:
         """The same task within the band of illuminance of an exposure, too; in "lx" or "W/m2".
 
-        ConfigError if the band and the limits of the task do not overlap.
+        As it is for None; ConfigError if the band and the limits of the task do not overlap.
         """
+        if exposure is None:
+            return self
         least, most = exposure.band(unit)
         upper = most if self.max_illuminance is None else min(most, self.max_illuminance)
         lower = max(least, self.min_illuminance)

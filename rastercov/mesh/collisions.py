@@ -112,14 +112,13 @@ class Collisions(InOneLine):
                         f"expected allowed pairs of links of the robot, got {shown(link)}"
                     )
             free.add(frozenset(pair))
-        object.__setattr__(self, "robot", robot)
-        object.__setattr__(self, "scene", opaque)
+        self.__dict__.update(robot=robot, scene=opaque)
         pairs = [
             (one, other)
             for one, other in combinations(self._trees, 2)
             if self._can_meet(robot, one, other) and frozenset((one, other)) not in free
         ]
-        object.__setattr__(self, "pairs", tuple(pairs))
+        self.__dict__["pairs"] = tuple(pairs)
 
     @cached_property
     def _trees(self) -> dict[str, TriangleTree]:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
 from rastercov.base.checks import finite_number, is_one_of, shown
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import InOneLine
+from rastercov.base.format import InOneLine, base64_of
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Once
 from rastercov.mesh.arrays import checked_poses, frozen, rotation_about, unit
@@ -148,7 +148,7 @@ class Motion(InOneLine):
             "_rests": {},
         }
         for name, value in values.items():
-            object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
+            self.__dict__[name] = frozen(value) if hasattr(value, "flags") else value
 
     def __len__(self) -> int:
         return len(self.world_from_body)
@@ -371,3 +371,17 @@ def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
     if not math.isfinite(whole):
         raise ConfigError(f"expected a finite length or angle of the motion, got {shown(total)}")
     return np.linspace(0.0, whole, n, endpoint=not is_closed)
+
+
+def described_motion(motion: Motion) -> dict[str, Any]:
+    """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
+    groups, first = np.unique(motion.mesh.face_group, return_index=True)
+    bodies = np.zeros(len(motion.mesh.groups), np.int64)
+    bodies[groups] = motion.body[first]
+    matrices = np.ascontiguousarray(motion.world_from_body[:, :, :3])
+    return {
+        "durations": motion.durations.tolist(),
+        "bodies": bodies.tolist(),
+        "poses": base64_of(matrices.tobytes()),
+        "present": base64_of(motion.present.astype(np.uint8).tobytes()),
+    }

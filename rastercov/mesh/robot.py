@@ -7,7 +7,7 @@ limits. A robot hides and is not scored; a camera may be fixed to one of its lin
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,20 +113,18 @@ class Robot(InOneLine):
         kinematics = Kinematics(tuple(description.links), description.joints, limits, root)
         if unknown := [link for link in shapes if link not in description.links]:
             raise MeshError(f"expected shapes of links of the robot, got {shown(unknown)}")
-        values: dict[str, Any] = {
-            "name": name or description.name,
-            "links": tuple(description.links),
-            "joint_names": description.names,
-            "limits": limits,
-            "kinematics": kinematics,
-            "shapes": dict(shapes),
-        }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        self.__dict__.update(
+            name=name or description.name,
+            links=tuple(description.links),
+            joint_names=description.names,
+            limits=limits,
+            kinematics=kinematics,
+            shapes=dict(shapes),
+        )
         still = np.clip(np.zeros(len(limits)), *limits.T)
         if rest is not None:
             still = self._configurations("rest", rest)[0]
-        object.__setattr__(self, "rest", frozen(still))
+        self.__dict__["rest"] = frozen(still)
         frames = kinematics.frames(still[None])
         placed = [
             _placed(shape, f"{self.name}/{link}", frames[link][0]) for link, shape in shapes.items()
@@ -134,7 +132,7 @@ class Robot(InOneLine):
         mesh = Mesh.joined(placed)
         notes = (*description.notes, *mesh.notes)
         fields = (mesh.vertices, mesh.faces, mesh.groups, mesh.face_group, mesh.source_face)
-        object.__setattr__(self, "mesh", Mesh(*fields, mesh.sources, notes))
+        self.__dict__["mesh"] = Mesh(*fields, mesh.sources, notes)
 
     @classmethod
     def load(

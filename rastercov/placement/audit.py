@@ -10,9 +10,8 @@ the cameras of a rig took at the same instant; in it each camera is a view of it
 smallest subset of frames is a selection of rigs (`Problem.starts`).
 """
 
-import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -49,7 +48,7 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-from rastercov.shards import Made, Progress, Staff, Workers
+from rastercov.shards import ALONE, Staff
 
 PROOF_SECONDS = 30.0
 """Wall time in which the smallest subset is to be proved."""
@@ -175,9 +174,6 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
         eyes=problem.eyes[order],
         costs=np.ones(n_groups),
     )
-
-
-LOG = logging.getLogger("rastercov")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -317,12 +313,8 @@ def audit(
     by: str | None = None,
     resolution_of_result: float | None = None,
     method: str | Engine = "certified",
-    skip_bad_poses: bool = False,
-    progress: Progress = lambda done, total: None,
     folder: str | Path | None = None,
-    workers: Workers | None = None,
-    watch: Callable[[Made], None] = lambda made: None,
-    note: Callable[[str], None] = LOG.warning,
+    staff: Staff = ALONE,
 ) -> Audit:
     """Coverage of a surface by existing cameras, and the contribution of each.
 
@@ -347,19 +339,11 @@ def audit(
         Longest side of the cells, metres; `rastercov.coverage.area.cells.usual_size` unless given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
-    skip_bad_poses : bool
-        Skip poses that are not rigid transforms instead of raising.
-    progress : callable
-        Called with the poses done and the total.
     folder : path, optional
         Folder for shards (`rastercov.coverage.shards`), from which an audit that was ended
         continues; they stay there.
-    workers : Workers, optional
+    staff : Staff
         Processes that measure, with a folder that all of them share; this one unless given.
-    watch : callable
-        Called with each shard that a worker made.
-    note : callable
-        Called with a line on what was repaired; logs it as a warning unless given.
 
     Raises
     ------
@@ -374,10 +358,10 @@ def audit(
         raise ConfigError(
             "expected images of single cameras, got a rig with a rule; leave the rule out"
         )
-    if workers is not None and folder is None:
+    if staff.workers is not None and folder is None:
         raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     task = Task() if task is None else task
-    accepted = Poses.of(poses, skip_bad=skip_bad_poses)
+    accepted = Poses.of(poses)
     words = _texts("names", names, accepted)
     instants = _texts("frames", frames, accepted) if frames else ()
     engine = Engine.of(method)
@@ -389,7 +373,6 @@ def audit(
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
     wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
-    staff = Staff(workers, progress, watch, note)
     found = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
     is_measured = np.isin(accepted.ids, found.network.pose_ids)
     accepted = accepted[is_measured]

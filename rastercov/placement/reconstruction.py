@@ -40,6 +40,7 @@ from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, Problem
+from rastercov.shards import ALONE
 
 LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
 """Images that a point needs to have a place, and an angle between them; the task may ask more."""
@@ -165,8 +166,8 @@ def reconstruction(
         )
     found, more = audit(*scene, **options), None
     if suggested is not None:
-        how = {name: options[name] for name in ("method", "progress") if name in options}
-        more = suggest(found, suggested, **how)
+        how = {"method": options["method"]} if "method" in options else {}
+        more = suggest(found, suggested, progress=options.get("staff", ALONE).progress, **how)
     return Reconstruction(**vars(found), unit=unit, suggested=more)
 
 

@@ -51,7 +51,7 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Moving, Query, regions
+from rastercov.coverage.evaluation import Evaluation, Query, regions
 from rastercov.coverage.job import answer, evaluate
 from rastercov.coverage.judging import CHOICES
 from rastercov.coverage.reasons import Reason
@@ -182,7 +182,7 @@ def run(
     staff: Staff = ALONE,
     level: int | None = None,
     names: Sequence[str] = (),
-    moving: Moving | None = None,
+    moving: object = None,
 ) -> dict[str, Any]:
     """Evaluate every pose and write the report.
 
@@ -208,7 +208,7 @@ def run(
         Of the parts in the table of the page, as of `coverage.parts.entries_at`.
     names : sequence of str
         Name of the image of each pose without fault; see `names_of_poses`.
-    moving : Moving, optional
+    moving : Motion or MotionQuery, optional
         Areas are over time then; figures by face and of single poses, and their
         pictures, are those at rest.
 

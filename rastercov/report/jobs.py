@@ -22,7 +22,7 @@ from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.shards import Progress, Workers
+from rastercov.shards import Progress, Staff, Workers
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -276,16 +276,14 @@ def audit(
         reconstruction,
         mesh,
         camera,
-        poses,
+        Poses.of(poses, skip_bad=skip_bad_poses),
         task,
         names=names,
         frames=frames,
         by=by,
         method=method,
         resolution_of_result=resolution_of_result,
-        skip_bad_poses=skip_bad_poses,
-        progress=progress,
-        workers=workers,
+        staff=Staff(workers, progress),
         unit=unit,
         suggested=suggest,
     )

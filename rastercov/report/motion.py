@@ -7,10 +7,10 @@ import numpy as np
 from rastercov.base.memory import FloatArray
 from rastercov.coverage.area.over_time import OverTime
 from rastercov.mesh.formats.gltf_file import GlbBuffer
-from rastercov.mesh.motion import Motion
+from rastercov.mesh.motion import Motion, described_motion
 from rastercov.mesh.motion_file import quaternions_of
 from rastercov.report.coverage_files import Addition
-from rastercov.report.pages import MOST_LEVELS, Moving, base64_of
+from rastercov.report.pages import MOST_LEVELS, Moving
 
 
 def animated(motion: Motion) -> Addition:
@@ -49,20 +49,6 @@ def animated(motion: Motion) -> Addition:
         return {"animations": [{"name": "motion", "samplers": samplers, "channels": channels}]}
 
     return add_to
-
-
-def described_motion(motion: Motion) -> dict[str, Any]:
-    """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
-    groups, first = np.unique(motion.mesh.face_group, return_index=True)
-    bodies = np.zeros(len(motion.mesh.groups), np.int64)
-    bodies[groups] = motion.body[first]
-    matrices = np.ascontiguousarray(motion.world_from_body[:, :, :3])
-    return {
-        "durations": motion.durations.tolist(),
-        "bodies": bodies.tolist(),
-        "poses": base64_of(matrices.tobytes()),
-        "present": base64_of(motion.present.astype(np.uint8).tobytes()),
-    }
 
 
 def shown(found: OverTime) -> Moving:

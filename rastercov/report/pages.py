@@ -7,7 +7,6 @@ The exported page of the viewer has its modules and its data inside. It can be l
 coloured anew, and not be edited. The viewer describes its scene with the same functions.
 """
 
-import base64
 import hashlib
 import json
 import math
@@ -25,7 +24,16 @@ from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
-from rastercov.base.format import area, length, number, percent, plural, sampling, verb
+from rastercov.base.format import (
+    area,
+    base64_of,
+    length,
+    number,
+    percent,
+    plural,
+    sampling,
+    verb,
+)
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -131,11 +139,6 @@ def _srcdoc(page: str) -> str:
     from markupsafe import Markup
 
     return Markup(page.replace("&", "&amp;").replace("'", "&#39;"))
-
-
-def base64_of(data: Any) -> str:
-    """Bytes as text of a page."""
-    return base64.b64encode(data).decode("ascii")
 
 
 FIGURE = re.compile(r"[-+\d.,]+(\s|°|$)")

@@ -153,9 +153,10 @@ def poses_of(placement: Placement) -> dict[str, Any]:
         **({"candidate": placement.chosen[cameras.owner]} if is_chosen else {}),
         **(placement.arm.to_json() if placement.arm else {}),
     }
-    if placement.lamps is not None:
-        content["lamps"] = placement.lamps.lamps.to_json()
-    if len(mounts.rig) == 1 and placement.lamps is None:
+    lamps = None if placement.lamps is None else placement.lamps.plan.rig.lamps
+    if lamps is not None:
+        content["lamps"] = lamps.to_json()
+    if len(mounts.rig) == 1 and lamps is None:
         return content
     content["camera"] = [mounts.rig.names[index] for index in cameras.placed.camera]
     if (

@@ -48,7 +48,7 @@ class Workers:
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.look_at([(0.6, 0, 0), (0, 0, 0.6)], (0, 0, 0))
     >>> own = rc.Workers(1)  # a process, which measures shards into the folder
-    >>> found = rc.evaluate(mesh, camera, poses, folder="shards", workers=own)
+    >>> found = rc.evaluate(mesh, camera, poses, shards=("shards", own))
     >>> round(found.covered.share(), 3)
     0.333
     """

@@ -3,7 +3,6 @@
 Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,11 +23,9 @@ from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import catalogue, product_of
 from rastercov.camera.formats import read_views
-from rastercov.camera.lamp_file import load_lamps
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, lamps_of
-from rastercov.coverage.area.light import lit_by
+from rastercov.camera.rig import Rig, Views, lamps_of, with_lamps
+from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.densities import DORI
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -36,13 +33,12 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.plan.carrier import Timed
 from rastercov.placement.plan.file import plan_of, read_plan
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
-from rastercov.placement.plan.over_time import PlanMotion
-from rastercov.placement.plan.scene import candidate_pool, named_scene
+from rastercov.placement.plan.scene import candidate_pool, named_scene, timed_of
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
 from rastercov.report.modes import MODES
-from rastercov.report.motion import described_motion
 from rastercov.report.pages import (
     described_camera,
     described_mesh,
@@ -132,7 +128,7 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
-    moving : PlanMotion or None
+    moving : Timed or None
         Motion of its bodies, and its question.
     sheet, constraints : SheetSection, Constraints
         Title block and limits of the plan, or of that of a result.
@@ -150,7 +146,7 @@ class Scene:
     pool: "CandidatePool | None" = None
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
-    moving: PlanMotion | None = None
+    moving: Timed | None = None
     sheet: SheetSection = field(default_factory=SheetSection)
     constraints: Constraints = field(default_factory=Constraints)
     task_mesh: Mesh | None = None
@@ -174,10 +170,11 @@ class Scene:
             raise ConfigError(
                 "expected the lamps of the plan, [lamps.NAME], got --lamps; leave it out"
             )
-        lamps, start = load_lamps(path), self.start
-        rig, task = start.whole._lit(lamps), lit_by(start.task, lamps)
-        start = replace(start, whole=rig, task=task)
-        lamps.carried_by(tuple(start.cameras))
+        start = self.start
+        rig = with_lamps(start.whole, path)
+        assert rig.lamps is not None
+        rig.lamps.carried_by(tuple(start.cameras))
+        start = replace(start, whole=rig, task=narrowed(rig, start.task))
         notes = tuple(each for each in self.notes if each != LAMPS_ASKED)
         return replace(self, start=start, notes=notes)
 
@@ -186,61 +183,23 @@ class Scene:
     ) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
 
-        A time is a frame, and perhaps the joints of robots in place of those that they have there.
-        Of a goal, and of the task beside goals, its groups alone are to cover.
-
-        Raises
-        ------
-        ConfigError
-            For a frame that is none, and joints outside their limits.
+        Times, and errors, as of `Timed.placed`. Of a goal, and of the task beside goals, its groups
+        alone are to cover.
         """
         if self.moving is None:
             mesh = goal.mesh if goal else self.task_mesh or self.mesh
             is_there = np.isin(self.mesh.face_group, np.unique(mesh.face_group))
             return mesh, np.flatnonzero(is_there), {}
-        motion, (frame, *joints) = self.moving.motion, at or (0.0,)
-        number: Any = frame  # whole, or refused
-        mesh, kept = motion.frame(number)
-        poses, row = motion.world_from_body[int(frame)], 0
-        if joints:
-            poses = poses.copy()
-            for robot in self.moving.robots:
-                own = joints[row : (row := row + len(robot.joint_names))]
-                for link, pose in robot.poses(own).items():
-                    poses[motion.names.index(link)] = pose[0]
-            mesh, kept = motion._placed(poses, motion.present[int(frame)])
-        return mesh, kept, dict(zip(motion.names, poses, strict=True))
+        return self.moving.placed(at)
 
     def carriers(self, cameras: Iterable[str]) -> dict[str, str]:
         """Body of each camera that is fixed to one."""
         own = {} if self.moving is None else {name: self.moving.body_of(name) for name in cameras}
         return {name: body for name, body in own.items() if body != "world"}
 
-    def moving_with(self, rig: Rig) -> PlanMotion | None:
+    def moving_with(self, rig: Rig) -> Timed | None:
         """The motion and its question for the cameras of a rig."""
-        if self.moving is None:
-            return None
-        bodies = [self.moving.body_of(name) for name in rig.names]
-        return replace(self.moving, body=bodies, cameras=rig.names)
-
-    def _moving(self) -> dict[str, Any]:
-        """Motion and joints for the page, ready for JSON."""
-        if self.moving is None:
-            return {}
-        robots, path, fields = self.moving.robots, self.moving.path, []
-        for robot in robots:
-            of_joints = zip(robot.joint_names, robot.joint_kinds, robot.limits, strict=True)
-            for name, kind, limits in of_joints:
-                low, high = np.where(np.isfinite(limits), limits, (-math.pi, math.pi)).tolist()
-                unit = "m" if kind == "prismatic" else "°"
-                fields.append({"name": name, "low": low, "high": high, "words": "", "unit": unit})
-        joints = np.concatenate([*(each.rest for each in robots), []])
-        joints = joints[None] if path is None else path.joints
-        frames = np.broadcast_to(joints, (len(self.moving.motion), joints.shape[1]))
-        return {
-            "motion": described_motion(self.moving.motion),
-            "joints": {"fields": fields, "frames": frames.tolist()},
-        }
+        return None if self.moving is None else self.moving.carrying(rig.names)
 
     @property
     def has_constraints(self) -> bool:
@@ -315,7 +274,7 @@ class Scene:
             "unit": self.start.unit,
             "version": rastercov.__version__,
             "is_room": self.is_room,
-            "task_fields": task_fields(self.start.whole.lamps),
+            "task_fields": task_fields(self.start.whole),
             "levels": DORI if "level" in self.modes else {},
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
@@ -329,7 +288,7 @@ class Scene:
             "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
-            **self._moving(),
+            **({} if self.moving is None else self.moving.described()),
         }
 
     def _sold(self) -> list[tuple[str, str]]:
@@ -403,9 +362,10 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def task_fields(lamps: Lamps | None = None) -> list[dict[str, Any]]:
+def task_fields(rig: Rig | None = None) -> list[dict[str, Any]]:
     """Thresholds of a task with their limits, for sliders; of light, too, where there are lamps."""
     words, default, found = documented(Task), Task(), []
+    lamps = None if rig is None else rig.lamps
     unit = "" if lamps is None else lamps.unit
     units = UNITS | dict.fromkeys(("min_illuminance", "max_illuminance"), unit)
     for name, hint in annotations_of(Task).items():
@@ -437,7 +397,7 @@ def described_state(
 
     `place` of a station is the constraint it violates.
     """
-    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.whole.lamps)]
+    eyes, thresholds = state.eyes, [each["name"] for each in task_fields(state.whole)]
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         judged = scene.space(state).judge(eyes)
@@ -501,9 +461,11 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     """
     plan = read_plan(path)
     mesh, plan, _ = named_scene(plan)
-    chosen = lamps_of(rig.rig) if rig is not None and rig.rig is not None else None
-    notes: tuple[str, ...] = (LAMPS_TO_CHOOSE,) if plan.lamp_entries and chosen is None else ()
-    plan = plan.with_lamps(chosen) if plan.lamp_entries else plan
+    chosen = None if rig is None else rig.rig
+    notes: tuple[str, ...] = ()
+    if plan.lamp_entries:
+        notes = () if chosen is not None and chosen.lamps is not None else (LAMPS_TO_CHOOSE,)
+        plan = plan.lit_as(chosen)
     pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
@@ -528,7 +490,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
     notes += rule_notes(cameras or (rig.rig if rig is not None else None))
-    moving = PlanMotion.of(plan, mesh)
+    moving = timed_of(plan, mesh)
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
@@ -569,8 +531,8 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     return run
 
 
-Shown = tuple[Mesh | PlanMotion, Lamps | None]
-"""Mesh of a result, or its motion, and its lamps."""
+Shown = tuple[Mesh | Timed, object]
+"""Mesh of a result, or its motion, and its lamps or their file, None without."""
 
 
 def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
@@ -604,8 +566,8 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
     found, lamps = load(files)
-    moving = found if isinstance(found, PlanMotion) else None
-    mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.motion.mesh
+    moving = None if isinstance(found, Mesh) else found
+    mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f", or the plan with --poses {quote(str(rig_file))}" if kind == "place" else ""
         raise ConfigError(
@@ -616,7 +578,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         raise ConfigError(f"expected {rig_file}, got no such file; give --poses")
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
     start = state_of(read_views(rig_file), task, _cameras(run))
-    start = replace(start, whole=start.whole._lit(lamps))
+    start = replace(start, whole=with_lamps(start.whole._lit(None), lamps))
     told = _read(folder / name)
     by = "face" if told.get("by") == "face" and not told.get("by_face_because") else None
     needed = (told.get("covered_area") or {}).get("views")
@@ -662,7 +624,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         mesh, plan, _ = named_scene(plan)
         chosen = read_views(folder / "poses.json").rig if of_lamps else None
         lamps = lamps_of(chosen) if chosen else plan.built_lamps(plan.folder)
-        return PlanMotion.of(plan, mesh) or mesh, lamps
+        return timed_of(plan, mesh) or mesh, lamps
     except RastercovError:  # such as a file that was moved
         return None
 

@@ -512,8 +512,7 @@ class Session:
             moving = self.scene.moving_with(rig)
             if moving is None:
                 raise ConfigError("expected motion, got none; open a plan or result with motion")
-            areas = moving.areas(rig, poses, state.task)
-            self._shares = state, areas.over_time.share_of_time()
+            self._shares = state, moving.share_of_time(rig, poses, state.task)
         return self._shares[1]
 
     def _segmented(self, alpha: float, beta: float) -> Segmentation:

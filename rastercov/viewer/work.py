@@ -21,6 +21,7 @@ from rastercov.base.format import area, plural
 from rastercov.base.interrupts import ABANDONED
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
+from rastercov.camera.rig import is_joint
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.cells import cells, usual_size
 from rastercov.coverage.area.frames import to_world
@@ -65,7 +66,7 @@ def _open(
     Elements are cells by area and faces by face. The objective reports poses done of `count`.
     """
     (areas, because), rig, mesh = own.areas_or_why(state), state.rig(), own.mesh
-    if areas is None and state.whole.lamps is not None:
+    if areas is None and is_joint(rig):
         raise ConfigError(f"expected results by area with lamps, got by face: {because}")
     task, done = replace(state.task, views=state.most_views), 0
     views: Any = state.task.views if state.needed is None else state.needed

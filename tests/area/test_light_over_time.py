@@ -12,7 +12,7 @@ from timed import evaluate_over_time, regions_over_time
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.camera.rig import with_lamps
-from rastercov.coverage.area.light import lit_by
+from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.area.motion import Frames
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.table import joined as joined_regions
@@ -155,7 +155,8 @@ NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "boun
 
 def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
-    camera, task = with_lamps(camera, lamps), lit_by(task, lamps)
+    camera = with_lamps(camera, lamps)
+    task = narrowed(camera, task)
     job = Frames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]
 

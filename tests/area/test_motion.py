@@ -234,7 +234,7 @@ def test_questions_of_a_motion_that_cannot_be_are_refused_before_the_work(monkey
         with pytest.raises(ConfigError, match=words):
             rc.evaluate(mesh_of, CAMERA, np.repeat(ABOVE, 2, axis=0), task, motion=asked, by=by)
     for options, words in (
-        ({"motion": 3}, "motion to be a Motion, got 3"),
+        ({"motion": 3}, "motion to be a Motion or MotionQuery, got 3"),
         (
             {"motion": motion, "method": "sampled:cpu"},
             "by area over time, got by face; method sampled",

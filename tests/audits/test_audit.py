@@ -198,7 +198,7 @@ def test_occluders_and_bad_poses_are_left_out():
     )
     matrices = looking_in(1, 6).world_from_camera.copy()
     matrices[2, 0, 0] = 9
-    found = audit(both, WIDE, matrices, names=list("abcdef"), by="face", skip_bad_poses=True)
+    found = audit(both, WIDE, rc.Poses.of(matrices, skip_bad=True), names=list("abcdef"), by="face")
     assert found.names == ("a", "b", "d", "e", "f")
     assert not found.views[MESH.n_faces :].any()
     assert found.summary()["subset"]["names"] == [found.names[row] for row in found.subset.chosen]

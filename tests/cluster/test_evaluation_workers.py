@@ -162,7 +162,7 @@ def test_workers_audit_like_one_process(tmp_path, by):
     options = {"by": by, "names": [f"image {row}" for row in range(42)]}
     alone = audit(MESH, CAMERAS, PLACED, **options)
     kept = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "kept", **options)
-    many = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "w", workers=Workers(2), **options)
+    many = audit(MESH, CAMERAS, PLACED, folder=tmp_path / "w", staff=Staff(Workers(2)), **options)
     assert files(tmp_path / "kept") == files(tmp_path / "w")
     for found in (kept, many):
         np.testing.assert_array_equal(alone.views, found.views)
@@ -171,7 +171,7 @@ def test_workers_audit_like_one_process(tmp_path, by):
         np.testing.assert_array_equal(alone.subset.chosen, found.subset.chosen)
         np.testing.assert_array_equal(alone.lost_m2, found.lost_m2)
     with pytest.raises(ConfigError, match="expected a folder for workers"):
-        audit(MESH, CAMERAS, PLACED, workers=Workers(1))
+        audit(MESH, CAMERAS, PLACED, staff=Staff(Workers(1)))
 
 
 def files(folder):

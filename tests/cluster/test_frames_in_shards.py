@@ -56,7 +56,7 @@ CASES = {
 def test_shards_have_the_figures_of_one_run_to_the_bit(tmp_path, case):
     scene, options = CASES[case]
     plain = evaluate_over_time(motion_of(), *scene, TASK, 0.5, **options)
-    kept = evaluate_over_time(motion_of(), *scene, TASK, 0.5, folder=tmp_path, **options)
+    kept = evaluate_over_time(motion_of(), *scene, TASK, 0.5, shards=tmp_path, **options)
     same(plain, kept)
     assert sorted(len(list(each.glob("shards/*"))) for each in tmp_path.iterdir()) >= [1, 2]
 
@@ -65,7 +65,7 @@ def test_shards_have_the_figures_of_one_run_to_the_bit(tmp_path, case):
 def test_workers_make_the_shards_of_one_process(tmp_path):
     found = [
         evaluate_over_time(
-            motion_of(), CAMERA, CAMERAS, TASK, lamps=LAMPS, folder=tmp_path / name, workers=workers
+            motion_of(), CAMERA, CAMERAS, TASK, lamps=LAMPS, shards=(tmp_path / name, workers)
         )
         for name, workers in (("alone", None), ("workers", rc.Workers(2)))
     ]
@@ -80,8 +80,8 @@ def test_workers_make_the_shards_of_one_process(tmp_path):
 
 def test_shards_of_another_motion_with_their_checksums_are_made_again(tmp_path):
     scene, (one, other) = (CAMERA, CAMERAS, TASK), (tmp_path / name for name in ("one", "other"))
-    plain = evaluate_over_time(motion_of(), *scene, folder=one)
-    evaluate_over_time(rc.Motion(MESH, frames(sweep(7)[::-1])), *scene, folder=other)
+    plain = evaluate_over_time(motion_of(), *scene, shards=one)
+    evaluate_over_time(rc.Motion(MESH, frames(sweep(7)[::-1])), *scene, shards=other)
     # The poses at rest are the same in both.
     (own,), (theirs,) = (
         [path for path in here.iterdir() if not (there / path.name).exists()]
@@ -90,16 +90,16 @@ def test_shards_of_another_motion_with_their_checksums_are_made_again(tmp_path):
     for number in (0, 2):
         data = (theirs / f"shards/shard-0000{number}.npz").read_bytes()
         store(own, f"shards/shard-0000{number}.npz", data)
-    same(plain, evaluate_over_time(motion_of(), *scene, folder=one))
+    same(plain, evaluate_over_time(motion_of(), *scene, shards=one))
 
 
 def test_poses_are_kept_in_shards_and_taken_from_there(tmp_path, monkeypatch):
     plain = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, fields=())
     monkeypatch.setattr(shards, "PAIRS_A_SHARD", 2 * MESH.n_faces)
-    first = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, folder=tmp_path)
+    first = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, shards=tmp_path)
     assert len(list(tmp_path.glob("*/shards/*.npz"))) == 2
     monkeypatch.setattr(shards, "_measured", lambda *_: pytest.fail("measured again"))
-    second = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, folder=tmp_path)
+    second = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, shards=tmp_path)
     assert first.covered.area.tobytes() == second.covered.area.tobytes()
     assert np.abs(first.covered.area - plain.covered.area).max() <= 1e-12
     assert first.network.summary() == second.network.summary() == plain.network.summary()
@@ -124,18 +124,18 @@ def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, mon
     monkeypatch.setattr(over_time, "_of_frames", counted)
     scene = CAMERA, CAMERAS, TASK
     with pytest.raises(EndedError):
-        evaluate_over_time(motion_of(), *scene, folder=tmp_path)
+        evaluate_over_time(motion_of(), *scene, shards=tmp_path)
     # Another motion takes none of them, and other durations or another question all.
     other = rc.Motion(MESH, frames(sweep(7)[::-1]))
-    same(evaluate_over_time(other, *scene, folder=tmp_path), evaluate_over_time(other, *scene))
+    same(evaluate_over_time(other, *scene, shards=tmp_path), evaluate_over_time(other, *scene))
     assert calls[3:] == [[0, 1], [2, 3], [4, 5], [6]]
     (kept,) = (path for path in tmp_path.iterdir() if len(list(path.glob("shards/*"))) == 2)
     damaged = kept / "shards" / "shard-00000.npz"
     damaged.write_bytes(damaged.read_bytes()[:-9])
     del calls[:]
-    evaluate_over_time(motion_of(), *scene, folder=tmp_path)
+    evaluate_over_time(motion_of(), *scene, shards=tmp_path)
     timed = motion_of(durations=[1, 1, 2, 1, 1, 3, 1])
-    kept = evaluate_over_time(timed, *scene, "all", folder=tmp_path)
+    kept = evaluate_over_time(timed, *scene, "all", shards=tmp_path)
     same(kept, evaluate_over_time(timed, *scene, "all"))
     assert calls == [[0, 1], [4, 5], [6]]
 
@@ -158,10 +158,10 @@ def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
 
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     motion = motion_of()
-    with pytest.raises(ConfigError, match="expected a folder for workers"):
+    with pytest.raises(ConfigError, match=r"unknown argument 'workers'; give shards=\(FOLDER"):
         evaluate_over_time(motion, CAMERA, CAMERAS, TASK, workers=rc.Workers(1))
     with pytest.raises(ConfigError, match="fields or a folder for shards, got both"):
-        rc.evaluate(MESH, CAMERA, CAMERAS, TASK, fields=["reason"], folder=tmp_path)
+        rc.evaluate(MESH, CAMERA, CAMERAS, TASK, fields=["reason"], shards=tmp_path)
     many = rc.Motion(MESH, {"link1": rc.turntable(5001)})
     with pytest.raises(ConfigError, match=r"10,000 images.*folder") as error:
         evaluate_over_time(many, CAMERA, CAMERAS[:2], TASK)
@@ -170,5 +170,5 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
         noted = {frame: "was killed by SIGKILL"}
         monkeypatch.setattr(shards.ShardStore, "quarantined", lambda self, noted=noted: noted)
         with pytest.raises(ConfigError, match=f"a result of frame {frame}, got none: its") as error:
-            evaluate_over_time(motion, CAMERA, CAMERAS, TASK, folder=tmp_path)
+            evaluate_over_time(motion, CAMERA, CAMERAS, TASK, shards=tmp_path)
         assert "\n" not in str(error.value)

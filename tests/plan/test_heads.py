@@ -139,7 +139,7 @@ def test_batches_and_shards_keep_the_poses_of_a_rig_together(monkeypatch):
     rig, found = head(), []
     for size in (256, 3, 1):
         monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", size)
-        found.append(rc.evaluate(MESH, rig, rig.poses(POSES), TASK, threads=1).summary())
+        found.append(rc.evaluate(MESH, rig, rig.poses(POSES), TASK).summary())
     for each in found[1:]:
         assert each["covered_area"]["m2"] == pytest.approx(found[0]["covered_area"]["m2"])
         assert each["per_pose"] == found[0]["per_pose"]

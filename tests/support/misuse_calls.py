@@ -30,7 +30,8 @@ SIZE = {"width": 32, "height": 24}
 LENS = SIZE | {"fx": 30.0, "fy": 30.0}
 SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
-STILL = {"motion": None}
+ALONE = {"method": rc.Engine("exact", threads=1)}
+STILL = {"motion": None, "lamps": None}
 SHEETS = {"spacing": 0.4, "inset": 0.1}
 LINE = rc.Rig(
     [CAMERA] * 2, ["laser", "a"], rule=rc.All(), tasks={"laser": {"max_incidence_deg": 80}}
@@ -86,12 +87,13 @@ OWN: dict[str, dict[str, Any]] = {
     "write_poses, named": {"path": FOLDER / "written.json", "camera": ["a", "b"]},
     "read_views": {"path": FOLDER / "views.json", "conventions": rc.Conventions()},
     "write_views": {"views": VIEWS, "path": FOLDER / "written_views.json", "overwrite": True},
-    "evaluate": EXACT | STILL,
-    "evaluate, by area": EXACT | STILL | {"by": "area", "fields": []},
-    "evaluate, lit": EXACT | STILL | {"by": "area", "fields": [], "lamps": LAMPS},
-    "evaluate, moving": EXACT | {"fields": [], "motion": rc.MotionQuery(MOTION, 0.5)},
-    "evaluate, sampled": SAMPLED | STILL,
+    "evaluate": ALONE | STILL,
+    "evaluate, by area": ALONE | STILL | {"by": "area", "fields": []},
+    "evaluate, lit": ALONE | STILL | {"by": "area", "fields": [], "lamps": LAMPS},
+    "evaluate, moving": ALONE | {"fields": [], "motion": rc.MotionQuery(MOTION, 0.5)},
+    "evaluate, sampled": {"method": rc.Engine("sampled", "cpu", threads=1)} | STILL,
     "regions, at rest": STILL,
+    "regions, lit": STILL | {"lamps": LAMPS},
     "open_observer": EXACT,
     "open_observer, sampled": SAMPLED,
     "visibility, sampled": SAMPLED,

@@ -371,7 +371,10 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
 
 
 def test_sliders_have_the_limits_of_the_task():
-    fields = {each["name"]: each for each in task_fields(rc.Lamps([rc.Lamp.point(1)]))}
+    fields = {
+        each["name"]: each
+        for each in task_fields(rc.Rig([CAMERA])._lit(rc.Lamps([rc.Lamp.point(1)])))
+    }
     assert set(fields) == set(rc.Task.__dataclass_fields__)
     assert fields["min_illuminance"]["unit"] == "lx"
     assert set(fields) - {each["name"] for each in task_fields()} == set(OF_LIGHT)

@@ -6,6 +6,7 @@ of all cameras together.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,17 +14,15 @@ from numpy.typing import NDArray
 
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, is_joint, names_of
-from rastercov.coverage.area.figures import Figures
-from rastercov.coverage.area.light_figures import LightFigures
+from rastercov.coverage.area.features import FEATURES
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.sensor_figures import RigFigures
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.judging import JudgedPoses
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FIGURES: tuple[type[Figures], ...] = (RigFigures, LightFigures)
+FIGURES = [each.figures for each in FEATURES]
 """Further figures, of features."""
 MOST_CAMERAS = 64
 """Cameras with figures of their own; they take 50 bytes per face and camera."""
@@ -69,7 +68,8 @@ class ByCamera:
             task = replace(task, views=1, min_angle_deg=0.0)
         self._areas = {index: AreaNetwork(mesh, task) for index in indices if by_area}
         self._networks = {index: Network(mesh, task) for index in indices if by_face}
-        self._further = [each(mesh, task, camera, indices) for each in FIGURES if by_area]
+        new = partial(AreaNetwork, mesh, task)
+        self._further = [each(new, camera, task, indices) for each in FIGURES if by_area]
 
     @property
     def is_asked(self) -> bool:

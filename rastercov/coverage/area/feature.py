@@ -13,6 +13,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.figures import Figures
 from rastercov.coverage.area.table import Condition, Finder
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -33,6 +34,19 @@ class PointCondition(Protocol):
 
 class Feature:
     """Hooks of a feature, which do nothing here."""
+
+    word = ""
+    """Argument of `evaluate` that it adds, if any."""
+    figures: type[Figures] = Figures
+    """Further figures of a run by area."""
+
+    def given(self, camera: Cameras, value: object) -> Cameras:
+        """Cameras with what the argument gives them, None without it."""
+        return camera
+
+    def narrowed(self, camera: Cameras, task: Task) -> Task:
+        """The task within the limits that the equipment of cameras has."""
+        return task
 
     def check(self, camera: Cameras, task: Task) -> None:
         """Raise `ConfigError` for thresholds that do not go with the cameras."""

@@ -7,10 +7,18 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.feature import Faces, Feature, PointCondition
 from rastercov.coverage.area.light_points import OfLamps
+from rastercov.coverage.area.sensor_figures import OfRules
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FEATURES: tuple[Feature, ...] = (OfLamps(),)
+FEATURES: tuple[Feature, ...] = (OfRules(), OfLamps())
+
+
+def narrowed(camera: Cameras, task: Task) -> Task:
+    """The task within the limits that the equipment of cameras has."""
+    for each in FEATURES:
+        task = each.narrowed(camera, task)
+    return task
 
 
 def conditions_at(

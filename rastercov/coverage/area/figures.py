@@ -1,19 +1,33 @@
 """Figures of areas in words, and those of a feature that can be deleted, beside a network's."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from rastercov.base.format import percent, plural, with_bound
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
 
 Alone = Callable[[int], dict[str, Any]]
 """Covered area of a camera by itself, by its index."""
+DOUBTFUL = ("doubtful_percent", "doubtful_m2")
+"""Figures of what is seen edge-on."""
+
+
+class Areas(Protocol):
+    """Covered area of regions that are added, an `AreaNetwork`."""
+
+    @property
+    def closed(self) -> BoolArray:
+        """(F,) faces that need no further regions."""
+
+    def add(self, regions: Regions) -> None:
+        """Take in the regions of further poses."""
+
+    def summary(self) -> dict[str, Any]:
+        """Covered area of all task faces, ready for JSON."""
 
 
 def most_off(figures: Mapping[str, Any], unit: str) -> float:
@@ -36,14 +50,16 @@ def in_words(figures: Mapping[str, Any]) -> str:
 class Figures:
     """Figures of a run by area; `used` are the cameras with figures of their own."""
 
-    def __init__(self, mesh: Mesh, task: Task, camera: Cameras, used: Iterable[int]) -> None: ...
+    def __init__(
+        self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
+    ) -> None: ...
 
     @property
     def needs_all(self) -> bool:
         """True where no face may be left out of regions."""
         return False
 
-    def networks(self) -> Iterable[AreaNetwork]:
+    def networks(self) -> Iterable[Areas]:
         """All that regions are added to."""
         return ()
 

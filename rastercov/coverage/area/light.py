@@ -24,7 +24,7 @@ from rastercov.camera.lamps import Lamps, are_lit, bits_of, points_of
 from rastercov.camera.light_units import check_unit
 from rastercov.camera.photometry import table_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, with_lamps
+from rastercov.camera.rig import Cameras, Rig
 from rastercov.coverage.area.criteria import Highlight, Illuminance
 from rastercov.coverage.area.cut import Kept
 from rastercov.coverage.area.frames import frames_of
@@ -316,18 +316,6 @@ class Light:
             parts.append(regions.at_least(k, own, one_side=False))
             rows.append(np.unique(own[own >= 0]) // len(needed))
         return joined(parts).at_least(1, np.concatenate(rows))
-
-
-def lit_by(task: Task, lamps: Lamps | None) -> Task:
-    """The same task within the band of the exposure of lamps, where they have one."""
-    if lamps is None or lamps.exposure is None:
-        return task
-    return task.exposed(lamps.exposure, lamps.unit)
-
-
-def lit(camera: Cameras, task: Task, lamps: Lamps | None) -> tuple[Cameras, Task]:
-    """Cameras with the lamps that must light what they see, and the task as of `lit_by`."""
-    return with_lamps(camera, lamps), lit_by(task, lamps)
 
 
 def check_light(task: Task, lamps: Lamps | None) -> None:

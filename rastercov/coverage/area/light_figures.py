@@ -1,7 +1,7 @@
 """Figures of what is lost for the light of lamps."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -9,13 +9,11 @@ from typing import Any
 from rastercov.base.format import percent, with_bound
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, lamps_of
-from rastercov.coverage.area.figures import Alone, Figures, most_off
+from rastercov.coverage.area.figures import Alone, Areas, Figures, most_off
 from rastercov.coverage.area.light import Light
-from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.rows import gated
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
 
 UNITS_OF = ("percent", "m2")
 OF_LIGHT = {"unlit": "unlit", "out_of_limits": "badly lit"}
@@ -25,12 +23,14 @@ OF_LIGHT = {"unlit": "unlit", "out_of_limits": "badly lit"}
 class LightFigures(Figures):
     """Figures of what cameras see, what of it is lit, and what has as much light as is asked."""
 
-    def __init__(self, mesh: Mesh, task: Task, camera: Cameras, used: Iterable[int]) -> None:
+    def __init__(
+        self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
+    ) -> None:
         self._lights: list[Light] = []
         n = 0 if lamps_of(camera) is None else 2 + task.asks_for_light
-        self._seen = [AreaNetwork(mesh, task) for _ in range(n)]
+        self._seen = [new() for _ in range(n)]
 
-    def networks(self) -> Iterable[AreaNetwork]:
+    def networks(self) -> Iterable[Areas]:
         """See `Figures`."""
         return self._seen
 

@@ -13,10 +13,11 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, lamps_of, names_of
+from rastercov.camera.rig import Cameras, Rig, lamps_of, names_of, with_lamps
 from rastercov.coverage.area.feature import Faces, Feature
 from rastercov.coverage.area.frames import frames_of, in_front
 from rastercov.coverage.area.light import Light, check_light, failing_lamp
+from rastercov.coverage.area.light_figures import LightFigures
 from rastercov.coverage.area.point_pass import PointPass
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.table import Finder
@@ -148,6 +149,18 @@ class LightOfPoints:
 
 class OfLamps(Feature):
     """Lamps of rigs, see `rastercov.camera.lamps`."""
+
+    word = "lamps"
+    figures = LightFigures
+
+    def given(self, camera: Cameras, value: object) -> Cameras:
+        """See `Feature`."""
+        return camera if value is None else with_lamps(camera, value)
+
+    def narrowed(self, camera: Cameras, task: Task) -> Task:
+        """See `Feature`: within the band of the exposure of the lamps, where they have one."""
+        lamps = lamps_of(camera)
+        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
 
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""

@@ -128,9 +128,15 @@ class MotionQuery(InOneLine):
         return replace(joined(parts), pose_ids=regions.pose_ids[:n])
 
 
-def query_of(motion: Motion | MotionQuery, mesh: Mesh) -> MotionQuery:
-    """The query itself, or that of a motion; ConfigError for one of another mesh."""
-    asked = motion if isinstance(motion, MotionQuery) else MotionQuery(motion)
+def query_of(motion: object, mesh: Mesh) -> MotionQuery:
+    """The query itself, of a motion, or of poses of bodies; ConfigError for another mesh."""
+    if isinstance(motion, Mapping):
+        motion = Motion(mesh, motion)
+    asked = MotionQuery(motion) if isinstance(motion, Motion) else motion
+    if not isinstance(asked, MotionQuery):
+        raise ConfigError(
+            f"expected motion to be a Motion or MotionQuery, got {shown(motion)}; correct it"
+        )
     if asked.motion.mesh is not mesh:
         raise ConfigError("expected the mesh of the motion, at rest, got another; give motion.mesh")
     return asked

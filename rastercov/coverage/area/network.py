@@ -12,6 +12,7 @@ from rastercov.base.format import area as area_text
 from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, is_joint
+from rastercov.coverage.area.figures import DOUBTFUL
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
 from rastercov.coverage.area.remedies import Places
@@ -274,9 +275,6 @@ class AreaNetwork:
             ],
             **_doubtful(doubtful, percent),
         }
-
-
-DOUBTFUL = ("doubtful_percent", "doubtful_m2")
 
 
 def _doubtful(m2: float, percent: float) -> dict[str, float]:

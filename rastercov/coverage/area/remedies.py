@@ -23,7 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image, view_border
-from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, lamps_of
+from rastercov.camera.rig import Cameras, Rig, cameras_of, gates_of, is_joint
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
 from rastercov.coverage.advice import figures_of_point, general_advice, short_of
 from rastercov.coverage.area.failures import failures_of_rows
@@ -297,7 +297,7 @@ class Remedies:
         """Changes of a camera that may cover a zone, the smallest first."""
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
         target, to = _rounded(spot.at, scale)
-        is_one = not gates_of(self.camera) and lamps_of(self.camera) is None
+        is_one = not is_joint(self.camera)
         index = int(self.poses.camera[row]) if len(self.poses) else self.kind
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
         origin = spot.at

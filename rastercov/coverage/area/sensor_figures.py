@@ -1,6 +1,6 @@
 """Figures of rigs with a rule: what each device sees, and what is lost by it alone."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,12 @@ from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, gates_of, names_of
 from rastercov.camera.rule import Gate
-from rastercov.coverage.area.figures import Alone, Figures, most_off
-from rastercov.coverage.area.network import DOUBTFUL, AreaNetwork
+from rastercov.coverage.area.feature import Feature
+from rastercov.coverage.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
 from rastercov.coverage.area.sensors import through, worst_deviations
 from rastercov.coverage.area.table import Regions
 from rastercov.coverage.reasons import CONDITIONS
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
 
 OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2", *DOUBTFUL)
 """Figures of what a device covers by itself."""
@@ -49,8 +48,10 @@ class RigFigures(Figures):
         pose, by its first camera, metres, from below and above; see `worst_deviations`.
     """
 
-    def __init__(self, mesh: Mesh, task: Task, camera: Cameras, used: Iterable[int]) -> None:
-        self._rigs: dict[int, tuple[Gate, dict[int | None, AreaNetwork]]] = {}
+    def __init__(
+        self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
+    ) -> None:
+        self._rigs: dict[int, tuple[Gate, dict[int | None, Areas]]] = {}
         self._names, is_used = names_of(camera), set(used)
         self.worst: dict[int, NDArray[np.float64]] = {}
         for first, gate in gates_of(camera).items():
@@ -61,14 +62,14 @@ class RigFigures(Figures):
                     *range(gate.n),
                     *(each for each, is_asked in asked.items() if is_asked),
                 )
-                self._rigs[first] = gate, {each: AreaNetwork(mesh, task) for each in names}
+                self._rigs[first] = gate, {each: new() for each in names}
 
     @property
     def needs_all(self) -> bool:
         """See `Figures`: the largest deviation is that in any pose."""
         return any(gate.has_deviation for gate, _ in self._rigs.values())
 
-    def networks(self) -> Iterable[AreaNetwork]:
+    def networks(self) -> Iterable[Areas]:
         """See `Figures`."""
         return (areas for _, own in self._rigs.values() for areas in own.values())
 
@@ -149,3 +150,9 @@ class RigFigures(Figures):
             for entry in summary.get("by_device", ())
             for size in [with_bound(entry["missed"]["percent"], entry["missed"]["bound_percent"])]
         ]
+
+
+class OfRules(Feature):
+    """Rules of rigs, see `rastercov.camera.rule`."""
+
+    figures = RigFigures

@@ -21,7 +21,6 @@ from rastercov.coverage.evaluation import regions
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.kinematics import pose_error
-from rastercov.mesh.motion import Motion
 from rastercov.placement.candidates.arm import Arm
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
@@ -103,9 +102,9 @@ class PlanArm:
 
     def _with_arm(self, finder: RegionPass, placed: Poses, joints: FloatArray) -> Regions:
         """Regions of the scene with the arm in one configuration."""
-        motion = Motion(self.scene, self.arm.robot.poses(joints))
         asked = self.scene, finder.camera, placed, finder.task
-        found = regions(*asked, motion=motion, method=self.plan.task.method)
+        bodies, method = self.arm.robot.poses(joints), self.plan.task.method
+        found = regions(*asked, motion=bodies, method=method)
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
         return replace(found._of_faces(own), mesh=self.arm.mesh)
 

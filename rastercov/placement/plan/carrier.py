@@ -3,9 +3,9 @@
 `scene.carrier_of` and `scene.timed_of` have that of a plan.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 from rastercov.base.format import distance, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
@@ -139,6 +139,29 @@ class TimeMatrix(NamedTuple):
 
 class Timed(Protocol):
     """Moments of a scene, and for how long of them a point must be covered."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """The scene at rest."""
+
+    def body_of(self, camera: str) -> str:
+        """Body that carries a camera, by its name."""
+
+    def carrying(self, cameras: Sequence[str]) -> Self:
+        """The same for cameras of some names."""
+
+    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+        """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
+
+        A time is a frame, and perhaps the joints of robots in place of those that they have there;
+        ConfigError for a frame that is none, and joints outside their limits.
+        """
+
+    def described(self) -> dict[str, Any]:
+        """Motion and joints for a page, ready for JSON."""
+
+    def share_of_time(self, camera: Cameras, placed: Poses, task: Task) -> FloatArray:
+        """(F,) mean share, over a face, of the time in which it is covered."""
 
     def moments(self, camera: Cameras, placed: Poses) -> Iterator[Moment]:
         """Each moment, with the cameras of poses at rest."""

@@ -23,7 +23,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Views, gates_of, lamps_of, names_of_poses
+from rastercov.camera.rig import Views, gates_of, names_of_poses
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.rows import unmet_lines
@@ -345,18 +345,18 @@ def check(
     """
     given = read_views(poses_file) if poses is None else poses
     images: tuple[str, ...] = ()
-    chosen = lamps_of(given.rig) if isinstance(given, Views) and given.rig else None
+    chosen = given.rig if isinstance(given, Views) else None
     if isinstance(given, Views):
         images = given.images
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
     if plan.lamp_entries:
-        if chosen is None:
+        if chosen is None or chosen.lamps is None:
             raise PoseError(
                 f"{poses_file.name}: expected chosen lamps for {plan.name}, got none; give the "
                 "poses.json that place wrote"
             )
-        plan = plan.with_lamps(chosen)
+        plan = plan.lit_as(chosen)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         whole, plan, names = named_scene(plan)

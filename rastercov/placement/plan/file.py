@@ -22,11 +22,9 @@ from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
-from rastercov.camera.lamps import Lamps
 from rastercov.camera.light_units import GLOSSES
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, is_joint, with_lamps
-from rastercov.coverage.area.light import lit_by
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import OF_LIGHT, Task
@@ -269,8 +267,9 @@ class Plan(PlanModel):
             raise ConfigError(f"expected a room, got {name!r}; rooms are {known}")
         return self._rooms[name]
 
-    def with_lamps(self, lamps: Lamps | None) -> Self:
-        """The same plan where these light; None for the plan in any light, without lamps."""
+    def lit_as(self, rig: Rig | None) -> Self:
+        """The same plan in the light of the lamps of a rig; None for any light, without lamps."""
+        lamps = None if rig is None else rig.lamps
         changes: dict[str, Any] = {}
         if lamps is None:
             own = [entry for entry in self.candidates if entry.lamp is None]
@@ -362,7 +361,9 @@ class Plan(PlanModel):
         # A table by group matters for counting views only, not for what one camera covers.
         by_group = isinstance(self.task.views, dict)
         own["views"] = views or (1 if by_group else self.task.views)
-        return lit_by(Task(**own), self.built_lamps(self.folder))
+        lamps = self.built_lamps(self.folder)
+        task = Task(**own)
+        return task if lamps is None else task.exposed(lamps.exposure, lamps.unit)
 
 
 def robots_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:

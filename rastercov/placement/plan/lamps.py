@@ -44,6 +44,7 @@ from rastercov.placement.plan.network import (
     seeable_areas,
     views_by_group,
 )
+from rastercov.placement.plan.run import Choice
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
 from rastercov.placement.plan.sections import SelectionSection
 from rastercov.placement.select.integer import select_by
@@ -51,7 +52,6 @@ from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Problem,
-    Selection,
     finish,
     grouped,
     views_of,
@@ -73,16 +73,13 @@ DIGITS = 9
 
 
 @dataclass(frozen=True, eq=False)
-class LampChoice:
-    """Lamps chosen among candidates, for cameras whose poses are known.
+class LampChoice(Choice):
+    """Lamps chosen among candidates; the camera of a candidate is the row of its lamp.
+
+    Of the lamps of the plan, it is among those that candidates name.
 
     Attributes
     ----------
-    pool : CandidatePool
-        Places of lamps; the camera of a candidate is the row of its lamp among those of the plan
-        that candidates name.
-    problem, selection : Problem, Selection
-        Cells that single candidates light enough, and the chosen ones.
     lamps : Lamps
         Those of the plan that stay, then the chosen ones.
     alone, together : dict
@@ -94,25 +91,11 @@ class LampChoice:
         True where these were all.
     """
 
-    pool: CandidatePool
-    problem: Problem
-    selection: Selection
     lamps: Lamps
     alone: dict[str, Any]
     together: dict[str, Any]
     n_tried: int
     is_best: bool
-
-    @property
-    def pairs(self) -> int:
-        """Pairs of candidate and cell that it lights enough."""
-        bits = self.problem.bits
-        return sum(len(bits.faces_of(row)) for row in range(bits.n_rows))
-
-    @property
-    def chosen(self) -> list[int]:
-        """Candidates of the chosen lamps."""
-        return [*map(int, self.selection.chosen)]
 
     def summary(self) -> dict[str, Any]:
         """Chosen lamps and figures, ready for JSON."""
@@ -244,7 +227,7 @@ class Lighting:
         assert plan.selection is not None
         self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
         self.selection: SelectionSection = plan.selection
-        self.task, dark = plan.build_task(), plan.with_lamps(None)
+        self.task, dark = plan.build_task(), plan.lit_as(None)
         check_light(self.task, every)
         kinds = list(dict.fromkeys(str(entry.lamp) for entry in plan.lamp_entries))
         self._every, self._kinds = every, [every.names.index(name) for name in kinds]
@@ -460,7 +443,8 @@ class Lighting:
                 f"{plural(n, 'candidate')}; relax thresholds of light, or add candidates"
             )
         both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
-        found = self.pool, problem, selection, lamps
+        lit = self.plan.lit_as(with_lamps(self._camera, lamps))
+        found = lit, self.pool, problem, selection, lamps
         return LampChoice(*found, *both, n_tried=len(self._worth), is_best=is_best)
 
 

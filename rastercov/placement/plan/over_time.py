@@ -5,18 +5,19 @@ are the cells; where a share of the time is asked for, they are the cells of eve
 by its duration, and the exact share is measured of what is chosen.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationError
 
 from rastercov.base.errors import RastercovError
 from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
-from rastercov.base.memory import IntArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras, led_by
 from rastercov.coverage.area.cells import Cells
@@ -37,6 +38,7 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import Jointed, JointPath
+from rastercov.mesh.motion import described_motion
 from rastercov.mesh.motion_file import load_motion
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
@@ -146,6 +148,51 @@ class PlanMotion(MotionQuery):
         if isinstance(self.body, str):
             return self.body
         return dict(zip(self.cameras, self.body, strict=True)).get(camera, "world")
+
+    @property
+    def mesh(self) -> Mesh:
+        """See `Timed`."""
+        return self.motion.mesh
+
+    def carrying(self, cameras: Sequence[str]) -> Self:
+        """See `Timed`."""
+        return replace(self, body=[self.body_of(name) for name in cameras], cameras=cameras)
+
+    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+        """See `Timed`."""
+        motion, (frame, *joints) = self.motion, at or (0.0,)
+        number: Any = frame  # whole, or refused
+        mesh, kept = motion.frame(number)
+        poses, row = motion.world_from_body[int(frame)], 0
+        if joints:
+            poses = poses.copy()
+            for robot in self.robots:
+                own = joints[row : (row := row + len(robot.joint_names))]
+                for link, pose in robot.poses(own).items():
+                    poses[motion.names.index(link)] = pose[0]
+            mesh, kept = motion._placed(poses, motion.present[int(frame)])
+        return mesh, kept, dict(zip(motion.names, poses, strict=True))
+
+    def described(self) -> dict[str, Any]:
+        """See `Timed`."""
+        fields = []
+        for robot in self.robots:
+            of_joints = zip(robot.joint_names, robot.joint_kinds, robot.limits, strict=True)
+            for name, kind, limits in of_joints:
+                low, high = np.where(np.isfinite(limits), limits, (-math.pi, math.pi)).tolist()
+                unit = "m" if kind == "prismatic" else "°"
+                fields.append({"name": name, "low": low, "high": high, "words": "", "unit": unit})
+        joints = np.concatenate([*(each.rest for each in self.robots), []])
+        joints = joints[None] if self.path is None else self.path.joints
+        frames = np.broadcast_to(joints, (len(self.motion), joints.shape[1]))
+        return {
+            "motion": described_motion(self.motion),
+            "joints": {"fields": fields, "frames": frames.tolist()},
+        }
+
+    def share_of_time(self, camera: Cameras, placed: Poses, task: Task) -> FloatArray:
+        """See `Timed`."""
+        return self.areas(camera, placed, task).over_time.share_of_time()
 
     def moments(self, camera: Cameras, placed: Poses) -> Iterator[Moment]:
         """Scene and cameras of each frame."""

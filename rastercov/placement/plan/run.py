@@ -8,6 +8,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 
 import logging
 import time
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -51,7 +52,6 @@ from rastercov.placement.plan.goals import (
     place_of,
     without_candidates,
 )
-from rastercov.placement.plan.lamps import LampChoice, Lighting
 from rastercov.placement.plan.network import (
     FAILS,
     HOLDS,
@@ -77,11 +77,16 @@ from rastercov.placement.plan.prepare import (
     prepare,
     quiet,
 )
-from rastercov.placement.plan.scene import named_scene, places_of_candidates, timed_of
+from rastercov.placement.plan.scene import (
+    CandidatePool,
+    named_scene,
+    places_of_candidates,
+    timed_of,
+)
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
-from rastercov.placement.select.problem import FewestCameras, Selection, finish
+from rastercov.placement.select.problem import FewestCameras, Problem, Selection, finish
 from rastercov.placement.uncovered import CandidateBounds, Leftover
 from rastercov.shards import Progress, Workers
 
@@ -97,6 +102,45 @@ MOST_PAIRS = 50_000_000
 long as their visibility matrix takes."""
 ROUNDING = 1e-9
 """Share of the area by which unions of the same regions in other orders differ at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What is chosen among candidates for cameras whose poses are known, such as lamps.
+
+    Attributes
+    ----------
+    plan : Plan
+        That of the cameras with what is chosen.
+    pool : CandidatePool
+        Places of it.
+    problem, selection : Problem, Selection
+        Cells that single candidates do enough for, and the chosen ones.
+    """
+
+    plan: Plan
+    pool: CandidatePool
+    problem: Problem
+    selection: Selection
+
+    @property
+    def pairs(self) -> int:
+        """Pairs of candidate and cell that it does enough for."""
+        bits = self.problem.bits
+        return sum(len(bits.faces_of(row)) for row in range(bits.n_rows))
+
+    @property
+    def chosen(self) -> list[int]:
+        """The chosen candidates."""
+        return [*map(int, self.selection.chosen)]
+
+    @abstractmethod
+    def summary(self) -> dict[str, Any]:
+        """What is chosen and figures, ready for JSON."""
+
+    @abstractmethod
+    def lines(self) -> list[str]:
+        """The choice for people."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +165,7 @@ class Placement(InOneLine, InNotebook):
         or without which the goal over time is met.
     arm : CarriedPoses or None
         Joint angles of the network, where a robot carries the cameras.
-    lamps : LampChoice or None
+    lamps : Choice or None
         Lamps chosen among candidates. Those of a plan with existing cameras are what `prepared` and
         `selection` are of.
     withheld : list of list of Refusal
@@ -142,7 +186,7 @@ class Placement(InOneLine, InNotebook):
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
     arm: CarriedPoses | None = None
-    lamps: LampChoice | None = None
+    lamps: Choice | None = None
     withheld: list[list[Refusal]] = field(default_factory=list)
 
     @property
@@ -334,9 +378,10 @@ class Run:
         assert cells is not None  # light is by area
         placed = eyes if isinstance(eyes, Poses) else eyes.cameras.placed
         with self.clock("lamps") as progress:
-            lighting = Lighting(plan, self.mesh, cells, placed, timed, reachable)
-            choice = lighting.choose(progress)
-        own = plan.with_lamps(choice.lamps)
+            section = next(iter(plan.lamps.values()))
+            lighting = section.lighting(plan, self.mesh, cells, placed, timed, reachable)
+            choice: Choice = lighting.choose(progress)
+        own = choice.plan
         lit: dict[str, Any] = {
             "plan": own,
             "mounts": own.mounts,
@@ -375,8 +420,9 @@ def _in_turns(job: Run, plan: Plan) -> Placement:
     """
     found: Placement | None = None
     for _ in range(TURNS):
-        lamps = None if found is None or found.lamps is None else found.lamps.lamps
-        eyes = job.cameras(plan.with_lamps(lamps), STEPS[:-N_LAST])
+        choice = None if found is None else found.lamps
+        own = plan.lit_as(None) if choice is None else choice.plan
+        eyes = job.cameras(own, STEPS[:-N_LAST])
         if eyes.interrupted:
             return eyes if found is None else replace(found, interrupted=eyes.interrupted)
         lit = job.lit(plan, eyes, (found or eyes).prepared.reachable)

@@ -495,6 +495,11 @@ def timed_of(plan: Plan, mesh: Mesh) -> Timed | None:
     return PlanMotion.of(plan, mesh)
 
 
+def read_timed(path: Path, mesh: Mesh, method: str = "certified") -> PlanMotion:
+    """The motion of a mesh by a file, see `MotionFile`."""
+    return PlanMotion.read(path, mesh, method)
+
+
 def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     name, _, link = entry.body.partition("/")
     body = next(each for each in plan.bodies if each.name == name)
