@@ -8,6 +8,8 @@
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
 #              commit gives the same bytes in any folder
 # make lib     build/lib and build/include: librastercov for C, without Python; docs/c.md
+# make wasm    rastercov/viewer/page/engine.wasm: the engine of pages that compute, by Zig's compiler;
+#              a wheel has it. A checkout without it writes pages with recorded figures
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
@@ -77,7 +79,7 @@ INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint weight native lib dist sanitize stubs docs bench opengl osmesa chromium clean
+.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs bench opengl osmesa chromium clean
 
 test quick: LEVELS := runnable
 
@@ -127,9 +129,18 @@ lib: build/c/build.ninja
 	@$(STEP) "compiling librastercov, some minutes at first" $(CMAKE) --build build/c && \
 	step "putting it into build/lib and build/include" $(CMAKE) --install build/c --prefix build
 
+# Of one thread, for any browser of 2021 or later. Equal bytes in any folder.
+wasm: $(VENV)/tools $(VENV)/compiler-dist
+	@$(STEP) "configuring the engine for pages" $(CMAKE) -B build/wasm -G Ninja -S rastercov/native/c \
+	$$(cat $(VENV)/compiler-dist) -DCMAKE_CXX_COMPILER_TARGET=wasm32-wasi -DRASTERCOV_WASM=ON \
+	-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY \
+	-DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python && \
+	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
+	cp build/wasm/engine.wasm rastercov/viewer/page/engine.wasm && sha256sum rastercov/viewer/page/engine.wasm
+
 # A wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018). Debian's
 # headers of Python include those of the processor, which on Linux of 64 bits are equal.
-dist: $(VENV)/tools $(VENV)/compiler-dist
+dist: $(VENV)/tools $(VENV)/compiler-dist wasm
 	@rm -rf dist; for arch in $(ARCHS); do ln -sfn /usr/include/$$(uname -m)-linux-gnu $(VENV)/include/$$arch-linux-gnu; \
 	$(STEP) "compiling the loops for all processors of $$arch, some minutes" \
 	env PATH="$(CURDIR)/$(BIN):$$PATH" CXXFLAGS="-idirafter $(CURDIR)/$(VENV)/include" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist) \

@@ -79,8 +79,11 @@ def view(
     ] = False,
     export: Annotated[
         Path | None,
-        typer.Option(help="Write a self-contained .html file and exit."),
+        typer.Option(help="Write a self-contained .html file, which computes, and exit."),
     ] = None,
+    still: Annotated[
+        bool, typer.Option("--still", help="With --export: recorded figures, nothing to edit.")
+    ] = False,
 ) -> None:
     """View a rig in the browser, move its cameras, and see what they cover.
 
@@ -90,12 +93,15 @@ def view(
 
     A page to send: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
+    from rastercov.viewer.live import why_recorded
     from rastercov.viewer.saving import check_name, export_page, with_drawing
     from rastercov.viewer.server import redirect, serve
     from rastercov.viewer.session import Session
 
     if export is not None:
         check_name(export)
+    elif still:
+        raise ConfigError("--still goes with --export; give a page to write")
 
     scene = open_scene(sources, files, conventions, task, camera, poses, lamps)
     start = scene.start
@@ -107,7 +113,9 @@ def view(
         size = f"{plural(scene.mesh.n_faces, 'face')}, without a scale"
     print(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
-        print(export_page(session, export))
+        if not still and (why := why_recorded(session)):
+            say(why)
+        print(export_page(session, export, is_still=still))
         return
 
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])

@@ -1,6 +1,6 @@
 // The one error of the engine, and the ways to raise it; no Python in this file.
 //
-// A build without exceptions replaces `fail`, which leaves through its host.
+// A build without exceptions has its own `fail`, which leaves through its host.
 #pragma once
 #include <cstdio>
 #include <stdexcept>
@@ -13,7 +13,11 @@ struct Error : std::invalid_argument {
     using std::invalid_argument::invalid_argument;
 };
 
+#ifdef __cpp_exceptions
 [[noreturn]] inline void fail(const char *wanted) { throw Error(wanted); }
+#else
+[[noreturn]] void fail(const char *wanted);
+#endif
 
 // Checks what a user passes: expected `wanted`, got a number; do `remedy`.
 template <class Number>

@@ -483,9 +483,14 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[
     return found
 
 
+def soup_origin(mesh: Mesh) -> FloatArray:
+    """(3,) point that corners of a page are relative to, metres."""
+    return np.asarray(mesh.bounds).mean(axis=0)
+
+
 def soup_of(mesh: Mesh) -> tuple[FloatArray, bytes]:
     """Origin (3,), and corners of each face relative to it, F x 9 float32."""
-    origin = np.asarray(mesh.bounds).mean(axis=0)
+    origin = soup_origin(mesh)
     return origin, (mesh.vertices[mesh.faces] - origin).astype("<f4").tobytes()
 
 
@@ -510,21 +515,32 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
         "soup": base64_of(soup),
         "groups": base64_of(groups_of(mesh)),
     }
+    return _one_file("export", {**data, **surface})
+
+
+def with_live_data(data: Mapping[str, Any]) -> str:
+    """The page with what it computes from inside, see `rastercov.viewer.live`."""
+    return _one_file("live", data, scripts=" 'wasm-unsafe-eval'", workers="worker-src blob:; ")
+
+
+def _one_file(kind: str, data: Mapping[str, Any], scripts: str = "", workers: str = "") -> str:
+    """The page with its style, modules and data inside, which may run nothing else."""
     shaders = {
         each.name.removesuffix(".glsl"): each.read_text("utf-8")
         for each in (files("rastercov") / "shaders").iterdir()
         if each.name.startswith("viewer_") and each.name.endswith(".glsl")
     }
-    style, script = (static_file("style.css") or b"").decode(), _script("main")
+    style, script = (static_file("style.css") or b"").decode(), bundled("main")
     policy = (
-        f"default-src 'none'; script-src {digest_of(script)}; style-src {digest_of(style)}; "
+        f"default-src 'none'; script-src {digest_of(script)}{scripts}; {workers}"
+        f"style-src {digest_of(style)}; "
         "img-src blob: data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
     )
-    parts = {"shaders": _inside(shaders), "data": _inside({**data, **surface})}
+    parts = {"kind": kind, "shaders": _inside(shaders), "data": _inside(data)}
     return page_text("one_file.html", policy=policy, style=style, script=script, **parts)
 
 
-def _script(name: str) -> str:
+def bundled(name: str) -> str:
     """A module and those that it imports as one script, which a policy can name by its hash.
 
     A module becomes a function that gives its exports, called once, after those that it imports.

@@ -23,6 +23,7 @@ from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
 from rastercov.report.pages import MOST_LEVELS, embedded, levels_of
 from rastercov.viewer.actions import MOST_OF_DRAWING, Drawing, checked
+from rastercov.viewer.live import live_page, why_recorded
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
@@ -159,7 +160,9 @@ def _toml(value: str | float) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES) -> Path:
+def export_page(
+    session: Session, path: str | Path, modes: Sequence[str] = MODES, *, is_still: bool = True
+) -> Path:
     """Write a page that needs no server.
 
     Parameters
@@ -170,6 +173,8 @@ def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES
         The file, .html.
     modes : sequence of str
         Ways to colour the faces; one that the thresholds do not allow is left out.
+    is_still : bool
+        Figures are recorded; else the page computes them, where it can: see `live.why_recorded`.
 
     Raises
     ------
@@ -179,7 +184,8 @@ def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES
         For more than `MOST_FACES` faces.
     """
     check_name(path)
-    write_text(path, exported(session, modes))
+    is_live = not is_still and not why_recorded(session)
+    write_text(path, live_page(session) if is_live else exported(session, modes))
     return Path(path)
 
 

@@ -36,14 +36,14 @@ FIGURES = ("visible", "area", "area_error", "is_certified")
 
 
 class Camera(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in CAMERA_FIELDS]
+    _fields_ = [*((name, ctypes.c_double) for name in CAMERA_FIELDS), ("lens", ctypes.c_void_p)]
 
 
 class Task(ctypes.Structure):
     _fields_ = [
         (name, ctypes.c_double)
         for name in ("min_depth", "max_depth", "max_incidence_deg", "min_pixel_density",
-                     "min_pixels_per_m2")
+                     "min_facing_density", "min_pixels_per_m2")
     ]  # fmt: skip
 
 

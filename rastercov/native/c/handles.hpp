@@ -24,6 +24,12 @@ struct BadHandle : Error {
     using Error::Error;
 };
 
+#ifdef __cpp_exceptions
+[[noreturn]] inline void refuse(const char *text) { throw BadHandle(text); }
+#else
+[[noreturn]] void refuse(const char *text);
+#endif
+
 class Handles {
   public:
     template <class Handle> Handle *add(std::shared_ptr<Object> object) {
@@ -37,7 +43,7 @@ class Handles {
         const std::scoped_lock lock(_changes);
         const auto found = _alive.find(reinterpret_cast<uintptr_t>(handle));
         auto object = found == _alive.end() ? nullptr : std::dynamic_pointer_cast<T>(found->second);
-        if (!object) refuse(handle, kind);
+        if (!object) refuse_handle(handle, kind);
         return object;
     }
 
@@ -53,10 +59,11 @@ class Handles {
     }
 
   private:
-    [[noreturn]] static void refuse(const void *handle, const char *kind) {
-        throw BadHandle(std::string("expected a live handle of type ") + kind + ", got " +
-                        (handle ? "one that was freed or has another type" : "null") +
-                        "; create one, and free it once");
+    [[noreturn]] static void refuse_handle(const void *handle, const char *kind) {
+        const auto text = std::string("expected a live handle of type ") + kind + ", got " +
+                          (handle ? "one that was freed or has another type" : "null") +
+                          "; create one, and free it once";
+        refuse(text.c_str());
     }
 
     mutable std::mutex _changes;

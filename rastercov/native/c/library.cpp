@@ -2,53 +2,10 @@
 // becomes a code and a text.
 //
 // Twin: tests/native/test_c_border.py, by Python.
-#include "c/handles.hpp"
-#include "engine/mesh.hpp"
-#include "engine/pass.hpp"
-#include "engine/union.hpp"
-#pragma GCC visibility push(default) // all else is hidden
-#include "rastercov.h"
-#pragma GCC visibility pop
-#include <array>
-#include <bit>
-#include <cmath>
-#include <new>
+#include "c/objects.hpp"
+#include <cstring>
 
 namespace rastercov::c {
-namespace {
-constexpr double GAP_REL = 1e-6;    // as of rastercov.coverage.area.regions
-constexpr double FLOOR_REL = 1e-15; // least distance of two corners, relative to the diagonal
-constexpr double RIGID = 1e-6;      // largest error of a rotation
-constexpr int64_t MOST_FACES = std::numeric_limits<int32_t>::max() / 3;
-constexpr int64_t MOST_THREADS = 1024, MOST_VIEWS = 10'000;
-
-struct SurfaceObject : Object {
-    engine::Mesh mesh;
-};
-
-// Solvers of a camera and a task, kept for the next call with the same.
-struct SolverObject : Object {
-    std::shared_ptr<const SurfaceObject> surface;
-    bool is_certifying;
-    int64_t n_threads;
-    std::mutex changes;
-    rc_camera camera = {};
-    rc_task task = {};
-    bool has_task = false;
-    std::shared_ptr<engine::Pass> pass;
-};
-
-struct RegionsObject : Object {
-    std::shared_ptr<const SurfaceObject> surface;
-    std::vector<engine::Regions> poses;
-};
-
-struct UnionObject : Object {
-    std::shared_ptr<const SurfaceObject> surface;
-    mutable std::mutex changes;
-    std::unique_ptr<engine::Union> all;
-};
-
 Handles &handles() {
     static Handles all;
     return all;
@@ -57,51 +14,6 @@ Handles &handles() {
 std::string &last_error() {
     thread_local std::string text = "no call of this thread has failed";
     return text;
-}
-
-// What is said where there may be no memory for a text.
-rc_status failed(rc_status status, const char *what) noexcept {
-    try {
-        last_error() = what;
-    } catch (...) {
-        last_error().clear();
-    }
-    return status;
-}
-
-// Runs a call: its code, with a text where it is not RC_OK.
-template <class Call> rc_status guard(const char *doing, Call call) noexcept {
-    try {
-        call();
-        return RC_OK;
-    } catch (const BadHandle &error) {
-        return failed(RC_BAD_HANDLE, error.what());
-    } catch (const Error &error) {
-        return failed(RC_BAD_ARGUMENT, error.what());
-    } catch (const Interrupted &) {
-        return failed(RC_STOPPED, "stopped by the callback; finished rows are kept");
-    } catch (const std::bad_alloc &) {
-        char text[160];
-        std::snprintf(text, sizeof text,
-                      "expected memory for %s, got too little; pass fewer poses or free handles",
-                      doing);
-        return failed(RC_OUT_OF_MEMORY, text);
-    } catch (const std::exception &error) {
-        return failed(RC_FAILED, error.what());
-    } catch (...) {
-        return failed(
-            RC_FAILED,
-            "expected a std::exception from the callback, got another type; catch it there");
-    }
-}
-
-void expect_array(const void *array, const char *name) {
-    if (!array) throw Error(std::string("expected a pointer to ") + name + ", got null; pass one");
-}
-
-template <class T> T *expect_result(T *result) {
-    expect_array(static_cast<const void *>(result), "the result");
-    return result;
 }
 
 void check_camera(const rc_camera *camera) {
@@ -138,28 +50,6 @@ void check_pose(const double *pose) {
     expect(volume > 0.0, "a rotation of determinant 1 in a pose", volume, "do not mirror an axis");
 }
 
-// Poses as a pass takes them.
-struct Placed {
-    std::vector<double> matrices;
-    std::vector<int32_t> camera;
-    std::vector<int64_t> rows;
-
-    Placed(const double *poses, int64_t n) {
-        expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 poses", n, "pass the number of matrices");
-        if (n > 0) expect_array(poses, "poses");
-        for (int64_t p = 0; p < n; p++) check_pose(poses + 16 * p);
-        if (n > 0) matrices.assign(poses, poses + 16 * n);
-        camera.assign(size_t(n), 0);
-        for (int64_t p = 0; p < n; p++) rows.push_back(p);
-    }
-
-    engine::Poses poses() const {
-        const auto n = int64_t(rows.size());
-        return {
-            {matrices.data(), {n}}, {camera.data(), {n}}, {rows.data(), {n}}, {rows.data(), {n}}};
-    }
-};
-
 Rules rules_of(const rc_task &task) {
     expect(task.min_depth >= 0.0, "min_depth of 0 m or more", task.min_depth,
            "pass 0 for no limit");
@@ -168,44 +58,75 @@ Rules rules_of(const rc_task &task) {
     expect(task.max_incidence_deg > 0.0 && task.max_incidence_deg <= 90.0,
            "max_incidence_deg above 0 and at most 90", task.max_incidence_deg,
            "pass 90 for no limit");
-    for (const double each : {task.min_pixel_density, task.min_pixels_per_m2})
-        expect(each >= 0.0 && each <= 1e300,
-               "min_pixel_density and min_pixels_per_m2 of 0 to 1e300", each,
+    for (const double each :
+         {task.min_pixel_density, task.min_facing_density, task.min_pixels_per_m2})
+        expect(each >= 0.0 && each <= 1e300, "densities of 0 to 1e300", each,
                "pass 0 for no limit");
     const double angle = task.max_incidence_deg * (3.14159265358979323846 / 180.0);
+    const long double precise = angle; // rounded once, by any library of C
     const bool is_limited = task.max_incidence_deg < 90.0;
     return {.min_pixels = 1.0,
             .min_visibility = 0.0,
             .min_coverage = 0.0,
             .min_pixel_density = task.min_pixel_density,
-            .min_facing_density = 0.0,
+            .min_facing_density = task.min_facing_density,
             .min_pixels_per_m2 = task.min_pixels_per_m2,
             .z_n = task.min_depth,
             .z_f = task.max_depth,
             .max_incidence = angle,
-            .cos_incidence = is_limited ? std::cos(angle) : 0.0,
-            .tan_incidence = is_limited ? std::tan(angle) : 0.0,
+            .cos_incidence = is_limited ? double(std::cos(precise)) : 0.0,
+            .tan_incidence = is_limited ? double(std::tan(precise)) : 0.0,
             .focus_of_centroid = false,
             .cap_resolution = true};
 }
 
-// The pass of a solver for a camera, and for a task or none.
+void check_faces(const SurfaceObject &surface, int64_t n_faces) {
+    const int64_t n = surface.mesh.n_faces();
+    if (n_faces != n)
+        fail(("expected arrays for " + std::to_string(n) + " faces, got " +
+              std::to_string(n_faces) + "; pass one element for each face of the surface")
+                 .c_str());
+}
+
+// Corners in space of polygons in the planes of their faces.
+void write_corners(const SurfaceObject &surface, const std::vector<int32_t> &faces,
+                   const int32_t *counts, const double *xy, double *corners) {
+    const engine::MeshArrays &mesh = *surface.mesh.arrays;
+    const auto origin = mesh.origin.rows<3>(), x_axis = mesh.x_axis.rows<3>(),
+               y_axis = mesh.y_axis.rows<3>();
+    for (size_t p = 0; p < faces.size(); p++) {
+        const int32_t f = faces[p];
+        for (int32_t i = 0; i < counts[p]; i++, xy += 2)
+            for (int axis = 0; axis < 3; axis++)
+                *corners++ = origin(f, axis) + xy[0] * x_axis(f, axis) + xy[1] * y_axis(f, axis);
+    }
+}
+
+Placed::Placed(const double *poses, int64_t n) {
+    expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 poses", n, "pass the number of matrices");
+    if (n > 0) expect_array(poses, "poses");
+    for (int64_t p = 0; p < n; p++) check_pose(poses + 16 * p);
+    if (n > 0) matrices.assign(poses, poses + 16 * n);
+    camera.assign(size_t(n), 0);
+    for (int64_t p = 0; p < n; p++) rows.push_back(p);
+}
+
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
                                       const rc_task *task) {
     const std::scoped_lock lock(solver.changes);
-    const auto same = []<class T>(const T &a, const T &b) { // bit for bit: all are doubles
-        using Bits = std::array<uint64_t, sizeof(T) / sizeof(uint64_t)>;
-        return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
-    };
-    const bool is_same = solver.pass && same(solver.camera, camera) &&
+    const auto lens_object = lens_of(camera);
+    const bool is_same = solver.pass && solver.lens == lens_object &&
+                         !std::memcmp(&solver.camera, &camera, offsetof(rc_camera, lens)) &&
                          solver.has_task == (task != nullptr) &&
-                         (!task || same(solver.task, *task));
+                         (!task || !std::memcmp(&solver.task, task, sizeof *task));
     if (is_same) return solver.pass;
     const Lens lens = {camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height};
-    auto pass =
-        std::make_shared<engine::Pass>(solver.is_certifying, task != nullptr, 1, solver.n_threads);
+    auto pass = std::make_shared<engine::Pass>(solver.is_certifying, task || lens_object, 1,
+                                               solver.n_threads);
     std::shared_ptr<engine::CameraTask> criteria;
-    if (task) {
+    if (task && lens_object) {
+        criteria = lens_object->task_of(rules_of(*task));
+    } else if (task) {
         criteria = std::make_shared<engine::CameraTask>();
         area::LensCriteria of_pinhole = {};
         of_pinhole.pinhole = {lens, rules_of(*task), GAP_REL, 0.0};
@@ -214,6 +135,8 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
     auto image = std::make_shared<engine::Camera>();
     image->image = lens;
     image->near = camera.near;
+    if (lens_object) image->planes = lens_object->planes;
+    solver.lens = lens_object;
     pass->set_camera(0, std::move(image), std::move(criteria));
     solver.camera = camera;
     solver.has_task = task != nullptr;
@@ -222,24 +145,40 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
     return pass;
 }
 
+namespace {
 engine::GoOn go_on_of(rc_go_on function, void *context) {
     if (!function) return {};
     return [=] { return function(context) != 0; };
 }
 
-const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {
-    const auto n = int64_t(regions.poses.size());
-    if (!(pose >= 0 && pose < n))
-        throw Error("expected a pose index below " + std::to_string(n) + ", got " +
-                    std::to_string(pose) + "; count poses from 0");
-    return regions.poses[size_t(pose)];
-}
-
-void check_faces(const SurfaceObject &surface, int64_t n_faces) {
-    const int64_t n = surface.mesh.n_faces();
-    if (n_faces != n)
-        throw Error("expected arrays for " + std::to_string(n) + " faces, got " +
-                    std::to_string(n_faces) + "; pass one element for each face of the surface");
+// Adds regions of poses, all at once.
+void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &poses) {
+    engine::Regions all;
+    std::vector<int64_t> starts = {0};
+    std::vector<int32_t> pose, pair_pose;
+    for (size_t p = 0; p < poses.size(); p++) {
+        const engine::Regions &own = *poses[p];
+        all.xy.insert(all.xy.end(), own.xy.begin(), own.xy.end());
+        all.face.insert(all.face.end(), own.face.begin(), own.face.end());
+        all.listed.insert(all.listed.end(), own.listed.begin(), own.listed.end());
+        all.area.insert(all.area.end(), own.area.begin(), own.area.end());
+        all.bound.insert(all.bound.end(), own.bound.begin(), own.bound.end());
+        all.excess.insert(all.excess.end(), own.excess.begin(), own.excess.end());
+        for (const int64_t n : own.n_corners) starts.push_back(starts.back() + n);
+        pose.resize(all.face.size(), int32_t(p));
+        pair_pose.resize(all.listed.size(), int32_t(p));
+    }
+    const auto n = int64_t(pose.size()), n_pairs = int64_t(pair_pose.size());
+    const engine::RegionPieces pieces = {{all.xy.data(), {int64_t(all.xy.size() / 2)}},
+                                         {starts.data(), {n + 1}},
+                                         {all.face.data(), {n}},
+                                         {pose.data(), {n}}};
+    const engine::RegionPairs pairs = {{pair_pose.data(), {n_pairs}},
+                                       {all.listed.data(), {n_pairs}},
+                                       {all.area.data(), {n_pairs}},
+                                       {all.bound.data(), {n_pairs}},
+                                       {all.excess.data(), {n_pairs}}};
+    to.add(pieces, pairs, {}, {});
 }
 } // namespace
 } // namespace rastercov::c
@@ -339,7 +278,7 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
     });
 }
 
-rc_task rc_task_default(void) { return {0.0, INFINITY, 90.0, 0.0, 0.0}; }
+rc_task rc_task_default(void) { return {0.0, INFINITY, 90.0, 0.0, 0.0, 0.0}; }
 
 rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_task *task,
                           const double *poses, int64_t n_poses, rc_go_on go_on, void *context,
@@ -406,19 +345,11 @@ rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_pol
         expect_array(faces, "faces");
         expect_array(counts, "counts");
         expect_array(corners, "corners");
-        const engine::MeshArrays &mesh = *object->surface->mesh.arrays;
-        const auto origin = mesh.origin.rows<3>(), x_axis = mesh.x_axis.rows<3>(),
-                   y_axis = mesh.y_axis.rows<3>();
-        const double *xy = own.xy.data();
         for (size_t p = 0; p < own.face.size(); p++) {
-            const int32_t f = own.face[p];
-            faces[p] = f;
+            faces[p] = own.face[p];
             counts[p] = int32_t(own.n_corners[p]);
-            for (int64_t i = 0; i < own.n_corners[p]; i++, xy += 2)
-                for (int axis = 0; axis < 3; axis++)
-                    *corners++ =
-                        origin(f, axis) + xy[0] * x_axis(f, axis) + xy[1] * y_axis(f, axis);
         }
+        write_corners(*object->surface, own.face, counts, own.xy.data(), corners);
     });
 }
 
@@ -441,39 +372,25 @@ rc_status rc_union_free(rc_union *unite) {
 }
 
 rc_status rc_union_add(rc_union *unite, const rc_regions *regions) {
+    return rc_union_add_all(unite, &regions, 1);
+}
+rc_status rc_union_add_all(rc_union *unite, const rc_regions *const *regions, int64_t n) {
     return guard("uniting regions", [&] {
         const auto object = handles().get<UnionObject>(unite, "rc_union");
-        const auto more = handles().get<RegionsObject>(regions, "rc_regions");
-        require(object->surface == more->surface,
-                "expected regions of the surface of the union, got those of another surface; "
-                "create a union for each surface");
-        engine::Regions all;
-        std::vector<int64_t> starts = {0};
-        std::vector<int32_t> pose, pair_pose;
-        for (size_t p = 0; p < more->poses.size(); p++) {
-            const engine::Regions &own = more->poses[p];
-            all.xy.insert(all.xy.end(), own.xy.begin(), own.xy.end());
-            all.face.insert(all.face.end(), own.face.begin(), own.face.end());
-            all.listed.insert(all.listed.end(), own.listed.begin(), own.listed.end());
-            all.area.insert(all.area.end(), own.area.begin(), own.area.end());
-            all.bound.insert(all.bound.end(), own.bound.begin(), own.bound.end());
-            all.excess.insert(all.excess.end(), own.excess.begin(), own.excess.end());
-            for (const int64_t n : own.n_corners) starts.push_back(starts.back() + n);
-            pose.resize(all.face.size(), int32_t(p));
-            pair_pose.resize(all.listed.size(), int32_t(p));
+        expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 regions", n,
+               "pass the number of handles");
+        if (n > 0) expect_array(regions, "regions");
+        std::vector<std::shared_ptr<RegionsObject>> kept;
+        std::vector<const engine::Regions *> poses;
+        for (int64_t k = 0; k < n; k++) {
+            kept.push_back(handles().get<RegionsObject>(regions[k], "rc_regions"));
+            require(object->surface == kept.back()->surface,
+                    "expected regions of the surface of the union, got those of another surface; "
+                    "create a union for each surface");
+            for (const engine::Regions &each : kept.back()->poses) poses.push_back(&each);
         }
-        const auto n = int64_t(pose.size()), n_pairs = int64_t(pair_pose.size());
-        const engine::RegionPieces pieces = {{all.xy.data(), {int64_t(all.xy.size() / 2)}},
-                                             {starts.data(), {n + 1}},
-                                             {all.face.data(), {n}},
-                                             {pose.data(), {n}}};
-        const engine::RegionPairs pairs = {{pair_pose.data(), {n_pairs}},
-                                           {all.listed.data(), {n_pairs}},
-                                           {all.area.data(), {n_pairs}},
-                                           {all.bound.data(), {n_pairs}},
-                                           {all.excess.data(), {n_pairs}}};
         const std::scoped_lock lock(object->changes);
-        object->all->add(pieces, pairs, {}, {});
+        add_poses(*object->all, poses);
     });
 }
 

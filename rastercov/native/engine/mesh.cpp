@@ -2,6 +2,7 @@
 //
 // Twin: rastercov.mesh.mesh, rastercov.coverage.area.frames.
 #include "engine/mesh.hpp"
+#include "area/frames.hpp"
 #include "engine/contacts.hpp"
 #include <algorithm>
 #include <cmath>
@@ -11,39 +12,24 @@ namespace rastercov::engine {
 namespace {
 using Vector = std::array<double, 3>;
 double dot(const Vector &a, const Vector &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-Vector scaled(const Vector &a, double s) { return {a[0] * s, a[1] * s, a[2] * s}; }
 Vector minus(const Vector &a, const Vector &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 
-// Sets the frame of face f, of three corners: see rastercov.coverage.area.frames.
-void set_frame(MeshArrays &mesh, int64_t f, const std::array<Vector, 3> &points) {
-    std::array<Vector, 3> sides;
-    std::array<double, 3> lengths;
-    for (size_t k = 0; k < 3; k++) {
-        sides[k] = minus(points[(k + 1) % 3], points[k]);
-        lengths[k] = std::sqrt(dot(sides[k], sides[k]));
+// Sets the frame of face f, of three corners.
+void set_frame(MeshArrays &mesh, int64_t f, const double *const (&points)[3]) {
+    const area::Frame frame(points);
+    if (!(frame.area() > 0.0) || is_flat(points[0], points[1], points[2])) return;
+    const double *const x = frame.x_axis, *const y = frame.y_axis;
+    std::copy_n(frame.origin, 3, mesh.origin.begin() + 3 * f);
+    std::copy_n(x, 3, mesh.x_axis.begin() + 3 * f);
+    std::copy_n(y, 3, mesh.y_axis.begin() + 3 * f);
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        mesh.normal[3 * f + i] = x[j] * y[k] - x[k] * y[j];
     }
-    const auto first = size_t(std::max_element(lengths.begin(), lengths.end()) - lengths.begin());
-    const double longest = lengths[first];
-    const Vector x_axis = scaled(sides[first], 1.0 / longest);
-    const Vector away = minus(points[(first + 2) % 3], points[first]);
-    const double x = dot(away, x_axis);
-    Vector across = minus(away, scaled(x_axis, x));
-    across = minus(across, scaled(x_axis, dot(across, x_axis)));
-    const double y = std::sqrt(dot(across, across));
-    const Vector y_axis = scaled(across, 1.0 / y);
-    const double area = longest * y / 2;
-    if (!(area > 0.0) || is_flat(points[0].data(), points[1].data(), points[2].data())) return;
-    const Vector normal = {x_axis[1] * y_axis[2] - x_axis[2] * y_axis[1],
-                           x_axis[2] * y_axis[0] - x_axis[0] * y_axis[2],
-                           x_axis[0] * y_axis[1] - x_axis[1] * y_axis[0]};
-    std::copy_n(points[first].data(), 3, mesh.origin.begin() + 3 * f);
-    std::copy_n(x_axis.data(), 3, mesh.x_axis.begin() + 3 * f);
-    std::copy_n(y_axis.data(), 3, mesh.y_axis.begin() + 3 * f);
-    std::copy_n(normal.data(), 3, mesh.normal.begin() + 3 * f);
-    mesh.corners[6 * f + 2] = longest;
-    mesh.corners[6 * f + 4] = x;
-    mesh.corners[6 * f + 5] = y;
-    mesh.areas[f] = area;
+    mesh.corners[6 * f + 2] = frame.longest;
+    mesh.corners[6 * f + 4] = frame.x;
+    mesh.corners[6 * f + 5] = frame.y;
+    mesh.areas[f] = frame.area();
 }
 
 void set_frames(MeshArrays &mesh) {
@@ -53,11 +39,10 @@ void set_frames(MeshArrays &mesh) {
     mesh.corners = Room<double>(6 * n, 0.0);
     mesh.areas = Room<double>(n, 0.0);
     for (int64_t f = 0; f < n; f++) {
-        std::array<Vector, 3> points;
-        for (int64_t k = 0; k < 3; k++)
-            std::copy_n(mesh.vertices.begin() + 3 * mesh.faces[3 * f + k], 3,
-                        points[size_t(k)].begin());
-        set_frame(mesh, f, points);
+        const auto corner = [&](int k) {
+            return mesh.vertices.begin() + 3 * mesh.faces[3 * f + k];
+        };
+        set_frame(mesh, f, {corner(0), corner(1), corner(2)});
     }
 }
 

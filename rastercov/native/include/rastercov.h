@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define RC_API_VERSION 1 /* of this header; rc_version says that of the library */
+#define RC_API_VERSION 2 /* of this header; rc_version says that of the library */
 
 typedef enum rc_status {
     RC_OK = 0,
@@ -36,20 +36,35 @@ enum { RC_OCCLUDER = 1, RC_TARGET = 2, RC_TWO_SIDED = 4 };
 /* RC_CERTIFIED takes less time; the figures of both have bounds. */
 typedef enum rc_method { RC_CERTIFIED = 0, RC_EXACT = 1 } rc_method;
 
+/* Why a point is not covered: the first criterion that it fails. */
+enum {
+    RC_NO_AREA = 0,     /* a face without area */
+    RC_BACK_FACING = 1, /* seen from behind */
+    RC_OUTSIDE = 2,     /* outside the image, or before the near plane */
+    RC_OUT_OF_FOCUS = 3,
+    RC_TOO_COARSE = 5, /* too few pixels */
+    RC_OCCLUDED = 6,
+    RC_TOO_OBLIQUE = 7,
+    RC_COVERED = 8
+};
+
 typedef struct rc_surface rc_surface;
+typedef struct rc_lens rc_lens;
 typedef struct rc_solver rc_solver;
 typedef struct rc_regions rc_regions;
 typedef struct rc_union rc_union;
 
-typedef struct rc_camera { /* a pinhole; pixels */
+typedef struct rc_camera { /* pixels */
     double width, height, fx, fy, cx, cy;
-    double near; /* least depth that is seen, metres; 0 for a millionth of the farthest */
+    double near;         /* least depth that is seen, metres; 0 for a millionth of the farthest */
+    const rc_lens *lens; /* null for a pinhole */
 } rc_camera;
 
 typedef struct rc_task { /* what a point must meet to be covered; rc_task_default for none */
     double min_depth, max_depth; /* metres: depth of field */
     double max_incidence_deg;    /* at most 90 */
     double min_pixel_density;    /* pixels per metre along the worst direction */
+    double min_facing_density;   /* the same of a target that faces the camera there */
     double min_pixels_per_m2;    /* pixels per square metre */
 } rc_task;
 
@@ -57,6 +72,13 @@ typedef struct rc_figures { /* P x F arrays, or all null: poses, faces in the ca
     double *visible, *area, *area_error; /* px^2; |visible - exact| <= area_error */
     uint8_t *is_certified;               /* 1 where a proof decided, 0 where it was computed */
 } rc_figures;
+
+typedef struct rc_judged { /* of F faces, or null for what is not asked for */
+    uint8_t *reasons;  /* first criterion that a face fails as a whole, an RC_... or 4: no sample */
+    double *coverage;  /* visible fraction of a face that meets all of them, else 0 */
+    double *densities; /* pixels per metre on the surface, along its worst direction */
+    double *facing;    /* and of a target that faces the camera */
+} rc_judged;
 
 /* Called between poses, from the thread of the caller, with its own pointer: 0 stops the call. */
 typedef int (*rc_go_on)(void *context);
@@ -72,6 +94,11 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
 rc_status rc_surface_free(rc_surface *surface);
 rc_status rc_surface_areas(const rc_surface *surface, int64_t n_faces, double *areas); /* m^2 */
 
+/* A lens with distortion, or no pinhole: the numbers that rastercov.camera.lenses.packed makes of
+ * a camera in Python, of n. */
+rc_status rc_lens_create(const double *numbers, int64_t n, rc_lens **lens);
+rc_status rc_lens_free(rc_lens *lens);
+
 /* method is an rc_method; n_threads is 1 or more, and results do not depend on it. */
 rc_status rc_solver_create(const rc_surface *surface, int32_t method, int32_t n_threads,
                            rc_solver **solver);
@@ -81,6 +108,10 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
                      int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures);
 
 rc_task rc_task_default(void);
+/* Whole faces in one pose, as colours of a picture show them: one counts as covered where half of
+ * what is in view is seen. */
+rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_task *task,
+                         const double *pose, int64_t n_faces, const rc_judged *judged);
 /* Parts of the evaluated faces that each of P poses covers. */
 rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_task *task,
                           const double *poses, int64_t n_poses, rc_go_on go_on, void *context,
@@ -100,9 +131,40 @@ rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_pol
 rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **unite);
 rc_status rc_union_free(rc_union *unite);
 rc_status rc_union_add(rc_union *unite, const rc_regions *regions);
+/* Those of n results at once, such as of several cameras. */
+rc_status rc_union_add_all(rc_union *unite, const rc_regions *const *regions, int64_t n);
 /* Area of each face that at least `views` poses cover, and its bound, m^2. */
 rc_status rc_union_areas(const rc_union *unite, int32_t views, int64_t n_faces, double *areas,
                          double *bounds);
+/* One more pose, which covers all of the faces that are marked, F. */
+rc_status rc_union_fill(rc_union *unite, int64_t n_faces, const uint8_t *faces);
+/* The part of the bound of each face that can lessen an area: less where a camera is in the plane
+ * of a face to rounding, m^2. */
+rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess);
+/* A union of one more view that begins with the parts of another, and with one more pose that
+ * covers all evaluated faces: what only that one covers is the rest of the surface. */
+rc_status rc_union_complete(const rc_union *unite, rc_union **complete);
+/* The parts of a union as convex polygons in space, as of rc_regions_size and rc_regions_read; of
+ * each the area, m^2, and its tag: the poses that cover it, counted up to the views of the union;
+ * or their set, as bits. */
+rc_status rc_union_size(const rc_union *unite, int64_t *n_polygons, int64_t *n_corners);
+rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_corners,
+                        int32_t *faces, int32_t *counts, int32_t *tags, double *areas,
+                        double *corners);
+/* Sum of the parts that exactly `views` poses of a union of more views cover, and one pose of
+ * regions among them, m^2. */
+rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions *regions,
+                         int64_t pose, double *area);
+/* A union of sets: tags of its parts are bits, up to 31 of them. What a union covers by `views`
+ * poses or more, or only by fewer where views is negative, is added as one bit of it. */
+rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite);
+rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit);
+
+/* First criterion that each of N points, N x 3 metres, on faces fails in one pose, an RC_...; and
+ * the face that hides it, or -1. */
+rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
+                          const double *pose, int64_t n_points, const double *points,
+                          const int32_t *faces, uint8_t *reasons, int32_t *hiders);
 
 #ifdef __cplusplus
 }

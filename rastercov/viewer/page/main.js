@@ -12,6 +12,7 @@ import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
 import { helpOverlay, listenToKeys } from "rastercov/help.js";
 import { legend, summary } from "rastercov/legend.js";
+import { Live } from "rastercov/live.js";
 import { Navigation } from "rastercov/navigation.js";
 import { networkPanel } from "rastercov/network_panel.js";
 import { objectPanel } from "rastercov/object_panel.js";
@@ -26,7 +27,7 @@ import { Tools } from "rastercov/tools.js";
 import { whyPanel, zonesPanel } from "rastercov/why.js";
 
 async function open() {
-  const session = new Session(Recorded.ofPage() ?? new Server(takeToken()));
+  const session = new Session(Live.ofPage() ?? Recorded.ofPage() ?? new Server(takeToken()));
   await session.open();
   useUnit(session.scene.unit ?? "m");
   document.title = `${session.scene.title} – rastercov`;

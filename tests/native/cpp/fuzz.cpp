@@ -35,6 +35,7 @@ Pool<rc_surface> surfaces;
 Pool<rc_solver> solvers;
 Pool<rc_regions> results;
 Pool<rc_union> unions;
+Pool<rc_lens> lenses;
 
 rc_status make_surface() {
     const int64_t n_vertices = 1 + below(12), n_faces = 1 + below(20);
@@ -70,7 +71,8 @@ std::vector<double> poses_of(int64_t n) {
 }
 
 rc_camera camera() {
-    rc_camera made = {64, 48, 30 + double(below(3)), 30, 32, 24, 0};
+    rc_camera made = {
+        64, 48, 30 + double(below(3)), 30, 32, 24, 0, below(40) ? nullptr : lenses.any()};
     if (rarely()) (&made.width)[below(7)] = real();
     return made;
 }
@@ -106,7 +108,7 @@ rc_status find() {
     rc_task task = rc_task_default();
     if (below(3) == 0) task.max_incidence_deg = double(below(92));
     if (below(3) == 0) task.min_pixel_density = double(below(20));
-    if (rarely()) (&task.min_depth)[below(5)] = real();
+    if (rarely()) (&task.min_depth)[below(6)] = real();
     rc_regions *made = nullptr;
     const rc_status status =
         rc_find_regions(solvers.any(), &by, rarely() ? nullptr : &task, poses.data(), n,
@@ -138,16 +140,79 @@ rc_status read() {
                            counts.data(), corners.data());
 }
 
+rc_status make_lens() {
+    std::vector<double> own(size_t(1 + below(200)));
+    for (double &each : own) each = rarely() ? real() : double(below(5));
+    rc_lens *made = nullptr;
+    const rc_status status =
+        rc_lens_create(own.data(), int64_t(own.size()) - (rarely() ? 300 : 0), &made);
+    if (made) lenses.keep(made);
+    return status;
+}
+
+rc_status read_parts() {
+    rc_union *const from = unions.any();
+    int64_t n = 0, n_corners = 0;
+    double area = 0;
+    uint8_t marks[32] = {};
+    switch (below(4)) {
+    case 0:
+        return rc_union_alone(from, int32_t(below(5)), results.any(), below(4) - 1, &area);
+    case 1:
+        for (uint8_t &each : marks) each = uint8_t(below(2));
+        return rc_union_fill(from, 1 + below(21), marks);
+    default:
+        break;
+    }
+    if (const rc_status status = rc_union_size(from, &n, &n_corners)) return status;
+    std::vector<int32_t> faces(size_t(n + 1)), counts(faces), tags(faces);
+    std::vector<double> areas(size_t(n + 1)), corners(size_t(3 * n_corners + 1));
+    return rc_union_read(from, n + (rarely() ? 1 : 0), n_corners, faces.data(), counts.data(),
+                         tags.data(), areas.data(), corners.data());
+}
+
+rc_status judge() {
+    const rc_camera by = camera();
+    rc_task task = rc_task_default();
+    if (below(3) == 0) task.min_facing_density = double(below(20));
+    const auto poses = poses_of(1);
+    double points[3 * 4], values[3][32];
+    int32_t faces[4], hiders[4];
+    uint8_t reasons[32];
+    for (double &each : points) each = real();
+    for (int32_t &each : faces) each = int32_t(below(21)) - (rarely() ? 1 : 0);
+    if (below(2))
+        return rc_judge_points(surfaces.any(), &by, &task, poses.data(), below(5), points, faces,
+                               reasons, hiders);
+    const rc_judged out = {reasons, values[0], values[1], rarely() ? nullptr : values[2]};
+    return rc_judge_faces(solvers.any(), &by, &task, poses.data(), 1 + below(21), &out);
+}
+
 rc_status unite() {
     if (below(3)) return rc_union_add(unions.any(), results.any());
     rc_union *made = nullptr;
-    const rc_status status = rc_union_create(surfaces.any(), int32_t(below(5)), &made);
+    rc_status status = RC_OK;
+    switch (below(4)) {
+    case 0:
+        status = rc_union_complete(unions.any(), &made);
+        break;
+    case 1:
+        status = rc_union_create_sets(surfaces.any(), &made);
+        break;
+    case 2:
+        return rc_union_add_set(unions.any(), unions.any(), int32_t(below(5)) - 2,
+                                int32_t(below(33)) - 1);
+    default:
+        status = rc_union_create(surfaces.any(), int32_t(below(5)), &made);
+    }
     if (made) unions.keep(made);
     return status;
 }
 
 rc_status release() {
-    switch (below(4)) {
+    switch (below(5)) {
+    case 4:
+        return rc_lens_free(lenses.any());
     case 0:
         return rc_surface_free(surfaces.any());
     case 1:
@@ -160,7 +225,13 @@ rc_status release() {
 }
 
 rc_status call() {
-    switch (below(10)) {
+    switch (below(13)) {
+    case 10:
+        return make_lens();
+    case 11:
+        return read_parts();
+    case 12:
+        return judge();
     case 0:
         return make_surface();
     case 1:

@@ -1,0 +1,332 @@
+/**
+ * The third connection of the page: it computes. `Live` has the methods of `Server`, and answers them from
+ * the mesh, the cameras and the engine that the file has inside; nothing leaves it.
+ *
+ * The element #live holds bytes as base64 of raw deflate, and the rest as JSON, see rastercov/viewer/live.py.
+ */
+
+import { Refused, bytesOf } from "rastercov/api.js";
+import { planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
+import { History, edited, focusOf } from "rastercov/live_rig.js";
+import { LIVE_MODES, painted } from "rastercov/live_paint.js";
+import { centreOf, centroid, cross, distance, length, subtract } from "rastercov/maths.js";
+import { zonesOf } from "rastercov/live_zones.js";
+import { Asking } from "rastercov/live_worker.js";
+import { offerFile } from "rastercov/status.js";
+
+/** Thresholds of whole faces, and of pairs of cameras: they must have these values here. */
+const OF_FACES = {
+  min_pixels: [1, "applies to faces; use min_pixels_per_m2"],
+  min_visibility: [0, "applies to faces; a point is visible or hidden"],
+  min_coverage: [0.5, "applies to faces; a point is covered or not"],
+  focus_rule: ["vertices", "applies to faces; each point must be in focus"],
+  cap_resolution: [true, "applies to faces; nothing is graded"],
+  min_angle_deg: [0, "is of pairs of cameras; rastercov view computes it"],
+};
+const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
+const NO_ANSWER = "this page has no server: open the plan with rastercov view for it";
+
+/** Bytes of base64 of raw deflate. */
+async function inflated(text) {
+  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
+  return new Response(stream).arrayBuffer();
+}
+
+export class Live {
+  isRecorded = false;
+  isLive = true;
+  #variants = new Map(); // name -> [state, figures]
+  #frame = null; // the last one
+
+  constructor(data) {
+    this.data = data;
+    this.name = "live";
+  }
+
+  /** The connection of this page, or null where its file does not compute. */
+  static ofPage() {
+    const holder = document.getElementById("live");
+    return holder && typeof WebAssembly === "object" ? new Live(JSON.parse(holder.textContent)) : null;
+  }
+
+  async #open() {
+    const { engine, mesh, worker, scene, state } = this.data;
+    const [bytes, vertices, faces, groups] = await Promise.all(
+      [engine, mesh.vertices, mesh.faces, mesh.groups].map(inflated),
+    );
+    this.groupOf = new Uint16Array(groups);
+    this.vertices = new Float64Array(vertices);
+    this.faces = new Int32Array(faces);
+    this.n = this.groupOf.length;
+    const roles = Uint8Array.from(this.groupOf, (group) => mesh.roles[group]);
+    this.isTask = roles.map((role) => (role & 1 ? 0 : 1));
+    const unseeable = new Map(mesh.unseeable);
+    const surface = { vertices: this.vertices, faces: this.faces, roles, isTask: this.isTask, group: this.groupOf, unseeable };
+    this.asking = new Asking(worker, new Uint8Array(bytes), surface);
+    this.lenses = Object.fromEntries(
+      await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflated(text))])),
+    );
+    const areas = await this.asking.ask("areas");
+    const total = Math.max(areas.reduce((sum, area, f) => sum + (this.isTask[f] ? area : 0), 0), 1e-300);
+    const { scale: ofScale, reasons: ofReasons, levels, ...colours } = this.data.colours;
+    this.own = {
+      n: this.n,
+      areas,
+      total,
+      isTask: this.isTask,
+      reasons: scene.reasons,
+      scale: bytesOf(ofScale),
+      reasonPalette: bytesOf(ofReasons),
+      levelPalette: bytesOf(levels),
+      ...colours,
+    };
+    this.areas = areas;
+    this.history = new History(state);
+  }
+
+  async scene() {
+    this.opening ??= this.#open();
+    await this.opening;
+    const { scene } = this.data;
+    return { ...scene, can_edit: true, modes: scene.modes.filter(({ id }) => LIVE_MODES.includes(id)) };
+  }
+
+  async soup() {
+    await (this.opening ??= this.#open());
+    const { origin } = this.data;
+    const corners = new Float32Array(9 * this.n);
+    for (let k = 0; k < 3 * this.n; k++) {
+      for (let axis = 0; axis < 3; axis++) corners[3 * k + axis] = this.vertices[3 * this.faces[k] + axis] - origin[axis];
+    }
+    return { corners, origin };
+  }
+
+  async groups() {
+    await (this.opening ??= this.#open());
+    return this.groupOf;
+  }
+
+  async state() {
+    await (this.opening ??= this.#open());
+    return this.#described();
+  }
+
+  hasMode = (mode) => LIVE_MODES.includes(mode);
+
+  #described() {
+    const { stations, cameras, task } = this.history.state;
+    const variants = [...this.#variants].map(([name, [state, figures]]) => ({
+      ...figures,
+      name,
+      is_shown: state === this.history.state,
+      is_of_task: state.task === task,
+    }));
+    const rest = { session: this.name, is_kept: false, variants, at: [], goal: "", lamps: [] };
+    return { ...this.history.described(), ...rest, stations, cameras, task };
+  }
+
+  /** The rig as the solver takes it: stations that are on. */
+  #rig() {
+    const { stations, cameras, task, needed } = this.history.state;
+    const views = needed ?? null;
+    const { groups, reasons } = this.data.scene;
+    const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
+    const used = {};
+    for (const [name, camera] of Object.entries(cameras)) {
+      const { width, height, fx, fy, cx, cy, near = 0 } = camera.plain;
+      const lens = camera.lens ? this.lenses[camera.lens] : null;
+      used[name] = { width, height, fx, fy, cx, cy, near, lens, focus: focusOf(camera.plain, task.max_blur), task: camera.task };
+    }
+    return {
+      stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
+      cameras: used,
+      task: Object.fromEntries([...THRESHOLDS, "views"].map((name) => [name, task[name]])),
+      need: Int32Array.from(this.groupOf, (group) => wanted[group]),
+      needed: views,
+      groups: groups.flatMap(({ role }, row) => (role === "occluder" ? [] : [{ row, views: wanted[row] }])),
+      reasons,
+    };
+  }
+
+  async act({ revision, mode, is_drag: isDrag, action }) {
+    this.#edit(action, isDrag, revision);
+    const rig = this.#rig();
+    const found = await this.asking.ask("frame", rig, mode, !isDrag);
+    const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
+    const figures = { ...found.faces, stations, unit: this.data.densityUnit, levels: this.data.scene.levels };
+    const { levels, palette, ...shown } = painted(this.own, mode, figures);
+    const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
+    const summary = {
+      covered: { area_percent: found.covered.percent },
+      covered_area: found.covered,
+      by_face_because: "",
+      cost: null,
+      required: [],
+      by_camera: found.cameras.map(({ station, m2 }, row) => ({
+        station,
+        faces: 0,
+        area_percent: share(m2),
+        alone_percent: found.alone ? share(found.alone[row]) : null,
+      })),
+    };
+    this.#frame = { summary, rig };
+    const json = { state: this.#described(), mode, ...shown, palette: base64Of(palette), summary, notice: "" };
+    return { json, payload: Uint8Array.from(levels) };
+  }
+
+  #edit(action, isDrag, revision) {
+    const { history } = this;
+    if (action.do !== "none" && revision !== history.revision) {
+      throw new Refused("the rig has changed since; the page shows it again", 409);
+    }
+    if (action.do === "undo") history.go(-1);
+    else if (action.do === "redo") history.go(1);
+    else if (/_variant$/.test(action.do)) this.#vary(action);
+    else {
+      if (action.do === "task") checkTask(action.changes);
+      const [state, words] = edited(history.state, action);
+      if (words) history.take(state, words, isDrag);
+    }
+  }
+
+  #vary({ do: what, name }) {
+    const known = this.#variants;
+    if (what === "keep_variant") {
+      const { covered_area: exact } = this.#frame.summary;
+      const cameras = this.history.state.stations.filter((each) => each.is_on).length;
+      known.set(name, [this.history.state, { covered_area: exact, cost: null, cameras }]);
+    } else if (!known.has(name)) throw new Refused(`there is no variant ${name}; it may have been dropped`, 400);
+    else if (what === "drop_variant") known.delete(name);
+    else if (known.get(name)[0] !== this.history.state) this.history.take(known.get(name)[0], `show ${name}`);
+  }
+
+  /** Pieces that too few cameras cover, as `Server.pieces`. */
+  async pieces() {
+    const { faces, counts, corners, reasons } = await this.#pieces();
+    const names = Object.keys(this.data.scene.reasons);
+    const n = faces.length;
+    const payload = new Uint8Array(4 + 12 * n + 4 * corners.length);
+    const numbers = new Uint32Array(payload.buffer, 0, 1 + 3 * n);
+    numbers[0] = n;
+    numbers.set(faces, 1);
+    numbers.set(reasons.map((name) => names.indexOf(name)), 1 + n);
+    numbers.set(counts, 1 + 2 * n);
+    const { origin } = this.data;
+    new Float32Array(payload.buffer, 4 + 12 * n).set(corners.map((value, k) => value - origin[k % 3]));
+    return { json: {}, payload };
+  }
+
+  /** The pieces of the present rig, kept until it changes. */
+  #pieces() {
+    const { revision } = this.history;
+    if (this.found?.revision !== revision) this.found = { revision, pieces: this.asking.ask("pieces", this.#rig()) };
+    return this.found.pieces;
+  }
+
+  async zones() {
+    return zonesOf(await this.#pieces(), this);
+  }
+
+  /** Faces that hide most of some points of faces from the cameras that are on; -1 for none. */
+  hiders(spots) {
+    return spots.length ? this.asking.ask("hiders", this.#rig(), spots) : [];
+  }
+
+  /** Reason of the middle of a face in each camera, with its figures there. */
+  async why(face) {
+    const { scene, advice } = this.data;
+    const corners = [0, 1, 2].map((k) => [...this.vertices.subarray(3 * this.faces[3 * face + k], 3 * this.faces[3 * face + k] + 3)]);
+    const point = centroid(corners);
+    const normal = cross(subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
+    const group = scene.groups[this.groupOf[face]];
+    const found = { face, group: group.name, area: this.areas[face], cameras: [], words: "" };
+    if (!this.isTask[face]) return { ...found, words: "An occluder: it hides, and is not to be covered." };
+    const rig = this.#rig();
+    const names = Object.keys(scene.reasons);
+    const said = await this.asking.ask("why", rig, point, face);
+    found.cameras = said.map((each, row) => {
+      const station = rig.stations[row];
+      const name = names[each.reason];
+      const ray = subtract(centreOf(station.pose), point);
+      const cosine = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / (length(ray) * length(normal) || 1);
+      const own = { share: each.share, angle: (Math.acos(Math.min(1, Math.max(-1, cosine))) * 180) / Math.PI, away: distance(centreOf(station.pose), point) };
+      const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
+      const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
+      const label = scene.reasons[name];
+      return {
+        station: station.id,
+        name: this.history.state.stations.find(({ id }) => id === station.id).name,
+        reason: name,
+        words: occluder ? `${label} by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}` : label,
+        help: advice[name] ?? "",
+        figures: figuresOf(own, each, this.data.densityUnit),
+        occluder,
+      };
+    });
+    const covering = found.cameras.filter(({ reason }) => reason === "covered").length;
+    const wanted = rig.need[face];
+    const state = covering >= wanted ? "Covered" : "Not covered";
+    return { ...found, words: `${state} at its middle: by ${covering} of ${wanted} ${wanted === 1 ? "camera" : "cameras"}.` };
+  }
+
+  /** Texts of the files that `rastercov check` takes, by name. */
+  #files() {
+    const { state } = this.history;
+    const { scene, defaults } = this.data;
+    if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
+    const surfaces = surfaceFiles(scene, this);
+    return {
+      "rig.json": rigFile(state, scene.unit === "m"),
+      "plan.toml": planFile(state, surfaces, defaults),
+      ...Object.fromEntries(surfaces.map(({ name, text }) => [name, text])),
+    };
+  }
+
+  async download(what) {
+    const name = { rig: "rig.json", task: "plan.toml" }[what];
+    if (!name) throw new Refused(NO_ANSWER, 400);
+    return new Blob([this.#files()[name]], { type: "text/plain" });
+  }
+
+  /** Saves all files of the rig, as downloads. */
+  async save(what) {
+    if (what !== "rig") throw new Refused(NO_ANSWER, 400);
+    const files = this.#files();
+    for (const [name, text] of Object.entries(files)) offerFile(name, text, "text/plain");
+    this.history.saved();
+    return { path: "rig.json", words: `saved ${Object.keys(files).join(", ")} among the downloads: rastercov check plan.toml --poses rig.json --min-coverage 0.9` };
+  }
+
+  ping = async () => ({ revision: this.history.revision, at: [], goal: "", measured: [] });
+  job = async () => ({ id: null });
+  drawing = async () => ({});
+  keepDrawing = async () => ({});
+  startJob = async () => this.#refuse();
+  cancelJob = async () => this.#refuse();
+  image = async () => this.#refuse();
+
+  #refuse() {
+    throw new Refused(NO_ANSWER, 400);
+  }
+}
+
+/** Refuses thresholds that this page does not compute. */
+function checkTask(changes) {
+  for (const [name, value] of Object.entries(changes)) {
+    const [only, why] = OF_FACES[name] ?? [value, ""];
+    if (value !== only) throw new Refused(`by area ${name} must be ${only}: it ${why}`, 400);
+  }
+}
+
+function figuresOf({ share, angle, away }, { density, facing }, unit) {
+  const rows = {
+    "covered part of the face": `${(100 * share).toPrecision(3)} %`,
+    "angle of incidence": `${angle.toPrecision(3)} deg`,
+    "pixel density": density > 0 ? `${Number(density.toPrecision(3))} ${unit}` : "–",
+    "facing density": facing > 0 ? `${Number(facing.toPrecision(3))} ${unit}` : "–",
+    distance: `${Number(away.toPrecision(4))} ${unit.slice(3)}`,
+  };
+  return Object.entries(rows).map(([label, value]) => ({ label, value }));
+}
+
+const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));

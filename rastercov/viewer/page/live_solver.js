@@ -1,0 +1,409 @@
+/**
+ * Figures of a rig by the engine of this page: what each camera covers, what they cover together, and why
+ * the rest is not covered. Nothing here knows the page: it runs in a worker, and in tests.
+ *
+ * A mesh is {vertices, faces, roles, isTask, group, unseeable}: metres; an RC_... sum, 1 for a face of the
+ * task, the group and the area that is never seen of each face. A rig is {stations: [{id, camera, pose}],
+ * cameras: {name: {lens, near, focus, task, ...}}, task, need}: stations that are on; `need` views of each
+ * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null.
+ */
+
+import { Engine } from "rastercov/live_engine.js";
+
+/** Part of a face below which a reason is rounding, and rounding of an area. */
+const SLIVER_REL = 1e-9;
+/** Pairs of a face and a pose that a union takes in at once, and poses; as rastercov.coverage.coverage. */
+const PAIRS_A_BATCH = 1 << 19;
+const POSES_A_BATCH = 256;
+/** Results of poses that are kept. */
+const MOST_KEPT = 256;
+const TINY = 2.2250738585072014e-308;
+
+/** Sum in the order of numpy. */
+export function pairwise(x, at = 0, n = x.length) {
+  if (n < 8) {
+    let sum = 0;
+    for (let i = 0; i < n; i++) sum += x[at + i];
+    return sum;
+  }
+  if (n <= 128) {
+    const r = [x[at], x[at + 1], x[at + 2], x[at + 3], x[at + 4], x[at + 5], x[at + 6], x[at + 7]];
+    let i = 8;
+    for (; i < n - (n % 8); i += 8) for (let k = 0; k < 8; k++) r[k] += x[at + i + k];
+    let sum = r[0] + r[1] + (r[2] + r[3]) + (r[4] + r[5] + (r[6] + r[7]));
+    for (; i < n; i++) sum += x[at + i];
+    return sum;
+  }
+  const half = Math.floor(n / 2) - (Math.floor(n / 2) % 8);
+  return pairwise(x, at, half) + pairwise(x, at + half, n - half);
+}
+
+export class Solver {
+  #engine;
+  #solvers = new Map(); // by camera
+  #lenses = new Map();
+  #kept = new Map(); // regions of a pose, by all that they depend on
+
+  constructor(engine, mesh) {
+    this.#engine = engine;
+    this.mesh = mesh;
+    this.n = mesh.roles.length;
+    this.call = engine.call.bind(engine);
+    this.reasons = engine.constants;
+    this.surface = this.#surfaceOf(mesh.roles);
+    this.areas = new Float64Array(this.n);
+    this.call("rc_surface_areas", this.surface, this.n, this.areas);
+    this.isTask = mesh.isTask;
+    this.total = pairwise(this.#ofTask(this.areas));
+  }
+
+  /** A solver of a module's bytes. */
+  static async of(bytes, mesh) {
+    return new Solver(await Engine.of(bytes), mesh);
+  }
+
+  get size() {
+    return this.#engine.size;
+  }
+
+  #surfaceOf(roles) {
+    const { vertices, faces } = this.mesh;
+    return this.call("rc_surface_create", vertices, vertices.length / 3, faces, this.n, roles);
+  }
+
+  /** Values of the faces of the task; of `group` alone where one is given. */
+  #ofTask(values, group = null) {
+    return values.filter((_, f) => this.isTask[f] && (group === null || this.mesh.group[f] === group));
+  }
+
+  /** A camera as the engine takes it. */
+  #cameraOf(camera) {
+    if (!camera.lens) return camera;
+    if (!this.#lenses.has(camera.lens)) {
+      this.#lenses.set(camera.lens, this.call("rc_lens_create", camera.lens, camera.lens.length));
+    }
+    return { ...camera, lens: this.#lenses.get(camera.lens) };
+  }
+
+  #solverOf(key, surface) {
+    const own = `${surface} ${key}`;
+    if (!this.#solvers.has(own)) {
+      if (this.#solvers.size >= 16) this.#forgetSolvers();
+      this.#solvers.set(own, this.call("rc_solver_create", surface, this.reasons.RC_CERTIFIED, 1));
+    }
+    return this.#solvers.get(own);
+  }
+
+  #forgetSolvers() {
+    for (const solver of this.#solvers.values()) this.call("rc_solver_free", solver);
+    this.#solvers.clear();
+  }
+
+  /** Regions of a station by some thresholds: {handle, m2}, kept. */
+  #regionsOf(station, camera, task, surface = this.surface) {
+    const { lens, ...numbers } = camera;
+    const key = JSON.stringify([surface, station.pose, station.camera, numbers, task]);
+    let found = this.#kept.get(key);
+    if (!found) {
+      const solver = this.#solverOf(station.camera, surface);
+      const handle = this.call("rc_find_regions", solver, this.#cameraOf(camera), task, station.pose, 1, 0, 0);
+      const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
+      this.call("rc_regions_areas", handle, 0, this.n, areas, bounds);
+      let m2 = 0; // in the order of faces, as np.bincount
+      for (const area of areas) m2 += area;
+      found = { handle, m2, areas };
+      while (this.#kept.size >= MOST_KEPT) this.#drop(this.#kept.keys().next().value);
+    }
+    this.#kept.delete(key); // the last one that was used
+    this.#kept.set(key, found);
+    return found;
+  }
+
+  #drop(key) {
+    this.call("rc_regions_free", this.#kept.get(key).handle);
+    this.#kept.delete(key);
+  }
+
+  /** Thresholds of a rig for one of its cameras, an rc_task. */
+  taskOf(rig, camera) {
+    const task = { ...rig.task, ...camera.task };
+    const [min_depth, max_depth] = camera.focus;
+    const { max_incidence_deg, min_pixel_density, min_facing_density, min_pixels_per_m2 } = task;
+    return { min_depth, max_depth: max_depth ?? Infinity, max_incidence_deg, min_pixel_density, min_facing_density, min_pixels_per_m2 };
+  }
+
+  /** Regions of all stations; `relaxed` thresholds in place of theirs. */
+  #regionsOfAll(rig, relaxed = {}, surface = this.surface) {
+    return rig.stations.map((station) => {
+      const camera = rig.cameras[station.camera];
+      return this.#regionsOf(station, camera, { ...this.taskOf(rig, camera), ...relaxed }, surface);
+    });
+  }
+
+  /** A union of regions, counted up to some views; the caller frees it. */
+  #unionOf(regions, views, surface = this.surface) {
+    const union = this.call("rc_union_create", surface, views);
+    const step = Math.min(POSES_A_BATCH, Math.max(1, Math.floor(PAIRS_A_BATCH / this.n)));
+    for (let at = 0; at < regions.length; at += step) {
+      const some = regions.slice(at, at + step).map((each) => each.handle);
+      this.call("rc_union_add_all", union, some, some.length);
+    }
+    return union;
+  }
+
+  #free(...unions) {
+    for (const each of unions) this.call("rc_union_free", each);
+  }
+
+  /** {faces, counts, tags, areas, corners} of a union. */
+  #partsOf(union) {
+    const [n, nCorners] = this.call("rc_union_size", union);
+    const parts = {
+      faces: new Int32Array(n),
+      counts: new Int32Array(n),
+      tags: new Int32Array(n),
+      areas: new Float64Array(n),
+      corners: new Float64Array(3 * nCorners),
+    };
+    const { faces, counts, tags, areas, corners } = parts;
+    this.call("rc_union_read", union, n, nCorners, faces, counts, tags, areas, corners);
+    return parts;
+  }
+
+  /**
+   * Area that a rig covers: `covered` with its bound, as `covered_area` of a summary has it; `share` of each
+   * face by the views that it needs; `cameras`, the area of each station, and without which nothing covers it.
+   */
+  cover(rig) {
+    const views = this.#mostViews(rig);
+    const regions = this.#regionsOfAll(rig);
+    const union = this.#unionOf(regions, views);
+    const rows = Array.from({ length: views }, (_, level) => {
+      const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
+      this.call("rc_union_areas", union, level + 1, this.n, areas, bounds);
+      return { areas, bounds };
+    });
+    const excess = new Float64Array(this.n);
+    this.call("rc_union_excess", union, this.n, excess);
+    this.#free(union);
+    const bound = rows[0].bounds;
+    const share = new Float64Array(this.n);
+    for (let f = 0; f < this.n; f++) {
+      share[f] = rows[Math.min(rig.need[f], views) - 1].areas[f] / Math.max(this.areas[f], TINY);
+    }
+    const cameras = rig.stations.map((station, at) => ({ station: station.id, m2: regions[at].m2 }));
+    return { covered: this.#summary(rig, rows, bound, excess), share, cameras, total: this.total };
+  }
+
+  #mostViews(rig) {
+    return rig.needed ? Math.max(1, ...Object.values(rig.needed)) : rig.task.views;
+  }
+
+  /** Area that each station alone covers, m²: of a task of k views, what exactly k of them cover. */
+  alone(rig) {
+    const views = this.#mostViews(rig);
+    if (!rig.stations.length || rig.needed) return rig.stations.map(() => null);
+    const regions = this.#regionsOfAll(rig);
+    const union = this.#unionOf(regions, views + 1);
+    const found = regions.map(({ handle }) => {
+      const area = new Float64Array(1);
+      this.call("rc_union_alone", union, views, handle, 0, area);
+      return area[0];
+    });
+    this.#free(union);
+    return found;
+  }
+
+  /** `covered_area` of a summary, as AreaNetwork.summary. */
+  #summary(rig, rows, bound, excess) {
+    const whole = this.#ofFaces(rows, bound, excess, rows.length, null);
+    if (!rig.needed) return whole;
+    const percent = whole.of_m2 > 0 ? 100 / whole.of_m2 : 0;
+    const parts = rig.groups.map(({ row, views }) => this.#ofFaces(rows, bound, excess, views, row));
+    const m2 = parts.reduce((sum, part) => sum + part.m2, 0);
+    return { ...whole, percent: percent * m2, m2, views: rig.needed };
+  }
+
+  #ofFaces(rows, bounds, excess, views, group) {
+    const of = this.#ofTask(this.areas, group);
+    const total = pairwise(of);
+    const own = this.#ofTask(excess, group);
+    const most = this.#ofTask(bounds, group);
+    const top = this.#ofTask(rows[views - 1].areas, group);
+    const m2 = rows.slice(0, views).map(({ areas }) => Math.min(pairwise(this.#ofTask(areas, group)), total));
+    const bound = Math.min(pairwise(own), total);
+    const doubtful = pairwise(top.map((area, f) => Math.min(area + most[f], of[f]) - Math.min(area + own[f], of[f])));
+    const percent = total > 0 ? 100 / total : 0;
+    return {
+      percent: percent * m2.at(-1),
+      bound_percent: percent * bound,
+      m2: m2.at(-1),
+      bound_m2: bound,
+      of_m2: total,
+      views,
+      by_views: m2.map((area, level) => ({ views: level + 1, percent: percent * area, m2: area })),
+      ...(doubtful > 0 ? { doubtful_percent: percent * doubtful, doubtful_m2: doubtful } : {}),
+    };
+  }
+
+  /** Whole faces through one station: {reasons, coverage, densities, facing}. */
+  judge(rig, station) {
+    const camera = rig.cameras[station.camera];
+    const solver = this.#solverOf(`faces ${station.camera}`, this.surface);
+    const judged = {
+      reasons: new Uint8Array(this.n),
+      coverage: new Float64Array(this.n),
+      densities: new Float64Array(this.n),
+      facing: new Float64Array(this.n),
+    };
+    this.call("rc_judge_faces", solver, this.#cameraOf(camera), this.taskOf(rig, camera), station.pose, this.n, judged);
+    return judged;
+  }
+
+  /** {reason, hider} of a point of a face in each station, in their order. */
+  why(rig, point, face) {
+    return rig.stations.map((station) => {
+      const camera = rig.cameras[station.camera];
+      const [reason, hider] = [new Uint8Array(1), new Int32Array(1)];
+      const args = [this.surface, this.#cameraOf(camera), this.taskOf(rig, camera), station.pose];
+      this.call("rc_judge_points", ...args, 1, point, [face], reason, hider);
+      const share = this.#regionsOf(station, camera, this.taskOf(rig, camera)).areas[face] / this.areas[face];
+      return { station: station.id, reason: reason[0], hider: hider[0], share };
+    });
+  }
+
+  /**
+   * Convex pieces that too few stations cover, {faces, counts, corners, areas, reasons}; `reasons` are names.
+   * A piece that none covers has the criterion that fails last in any of them, see coverage/area/stages.py.
+   */
+  pieces(rig) {
+    const views = this.#mostViews(rig);
+    const union = this.#unionOf(this.#regionsOfAll(rig), views);
+    const whole = this.call("rc_union_complete", union);
+    const parts = this.#partsOf(whole);
+    const made = { faces: [], counts: [], corners: [], areas: [], reasons: [], views: [] };
+    const isUnseeable = this.#unseeable(union);
+    this.#each(parts, (p, face, corners) => {
+      const seen = parts.tags[p] - 1;
+      if (!(seen < rig.need[face]) || !(parts.areas[p] > 0)) return;
+      if (seen === 0 && !isUnseeable(face) && rig.stations.length) return; // divided below
+      const none = rig.stations.length ? "too_few_views" : "no_cameras";
+      const reason = isUnseeable(face) ? "unseeable" : seen > 0 ? "too_few_views" : none;
+      keep(made, face, corners, parts.areas[p], reason, seen);
+    });
+    if (rig.stations.length) this.#divide(rig, whole, parts, isUnseeable, made);
+    this.#free(union, whole);
+    return made;
+  }
+
+  /** Whether a face is one that no camera can see; none is where cameras see into bodies. */
+  #unseeable(union) {
+    const { unseeable } = this.mesh;
+    const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
+    this.call("rc_union_areas", union, 1, this.n, areas, bounds);
+    const isSeen = [...unseeable].some(
+      ([face, area]) => areas[face] > 2 * (this.areas[face] - area) + SLIVER_REL * this.areas[face],
+    );
+    return (face) => !isSeen && unseeable.has(face);
+  }
+
+  #each({ faces, counts, corners }, use) {
+    for (let p = 0, at = 0; p < faces.length; at += 3 * counts[p++]) {
+      use(p, faces[p], corners.subarray(at, at + 3 * counts[p]));
+    }
+  }
+
+  /** Adds the pieces that no station covers, divided by the stages of the criteria. */
+  #divide(rig, whole, rest, isUnseeable, made) {
+    const sets = this.call("rc_union_create_sets", this.surface);
+    this.call("rc_union_add_set", sets, whole, -2, 0);
+    const names = ["back_facing"];
+    const doubt = new Float64Array(this.n);
+    for (const { reason, union } of this.#stages(rig)) {
+      this.call("rc_union_add_set", sets, union, 1, names.length);
+      const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
+      this.call("rc_union_areas", union, 1, this.n, areas, bounds);
+      for (let f = 0; f < this.n; f++) doubt[f] += bounds[f];
+      names.push(reason);
+      this.#free(union);
+    }
+    const parts = this.#partsOf(sets);
+    this.#free(sets);
+    const found = [];
+    this.#each(parts, (p, face, corners) => {
+      const tag = parts.tags[p];
+      if (!(tag % 2) || !(parts.areas[p] > 0) || isUnseeable(face)) return;
+      let latest = 0; // the lowest bit above that of the rest
+      for (let bit = names.length - 1; bit > 0; bit--) if (Math.floor(tag / 2 ** bit) % 2) latest = bit;
+      found.push({ face, corners, area: parts.areas[p], reason: names[latest] });
+    });
+    this.#withoutSlivers(found, doubt);
+    for (const { face, corners, area, reason } of found) keep(made, face, corners, area, reason, 0);
+  }
+
+  /** Unions of what meets all criteria before a reason, the latest reason first; the caller frees them. */
+  *#stages(rig) {
+    const cameras = rig.stations.map((station) => rig.cameras[station.camera]);
+    const tasks = cameras.map((camera) => this.taskOf(rig, camera));
+    let relaxed = { max_incidence_deg: 90 };
+    if (tasks.some((task) => task.max_incidence_deg < 90)) {
+      yield { reason: "too_oblique", union: this.#unionOf(this.#regionsOfAll(rig, relaxed), 1) };
+    }
+    this.bare ??= this.#surfaceOf(this.mesh.roles.map((role) => (role & this.reasons.RC_TWO_SIDED) | this.reasons.RC_TARGET));
+    const passes = () => this.#unionOf(this.#regionsOfAll(rig, relaxed, this.bare), 1, this.bare);
+    yield { reason: "occluded", union: passes() };
+    const densities = { min_pixel_density: 0, min_facing_density: 0, min_pixels_per_m2: 0 };
+    if (tasks.some((task) => Object.keys(densities).some((name) => task[name] > 0))) {
+      relaxed = { ...relaxed, ...densities };
+      yield { reason: "too_coarse", union: passes() };
+    }
+    if (tasks.some((task) => task.min_depth > 0 || task.max_depth < Infinity)) {
+      relaxed = { ...relaxed, min_depth: 0, max_depth: Infinity };
+      yield { reason: "out_of_focus", union: passes() };
+    }
+    const union = this.call("rc_union_create", this.surface, 1);
+    this.call("rc_union_fill", union, this.n, this.#inFront(rig));
+    yield { reason: "outside", union };
+  }
+
+  /** 1 for faces that some station is in front of. */
+  #inFront(rig) {
+    const { vertices, faces, roles } = this.mesh;
+    const found = new Uint8Array(this.n);
+    for (let f = 0; f < this.n; f++) {
+      const [a, b, c] = [0, 1, 2].map((k) => vertices.subarray(3 * faces[3 * f + k], 3 * faces[3 * f + k] + 3));
+      const [u, v] = [b, c].map((p) => [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+      const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+      const isTwoSided = roles[f] & this.reasons.RC_TWO_SIDED;
+      found[f] = rig.stations.some(({ pose }) => {
+        const height = normal[0] * (pose[3] - a[0]) + normal[1] * (pose[7] - a[1]) + normal[2] * (pose[11] - a[2]);
+        return height >= 0 || isTwoSided;
+      });
+    }
+    return found;
+  }
+
+  /** Gives reasons that are less of a face than is certain the reason of most of it. */
+  #withoutSlivers(found, doubt) {
+    const sizes = new Map(); // face -> reason -> area
+    for (const { face, reason, area } of found) {
+      if (!sizes.has(face)) sizes.set(face, new Map());
+      const own = sizes.get(face);
+      own.set(reason, (own.get(reason) ?? 0) + area);
+    }
+    for (const each of found) {
+      const own = sizes.get(each.face);
+      if (own.size < 2 || own.get(each.reason) > doubt[each.face] + SLIVER_REL * this.areas[each.face]) continue;
+      each.reason = [...own].reduce((most, next) => (next[1] > most[1] ? next : most))[0];
+    }
+  }
+}
+
+function keep(made, face, corners, area, reason, views) {
+  made.faces.push(face);
+  made.counts.push(corners.length / 3);
+  made.corners.push(...corners);
+  made.areas.push(area);
+  made.reasons.push(reason);
+  made.views.push(views);
+}

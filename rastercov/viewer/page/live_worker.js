@@ -1,0 +1,143 @@
+/**
+ * Answers of the engine beside the page: in a worker, so that drawing never waits, or in the page itself
+ * where a browser gives it none.
+ *
+ * A question is {id, name, args} of a method of `Figures`; its answer {id, result} or {id, fault, status}.
+ */
+
+import { EngineError } from "rastercov/live_engine.js";
+import { Solver } from "rastercov/live_solver.js";
+import { facesOf } from "rastercov/live_paint.js";
+
+/** Figures of rigs by one solver, and by another one where it failed. */
+export class Figures {
+  #solver = null;
+  #judged = new Map(); // whole faces through a station, by all that they depend on
+
+  constructor(bytes, mesh) {
+    this.bytes = bytes;
+    this.mesh = mesh;
+  }
+
+  /** Runs a method; what the engine refused leaves no solver. */
+  async answer(name, args) {
+    try {
+      this.#solver ??= await Solver.of(this.bytes, this.mesh);
+      return await this[name](...args);
+    } catch (error) {
+      if (error instanceof EngineError) {
+        this.#solver = null;
+        this.#judged.clear();
+      }
+      throw error;
+    }
+  }
+
+  /** Covered area, and figures of faces for a mode; of each station alone where asked. */
+  frame(rig, mode, isAlone) {
+    const { share, ...found } = this.#solver.cover(rig);
+    const alone = isAlone ? this.#solver.alone(rig) : null;
+    if (mode === "area") return { ...found, alone, faces: { share } };
+    const own = { n: this.#solver.n, reasons: rig.reasons };
+    const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
+    return { ...found, alone, faces: facesOf(own, rig, judged, rig.need) };
+  }
+
+  #judgedOf(rig, station) {
+    const camera = rig.cameras[station.camera];
+    const { lens, ...numbers } = camera;
+    const key = JSON.stringify([station.camera, station.pose, numbers, this.#solver.taskOf(rig, camera)]);
+    const found = this.#judged.get(key) ?? this.#solver.judge(rig, station);
+    this.#judged.delete(key);
+    this.#judged.set(key, found);
+    while (this.#judged.size > Math.max(64, rig.stations.length)) this.#judged.delete(this.#judged.keys().next().value);
+    return found;
+  }
+
+  /** Areas of the faces, m². */
+  areas = () => this.#solver.areas;
+
+  pieces = (rig) => this.#solver.pieces(rig);
+
+  /** Of each spot {point, face} a face that hides it from most stations, or -1. */
+  hiders(rig, spots) {
+    return spots.map(({ point, face }) => {
+      const counts = new Map(); // by group
+      for (const { hider } of this.#solver.why(rig, point, face)) {
+        const group = hider < 0 ? -1 : this.mesh.group[hider];
+        counts.set(group, { hider, n: (counts.get(group)?.n ?? 0) + 1 });
+      }
+      counts.delete(-1);
+      return [...counts.values()].reduce((most, each) => (each.n > most.n ? each : most), { hider: -1, n: 0 }).hider;
+    });
+  }
+
+  /** Reasons of a point of a face in each station, and its figures there. */
+  why(rig, point, face) {
+    return this.#solver.why(rig, point, face).map((each, row) => {
+      const { densities, facing, coverage } = this.#judgedOf(rig, rig.stations[row]);
+      return { ...each, density: densities[face], facing: facing[face], coverage: coverage[face] };
+    });
+  }
+}
+
+/** Listens to questions in a worker; the first message has the module and the mesh. */
+export function listen(scope) {
+  let figures = null;
+  scope.onmessage = async ({ data }) => {
+    if (data.mesh) {
+      figures = new Figures(data.bytes, data.mesh);
+      return;
+    }
+    try {
+      scope.postMessage({ id: data.id, result: await figures.answer(data.name, data.args) });
+    } catch (error) {
+      scope.postMessage({ id: data.id, fault: error.message, status: error.status ?? 500 });
+    }
+  };
+}
+
+/** Asks a worker of a script's text, or `Figures` here where there can be none. */
+export class Asking {
+  #waiting = new Map();
+  #next = 0;
+
+  constructor(script, bytes, mesh) {
+    try {
+      const address = URL.createObjectURL(new Blob([script], { type: "text/javascript" }));
+      this.worker = new Worker(address);
+      this.worker.onmessage = ({ data }) => this.#take(data);
+      this.worker.onerror = (event) => this.#lose(event.message || "a worker could not start");
+      this.worker.postMessage({ bytes, mesh });
+    } catch {
+      this.worker = null;
+    }
+    this.here = () => new Figures(bytes, mesh);
+  }
+
+  ask(name, ...args) {
+    if (!this.worker) {
+      this.figures ??= this.here();
+      return this.figures.answer(name, args);
+    }
+    const id = ++this.#next;
+    return new Promise((resolve, reject) => {
+      this.#waiting.set(id, { resolve, reject, name, args });
+      this.worker.postMessage({ id, name, args });
+    });
+  }
+
+  #take({ id, result, fault, status }) {
+    const { resolve, reject } = this.#waiting.get(id);
+    this.#waiting.delete(id);
+    if (fault) reject(new EngineError(fault, status));
+    else resolve(result);
+  }
+
+  /** Without its worker the page answers itself. */
+  #lose() {
+    this.worker = null;
+    for (const { resolve, reject, name, args } of this.#waiting.values()) this.ask(name, ...args).then(resolve, reject);
+    this.#waiting.clear();
+  }
+}

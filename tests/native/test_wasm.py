@@ -1,0 +1,195 @@
+"""The engine as WebAssembly: in Node it gives the bits of the library of C, and the page's modules
+give the figures of `rastercov`. Without Node, `make wasm` or `make lib` these tests are skipped.
+"""
+
+import base64
+import ctypes
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_c_border import (
+    CAMERA_FIELDS,
+    FIGURES,
+    LIBRARY,
+    ROOT,
+    Camera,
+    Figures,
+    Library,
+    Task,
+    scene,
+)
+
+import rastercov as rc
+from rastercov.camera.lenses.packed import packed
+
+PAGE = ROOT / "rastercov/viewer/page"
+ENGINE = PAGE / "engine.wasm"
+HERE = Path(__file__).parent / "wasm"
+NODE = shutil.which("node")
+pytestmark = [
+    pytest.mark.skipif(NODE is None, reason="no Node; as root: apt-get install -y nodejs"),
+    pytest.mark.skipif(not ENGINE.exists(), reason="no engine.wasm; run: make wasm"),
+]
+TASK_FIELDS = [name for name, _ in Task._fields_]
+
+
+@pytest.fixture(scope="module")
+def node(tmp_path_factory):
+    """Runs a script of tests/native/wasm, with the page's modules by their bare names."""
+    folder = tmp_path_factory.mktemp("node")
+    package = folder / "node_modules/rastercov"
+    package.mkdir(parents=True)
+    (package / "package.json").write_text('{"type": "module", "exports": {"./*": "./*"}}')
+    for path in [*PAGE.glob("*.js"), *HERE.glob("*.mjs")]:
+        target = folder if path.suffix == ".mjs" else package
+        (target / path.name).write_bytes(path.read_bytes())
+
+    def run(script, *words):
+        command = [NODE, str(folder / script), *map(str, words)]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert ended.returncode == 0, ended.stderr[-600:]
+        return [json.loads(line) for line in ended.stdout.splitlines()]
+
+    return run
+
+
+CAMERAS = {
+    "pinhole": {},
+    "brown": {"model": "opencv", "distortion": (-0.11, 0.02, 1e-3, -2e-3)},
+    "division": {"model": "division", "distortion": (-0.08,)},
+    "omni": {"model": "omni", "distortion": (0.9,)},
+}
+
+
+def camera_of(name, rng):
+    """A camera of a kind, whose focal length and centre are drawn."""
+    fx, fy, cx, cy = np.array((600, 610, 320, 240)) * rng.uniform(0.95, 1.05, 4)
+    return rc.Camera(width=640, height=480, fx=fx, fy=fy, cx=cx, cy=cy, **CAMERAS[name])
+
+
+def case_of(name, seed, camera):
+    """A case for both engines, ready for JSON."""
+    rng = np.random.default_rng(seed)
+    mesh, poses = scene(seed)
+    roles = [each.is_occluder + 2 * each.is_target + 4 * each.is_two_sided for each in mesh.groups]
+    spots = rng.integers(0, mesh.n_faces, 40)
+    weights = rng.dirichlet((1, 1, 1), 40)
+    task = {"min_depth": 0.0, "max_depth": None, "max_incidence_deg": float(rng.choice((90, 70)))}
+    task |= dict.fromkeys(("min_pixel_density", "min_facing_density", "min_pixels_per_m2"), 0.0)
+    task["min_pixel_density"] = float(rng.choice((0.0, 60.0)))
+    return {
+        "vertices": mesh.vertices.ravel().tolist(),
+        "faces": mesh.faces.ravel().tolist(),
+        "roles": [int(roles[group]) for group in mesh.face_group],
+        "poses": np.asarray(poses).ravel().tolist(),
+        "camera": {each: float(getattr(camera, each)) for each in CAMERA_FIELDS},
+        "lens": None if name == "pinhole" else base64.b64encode(packed(camera)).decode(),
+        "task": task,
+        "points": (weights[:, :, None] * mesh.vertices[mesh.faces[spots]]).sum(1).ravel().tolist(),
+        "spots": spots.tolist(),
+    }  # fmt: skip
+
+
+def digest(*arrays):
+    found = hashlib.sha256()
+    for each in arrays:
+        found.update(np.ascontiguousarray(each).tobytes())
+    return found.hexdigest()
+
+
+def native_hashes(library, case):
+    """The lines of bits.mjs by the library of C."""
+    n, n_poses = len(case["roles"]), len(case["poses"]) // 16
+    surface = library.make(
+        "rc_surface_create", np.array(case["vertices"]), len(case["vertices"]) // 3,
+        np.array(case["faces"], np.int32), n, np.array(case["roles"], np.uint8),
+    )  # fmt: skip
+    solver = library.make("rc_solver_create", surface, 0, 1)
+    camera = Camera(*case["camera"].values())
+    if case["lens"]:
+        numbers = np.frombuffer(base64.b64decode(case["lens"]))
+        camera.lens = library.make("rc_lens_create", numbers, len(numbers))
+    task = Task(
+        *(np.inf if case["task"][name] is None else case["task"][name] for name in TASK_FIELDS)
+    )
+    poses, by, limits = np.array(case["poses"]), ctypes.byref(camera), ctypes.byref(task)
+    found = {name: np.zeros(n_poses * n) for name in FIGURES}
+    found["is_certified"] = np.zeros(n_poses * n, np.uint8)
+    figures = Figures(*(each.ctypes.data for each in found.values()))
+    library.call("rc_observe", solver, by, poses, n_poses, None, None, ctypes.byref(figures))
+    regions = library.make("rc_find_regions", solver, by, limits, poses, n_poses, None, None)
+    areas = np.zeros((n_poses, 2, n))
+    for pose in range(n_poses):
+        library.call("rc_regions_areas", regions, pose, n, *areas[pose])
+    union = library.make("rc_union_create", surface, 2)
+    library.call("rc_union_add", union, regions)
+    views = np.zeros((2, 2, n))
+    for level in (1, 2):
+        library.call("rc_union_areas", union, level, n, *views[level - 1])
+    complete = library.make("rc_union_complete", union)
+    sizes = ctypes.c_int64(), ctypes.c_int64()
+    library.call("rc_union_size", complete, *map(ctypes.byref, sizes))
+    n_parts, n_corners = (each.value for each in sizes)
+    parts = [np.zeros(n_parts, kind) for kind in (np.int32, np.int32, np.int32, np.float64)]
+    corners = np.zeros(3 * n_corners)
+    library.call("rc_union_read", complete, n_parts, n_corners, *parts, corners)
+    alone = np.zeros(n_poses)
+    for pose in range(n_poses):
+        library.call("rc_union_alone", union, 1, regions, pose, alone[pose : pose + 1])
+    judged = [np.zeros(n, kind) for kind in (np.uint8, *[np.float64] * 3)]
+    out = Figures(*(each.ctypes.data for each in judged))
+    library.call("rc_judge_faces", solver, by, limits, poses[:16].copy(), n, ctypes.byref(out))
+    spots = np.array(case["spots"], np.int32)
+    reasons, hiders = np.zeros(len(spots), np.uint8), np.zeros(len(spots), np.int32)
+    library.call(
+        "rc_judge_points", surface, by, limits, poses[:16].copy(), len(spots),
+        np.array(case["points"]), spots, reasons, hiders,
+    )  # fmt: skip
+    for kind, handle in (("union", complete), ("union", union), ("regions", regions),
+                         ("solver", solver), ("surface", surface)):  # fmt: skip
+        library.call(f"rc_{kind}_free", handle)
+    return {
+        "observe": digest(*found.values()),
+        "regions": digest(areas),
+        "union": digest(views),
+        "parts": digest(*parts, corners),
+        "alone": digest(alone),
+        "faces": digest(*judged),
+        "points": digest(reasons, hiders),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not LIBRARY.exists(), reason="no build/lib; run: make lib")
+def test_node_gives_the_bits_of_the_library_of_c(node, tmp_path):
+    rng = np.random.default_rng(7)
+    cases = []
+    for name in CAMERAS:
+        camera = camera_of(name, rng)
+        cases += [case_of(name, seed, camera) for seed in range(6)]
+    (tmp_path / "cases.json").write_text(json.dumps(cases))
+    *lines, ended = node("bits.mjs", ENGINE, tmp_path / "cases.json")
+    assert sum(each.pop("n_figures") for each in lines) > 100_000
+    library = Library()
+    for case, line in zip(cases, lines, strict=True):
+        assert line == native_hashes(library, case)
+    assert ended == {"handles": sum(case["lens"] is not None for case in cases)}
+
+
+def test_the_module_holds_the_table_of_the_header(node, tmp_path):
+    (tmp_path / "cases.json").write_text("[]")
+    assert node("bits.mjs", ENGINE, tmp_path / "cases.json") == [{"handles": 0}]
+    made = tmp_path / "table.cpp"
+    maker, header = ROOT / ".ci/wasm_table", ROOT / "rastercov/native/include/rastercov.h"
+    subprocess.run([sys.executable, str(maker), str(header), str(made)], check=True)
+    text = made.read_text()
+    table = json.loads(text[text.index("TABLE(") + 6 : text.index(")TABLE")])
+    assert table["records"]["rc_task"]["size"] == ctypes.sizeof(Task)
+    assert json.dumps(table).encode() in ENGINE.read_bytes()
+    assert ENGINE.stat().st_size < 640_000

@@ -1,0 +1,72 @@
+// Figures of the engine as WebAssembly: node bits.mjs ENGINE CASES prints one line of JSON a case, hashes
+// of the arrays that each function of rastercov.h writes. See tests/native/test_wasm.py.
+import { createHash } from "node:crypto";
+import { readFileSync } from "node:fs";
+import { Engine } from "rastercov/live_engine.js";
+
+const [, , module, cases] = process.argv;
+const engine = await Engine.of(readFileSync(module));
+const call = engine.call.bind(engine);
+
+const hash = (...arrays) => {
+  const sum = createHash("sha256");
+  for (const each of arrays) sum.update(new Uint8Array(each.buffer, each.byteOffset, each.byteLength));
+  return sum.digest("hex");
+};
+
+for (const { vertices, faces, roles, poses, camera, lens, task, points, spots } of JSON.parse(readFileSync(cases))) {
+  const n = roles.length;
+  const nPoses = poses.length / 16;
+  const rows = () => new Float64Array(nPoses * n);
+  const own = () => new Float64Array(n);
+  const surface = call("rc_surface_create", vertices, vertices.length / 3, faces, n, Uint8Array.from(roles));
+  const solver = call("rc_solver_create", surface, engine.constants.RC_CERTIFIED, 1);
+  const numbers = lens && new Float64Array(Uint8Array.from(Buffer.from(lens, "base64")).buffer);
+  const by = { ...camera, lens: lens && call("rc_lens_create", numbers, numbers.length) };
+  const limits = { ...task, max_depth: task.max_depth ?? Infinity };
+  const figures = { visible: rows(), area: rows(), area_error: rows(), is_certified: new Uint8Array(nPoses * n) };
+  call("rc_observe", solver, by, poses, nPoses, 0, 0, figures);
+  const regions = call("rc_find_regions", solver, by, limits, poses, nPoses, 0, 0);
+  const areas = Array.from({ length: nPoses }, (_, pose) => {
+    const [area, bound] = [own(), own()];
+    call("rc_regions_areas", regions, pose, n, area, bound);
+    return [area, bound];
+  });
+  const union = call("rc_union_create", surface, 2);
+  call("rc_union_add", union, regions);
+  const views = [1, 2].map((level) => {
+    const [area, bound] = [own(), own()];
+    call("rc_union_areas", union, level, n, area, bound);
+    return [area, bound];
+  });
+  const complete = call("rc_union_complete", union);
+  const [nParts, nCorners] = call("rc_union_size", complete);
+  const parts = [Int32Array, Int32Array, Int32Array, Float64Array].map((Kind) => new Kind(nParts));
+  const corners = new Float64Array(3 * nCorners);
+  call("rc_union_read", complete, nParts, nCorners, ...parts, corners);
+  const alone = new Float64Array(nPoses);
+  for (let pose = 0; pose < nPoses; pose++) {
+    const one = new Float64Array(1);
+    call("rc_union_alone", union, 1, regions, pose, one);
+    [alone[pose]] = one;
+  }
+  const judged = { reasons: new Uint8Array(n), coverage: own(), densities: own(), facing: own() };
+  call("rc_judge_faces", solver, by, limits, poses.slice(0, 16), n, judged);
+  const [reasons, hiders] = [new Uint8Array(spots.length), new Int32Array(spots.length)];
+  call("rc_judge_points", surface, by, limits, poses.slice(0, 16), spots.length, points, spots, reasons, hiders);
+  const lines = {
+    observe: hash(...Object.values(figures)),
+    regions: hash(...areas.flat()),
+    union: hash(...views.flat()),
+    parts: hash(...parts, corners),
+    alone: hash(alone),
+    faces: hash(...Object.values(judged)),
+    points: hash(reasons, hiders),
+    n_figures: 4 * nPoses * n + 2 * nPoses * n + 4 * n + 4 * nParts + nPoses + 4 * n + 2 * spots.length,
+  };
+  console.log(JSON.stringify(lines));
+  for (const [kind, handle] of [["union", complete], ["union", union], ["regions", regions], ["solver", solver], ["surface", surface]]) {
+    call(`rc_${kind}_free`, handle);
+  }
+}
+console.log(JSON.stringify({ handles: call("rc_count_handles") }));

@@ -1,0 +1,275 @@
+"""A page that computes: from a file, without a network, its figures are those of `rastercov`."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from browser import Tab
+from rigs_to_view import ROOM, WIDE, acted, session_of, session_of_room
+
+import rastercov as rc
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.cli import command
+from rastercov.mesh import shapes
+from rastercov.viewer import live
+from rastercov.viewer.rig_state import RigState
+from rastercov.viewer.saving import export_page
+from rastercov.viewer.scene import Scene
+from rastercov.viewer.session import Session
+
+WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
+pytestmark = [pytest.mark.slow, WITHOUT]
+SOME = {"max_incidence_deg": 75, "min_pixel_density": 60.0, "views": 2}
+
+
+def opened(context, session, tmp_path):
+    return Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
+
+
+@pytest.fixture
+def page(context, tmp_path):
+    """The room, which computes; nothing was asked for, and nothing failed."""
+    session = session_of_room()
+    made = opened(context, session, tmp_path)
+    yield made
+    session.close()
+    assert made.faults == []
+    assert {each.split(":")[0] for each in made.requests} <= {"file", "blob", "data"}
+
+
+def act(page, **action):
+    """The answer of the page to an action."""
+    found = page.js("action => rastercov.session.act(action)", action)
+    page.idle()
+    return found
+
+
+def evaluated(page, mesh=ROOM):
+    """Summary by `rastercov` of the rig that the page has."""
+    state = page.state()
+    rig = json.loads(downloaded(page)["rig.json"])
+    names = [each.pop("name") for each in rig["cameras"]]
+    cameras = list(map(rc.Camera.from_dict, rig["cameras"]))
+    on = [each["is_on"] for each in state["stations"]]
+    poses = Poses.of(np.array(rig["world_from_camera"])[on], camera=np.array(rig["camera"])[on])
+    task = rc.Task(**{k: v for k, v in state["task"].items() if v is not None})
+    return rc.evaluate(mesh, Rig(cameras, names), poses, task, fields=()).summary()
+
+
+SAVE = """
+async () => {
+    const [texts, kept, waiting] = [{}, new Map(), []];
+    const { click } = HTMLAnchorElement.prototype;
+    const create = URL.createObjectURL;
+    URL.createObjectURL = (blob) => {
+        const address = create(blob);
+        kept.set(address, blob);
+        return address;
+    };
+    HTMLAnchorElement.prototype.click = function () {
+        const name = this.download;
+        waiting.push(kept.get(this.href).text().then((text) => (texts[name] = text)));
+    };
+    try {
+        await rastercov.session.server.save("rig");
+    } finally {
+        HTMLAnchorElement.prototype.click = click;
+        URL.createObjectURL = create;
+    }
+    await Promise.all(waiting);
+    return texts;
+}
+"""
+
+
+def downloaded(page):
+    """Texts of the files that the page saves, by name."""
+    return page.js(SAVE)
+
+
+def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page):
+    rng = np.random.default_rng(3)
+    for _ in range(8):
+        way = rng.integers(4)
+        stations = page.state()["stations"]
+        one = stations[rng.integers(len(stations))]
+        pose = np.reshape(one["pose"], (4, 4))
+        eye = pose[:3, 3] + rng.uniform(-0.5, 0.5, 3)
+        looked = rc.look_at(eye, rng.uniform(-1, 1, 3))[0].ravel().tolist()
+        if way == 0:
+            act(page, do="pose", station=one["id"], pose=looked)
+        elif way == 1:
+            act(page, do="add", camera="wide", pose=looked)
+        elif way == 2 and len(stations) > 2:
+            act(page, do="delete", station=one["id"])
+        else:
+            act(page, do="camera", camera="wide", changes={"hfov_deg": float(rng.uniform(60, 110))})
+    expected = evaluated(page)["covered_area"]
+    assert page.js("rastercov.summary().covered_area") == expected
+    assert page.page.locator(".summary .covered").inner_text() == f"{expected['percent']:.1f} %"
+    own = page.js("rastercov.summary().by_camera.map(each => each.area_percent)")
+    assert len(own) == len(page.state()["stations"])
+
+
+def test_thresholds_and_views_are_those_of_a_task(page):
+    act(page, do="duplicate", station=0)
+    act(page, do="task", changes=SOME)
+    summary = evaluated(page)
+    assert page.js("rastercov.summary().covered_area") == summary["covered_area"]
+    zones = page.js("rastercov.session.server.zones()")
+    pieces = page.js("rastercov.session.server.found.pieces")
+    by_reason = {}
+    for reason, area in zip(pieces["reasons"], pieces["areas"], strict=True):
+        by_reason[reason] = by_reason.get(reason, 0.0) + area
+    assert sum(each["area"] for each in zones) <= sum(by_reason.values()) * (1 + 1e-12)
+    expected = {name: each["m2"] for name, each in summary["not_covered_because"].items()}
+    assert by_reason == pytest.approx(expected, rel=1e-9)
+    assert act(page, do="task", changes={"min_visibility": 0.5}) is None
+    line = page.page.locator(".message.fault span").first.inner_text()
+    assert line.startswith("by area min_visibility must be 0: it applies to faces;")
+
+
+def test_whole_faces_have_the_colours_of_a_served_page(page):
+    session = session_of_room()
+    modes = page.js("rastercov.session.scene.modes.map(each => each.id)")
+    assert {"reason", "views", "area", "density", "coverage", "camera"} <= set(modes)
+    for mode in modes:
+        page.js("mode => rastercov.session.setMode(mode)", mode)
+        page.idle()
+        head, levels = acted(session, mode)
+        assert (np.frombuffer(page.levels(), np.uint8) != levels).mean() < 0.005, mode
+        legend = page.js("rastercov.session.figures.legend")
+        assert [each["label"] for each in legend] == [each["label"] for each in head["legend"]]
+    session.close()
+
+
+def test_dead_zones_are_those_of_rastercov(page):
+    session = session_of_room()
+    expected = session.zones()
+    zones = page.js("rastercov.session.server.zones()")
+    assert len(zones) == len(expected)
+    for found, wanted in zip(zones, expected, strict=True):
+        assert found["area"] == pytest.approx(wanted["area"], rel=1e-9)
+        assert found["reason"] == wanted["reason"]
+        assert found["faces"] == wanted["faces"]
+    session.close()
+
+
+def test_a_click_says_why_a_face_is_not_covered(page):
+    session = session_of_room()
+    for face in (5, 100, 300, 500):
+        said = page.js("face => rastercov.session.server.why(face)", face)
+        served = session.why(face)
+        assert [each["name"] for each in said["cameras"]] == [
+            each["name"] for each in served["cameras"]
+        ]
+        assert said["group"] == served["group"]
+    page.click_middle()
+    page.idle()
+    page.page.wait_for_function("document.querySelector('.why .verdict')")
+    assert "at its middle" in page.page.locator(".why .verdict").inner_text()
+    session.close()
+
+
+def test_undo_takes_edits_back_and_a_drag_is_one_step(page):
+    before, levels = page.pose(), page.levels()
+    pose = before.copy()
+    for step in range(1, 4):
+        pose[0, 3] = before[0, 3] - 0.2 * step
+        page.js(
+            "pose => rastercov.session.act({do: 'pose', station: 0, pose}, {isDrag: true})",
+            pose.ravel().tolist(),
+        )
+    page.idle()
+    act(page, do="undo")
+    assert not page.state()["can_undo"]
+    np.testing.assert_array_equal(page.pose(), before)
+    assert page.levels() == levels
+    act(page, do="redo")
+    np.testing.assert_array_equal(page.pose(), pose)
+
+
+def test_check_takes_the_saved_files_back_with_the_same_figures(page, tmp_path, monkeypatch):
+    act(page, do="add", camera="wide", pose=rc.look_at((0.5, 2, 2), (0, 0, 0))[0].ravel().tolist())
+    act(page, do="task", changes={"max_incidence_deg": 70})
+    for name, text in downloaded(page).items():
+        (tmp_path / name).write_text(text)
+    assert page.js("rastercov.session.server.state()")["is_saved"]
+    assert tomllib.loads((tmp_path / "plan.toml").read_text())["task"] == {"max_incidence_deg": 70}
+    monkeypatch.chdir(tmp_path)
+    checked = rc.check("plan.toml", "rig.json", min_coverage=0.5)
+    found = page.js("rastercov.summary().covered_area")
+    assert checked.summary()["covered_area"]["percent"] == found["percent"]
+
+
+def curved():
+    """Two cameras with distortion around a teapot."""
+    camera = rc.Camera(
+        width=640, height=480, fx=620, fy=620, model="opencv", distortion=(-0.11, 0.02, 1e-3, -2e-3)
+    )
+    mesh = shapes.torus(24, 12)
+    poses = rc.look_at(2.5 * mesh.diagonal * np.array([(1, 0.1, 0.4), (0.2, 1, 0.3)]), (0, 0, 0))
+    return Session(Scene("ring", mesh, RigState.of(Rig([camera], ["bent"]), Poses.of(poses))))
+
+
+def test_a_lens_with_distortion_moves_with_the_figures_of_rastercov(context, tmp_path):
+    session = curved()
+    page = opened(context, session, tmp_path)
+    pose = rc.look_at((0.4, -1.8, 0.9), (0, 0, 0))[0].ravel().tolist()
+    act(page, do="pose", station=0, pose=pose)
+    expected = evaluated(page, session.scene.mesh)["covered_area"]
+    assert page.js("rastercov.summary().covered_area.percent") == pytest.approx(
+        expected["percent"], rel=1e-12
+    )
+    assert page.faults == []
+    session.close()
+
+
+def test_names_with_markup_are_text_and_nothing_leaves_the_page(context, tmp_path):
+    name = "<img src=x onerror=alert(1)></script>"
+    mesh = rc.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], [rc.Group(name)], [0])
+    poses = Poses.of(rc.look_at((0.3, 0.3, 2), (0.3, 0.3, 0)))
+    session = Session(Scene(name, mesh, RigState.of(Rig([WIDE], [name]), poses)))
+    page = opened(context, session, tmp_path)
+    assert page.js("document.querySelectorAll('[onerror], [src=x]').length") == 0
+    assert page.js("fetch('http://127.0.0.1:9/').then(() => 'out', () => 'kept')") == "kept"
+    assert page.js("rastercov.summary().covered_area.percent") == 100.0
+    session.close()
+
+
+def test_numbers_that_are_none_are_a_line_and_the_page_goes_on(page):
+    pose = page.pose().ravel().tolist()
+    broken = [*pose[:3], None, *pose[4:]]
+    assert act(page, do="pose", station=0, pose=broken) is None
+    page.page.wait_for_function("document.querySelector('.message.fault')")
+    page.page.locator(".message.fault button").first.click()
+    wrong = {"stations": [{"id": 0, "camera": "x", "pose": [0] * 16}], "task": {"views": 1}}
+    wrong |= {"cameras": {"x": {"focus": [0, 1]}}, "need": []}
+    ask = "rig => rastercov.session.server.asking.ask('frame', rig, 'area', false)"
+    said = page.js(f"{ask}.catch(error => error.message)", wrong)
+    assert said.startswith("expected ")
+    act(page, do="pose", station=0, pose=pose)
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+
+
+def test_a_page_without_a_worker_computes_itself(context, tmp_path):
+    session = session_of_room()
+    context.add_init_script("window.Worker = class { constructor() { throw new Error('none'); } }")
+    page = opened(context, session, tmp_path)
+    assert page.area_percent() == session.figures().summary()["covered_area"]["percent"]
+    assert page.js("rastercov.session.server.asking.worker") is None
+    session.close()
+
+
+def test_what_the_page_cannot_compute_is_recorded_and_said(tmp_path, monkeypatch, capsys):
+    session = session_of(task=rc.Task(min_visibility=0.5))
+    assert live.why_recorded(session).endswith("does not compute whole faces")
+    path = export_page(session, tmp_path / "page.html", is_still=False)
+    assert 'id="export"' in path.read_text()
+    session.close()
+    monkeypatch.setattr(live, "engine", lambda: None)
+    assert live.why_recorded(session_of()) == live.NO_ENGINE
+    assert command(["view", "box", "-c", "khepra", "-p", "sphere:4", "--export", str(path)]) == 0
+    assert live.NO_ENGINE in capsys.readouterr().err
