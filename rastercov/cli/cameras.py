@@ -92,17 +92,20 @@ def cameras(
         print(json_text(found))
         return
     for what, rows in found.items():
-        names = [
-            name for name in COLUMNS[what].split() if any(map(_cell, rows, [name] * len(rows)))
-        ]
-        table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-        for name in names:
-            table.add_column(UNITS.get(name, (name,))[0].replace("_", " "), no_wrap=True)
-        for row in rows:
-            table.add_row(*(_cell(row, name) for name in names))
         if rows:
-            Console().print(table)
+            Console().print(_table(rows, COLUMNS[what].split()))
         print(f"{what}: {len(rows)}")
+
+
+def _table(rows: list[Row], columns: list[str]) -> Table:
+    """Rows as a table of those columns that have a value."""
+    names = [name for name in columns if any(_cell(row, name) for row in rows)]
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for name in names:
+        table.add_column(UNITS.get(name, (name,))[0].replace("_", " "), no_wrap=True)
+    for row in rows:
+        table.add_row(*(_cell(row, name) for name in names))
+    return table
 
 
 def _cell(row: Row, name: str) -> str:

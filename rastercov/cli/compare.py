@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import RenderableType
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
@@ -81,7 +82,6 @@ def compare(
     if models:
         _compare_models(*viewed, out, as_json)
         return
-    from rastercov.base.output import json_text
     from rastercov.reference.methods import compare as compared
     from rastercov.reference.methods import report
     from rastercov.report.folder import ReportFolder
@@ -93,12 +93,8 @@ def compare(
             )
         with progress_bar() as progress:
             path = report.write_comparison(folder, found, *viewed, progress)
-    if as_json:
-        print(json_text(found))
-    else:
-        Console().print(report.comparison_table(found))
-        print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
-        print(path)
+    lines = [size_line(mesh), *report.check_lines(found.checks), str(path)]
+    _print(found, as_json, report.comparison_table(found), lines)
     if found.interrupted:
         warn(f"interrupted: compared {found.poses_done} of {found.poses} poses")
         raise KeyboardInterrupt
@@ -110,7 +106,6 @@ def _compare_models(
     mesh: Mesh, camera: Camera, poses: FloatArray, out: Path, as_json: bool
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
-    from rastercov.base.output import json_text
     from rastercov.reference.models import report
     from rastercov.reference.models.comparison import compare_models, left_out
     from rastercov.report.folder import ReportFolder
@@ -124,12 +119,19 @@ def _compare_models(
             path = report.write_model_comparison(
                 folder, found, mesh, camera, poses, progress=progress
             )
+    lines = [size_line(mesh), *report.bivalence_lines(found), str(path)]
+    _print(found, as_json, report.score_table(found), lines)
+
+
+def _print(found: object, as_json: bool, table: RenderableType, lines: list[str]) -> None:
+    """Print a comparison as JSON, or its table and lines."""
+    from rastercov.base.output import json_text
+
     if as_json:
         print(json_text(found))
         return
-    Console().print(report.score_table(found))
-    print("\n".join([size_line(mesh), *report.bivalence_lines(found)]))
-    print(path)
+    Console().print(table)
+    print("\n".join(lines))
 
 
 validate = typer.Typer(cls=Group, **SETTINGS)

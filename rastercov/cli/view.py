@@ -6,6 +6,7 @@ import webbrowser
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
@@ -95,7 +96,7 @@ def view(
     """
     from rastercov.viewer.live import why_recorded
     from rastercov.viewer.saving import check_name, export_page, with_drawing
-    from rastercov.viewer.server import redirect, serve
+    from rastercov.viewer.server import serve
     from rastercov.viewer.session import Session
 
     if export is not None:
@@ -120,26 +121,30 @@ def view(
 
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
     with ExitStack() as redirecting:
-
-        def started(url: str) -> None:
-            redirecting.enter_context(shown(None))  # no wait, but until it is stopped
-            print(url, flush=True)
-            say("press Ctrl-C to stop")
-            if no_browser:
-                return
-            # Those of other systems have no name.
-            if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
-                say("no display found: forward the port with ssh -L and open the address elsewhere")
-                return
-            try:
-                page = redirecting.enter_context(redirect(url)).as_uri()
-            except OSError as error:
-                say(f"cannot open a browser ({error.strerror}); open the address yourself")
-                return
-            # The page is answered once this thread serves; a browser may hold its own.
-            Thread(target=webbrowser.open, args=(page,), daemon=True).start()
-
+        started = partial(_started, redirecting, not no_browser)
         serve(session, port, out, started, arrived=redirecting.close)
+
+
+def _started(redirecting: ExitStack, opens: bool, url: str) -> None:
+    """Print the address of the page, and open it in a browser."""
+    from rastercov.viewer.server import redirect
+
+    redirecting.enter_context(shown(None))  # no wait, but until it is stopped
+    print(url, flush=True)
+    say("press Ctrl-C to stop")
+    if not opens:
+        return
+    # Those of other systems have no name.
+    if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
+        say("no display found: forward the port with ssh -L and open the address elsewhere")
+        return
+    try:
+        page = redirecting.enter_context(redirect(url)).as_uri()
+    except OSError as error:
+        say(f"cannot open a browser ({error.strerror}); open the address yourself")
+        return
+    # The page is answered once this thread serves; a browser may hold its own.
+    Thread(target=webbrowser.open, args=(page,), daemon=True).start()
 
 
 def open_scene(

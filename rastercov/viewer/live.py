@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import base64_of
 from rastercov.camera.camera import Camera
 from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.network import unit_of_result
@@ -22,7 +23,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
 from rastercov.report.modes import by_level, by_reason, by_share
-from rastercov.report.pages import base64_of, bundled, soup_origin, with_live_data
+from rastercov.report.pages import bundled, soup_origin, with_live_data
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.session import Session
 

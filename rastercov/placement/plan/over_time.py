@@ -261,18 +261,16 @@ class PlanMotion(MotionQuery):
                     elements.append(cell + np.int32(frame * n_cells))
                     shares.append(of_cells.share[part])
             progress(min(first + at_once, len(poses)), len(poses))
-        header = describe(observer, poses, task, None, cells, mounts)
-        n = n_frames * n_cells
-        for name in ("cells", "mounts"):
-            header.pop(name, None)
         pairs = Pairs(
             np.concatenate(counts),
             np.concatenate(elements),
             np.concatenate(shares).astype(np.float32),
             NOT_ON_RIGS,
         )
-        header |= {"n_faces": n, "n_task_faces": n}
-        matrix = VisibilityMatrix(placed=poses, header=header, parts=(pairs,))
+        header = describe(observer, poses, task, None, cells, mounts)
+        n_elements = dict.fromkeys(("n_faces", "n_task_faces"), n_frames * n_cells)
+        own = {name: header[name] for name in header.keys() - {"cells", "mounts"}}
+        matrix = VisibilityMatrix(placed=poses, header=own | n_elements, parts=(pairs,))
         weights = weights_of(cells, plan.task.weight_by)
         if not is_of_cells:
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
