@@ -94,5 +94,5 @@ def test_a_huge_number_anywhere_in_a_gltf_is_one_line_and_no_warning(tmp_path):
             line = str(caught.value)
             assert line.isprintable()
             assert re.search(
-                r": [\w.]+: expected a number within ±1e\+100, got [^()]*; correct it$", line
+                r": [\w.]+: expected a number within ±1e\+100, got [^()]*; correct the file$", line
             )

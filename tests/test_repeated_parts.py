@@ -103,7 +103,7 @@ def test_rigs_without_places_are_one_note(tmp_path):
 
     first, second = doublings(read_cameras, make, tmp_path / "rigs.txt")
     assert second <= MOST_GROWTH * first
-    notes = [note for note in read_cameras(tmp_path).notes if "no place" in note]
+    notes = [note for note in read_cameras(tmp_path).notes if "has no pose" in note]
     assert len(notes) == 1
     assert "and 399 others" in notes[0]
 

@@ -267,7 +267,7 @@ def test_what_is_closed_refuses_in_one_line_and_closes_again(kind):
         ask(thing)
     thing.close()
     for poses in (POSES, np.empty((0, 4, 4))):
-        with pytest.raises(DeviceError, match=r"closed( one)?; open a new one") as caught:
+        with pytest.raises(DeviceError, match=r"closed( one)?; open a") as caught:
             ask(thing, poses)
         assert "\n" not in str(caught.value)
 
@@ -328,7 +328,7 @@ def test_a_picture_of_ten_thousand_million_pixels_is_refused_before_it_is_made()
         peak = peak_of(
             lambda: rasteriser.render(POSES[0]),
             ResourceError,
-            "100,000 x 100,000, which take 80,000,000,000 bytes; take a smaller camera",
+            r"got 100,000 x 100,000 \(74.5 GiB\); take a smaller camera",
         )
     assert peak < 1 << 20
 
@@ -361,8 +361,7 @@ def test_results_larger_than_memory_are_refused_with_their_bytes_and_a_remedy(mo
     call, bytes_a_pair = RESULTS[kind]
     n_poses = POOR // (bytes_a_pair * MESH.n_faces) + 1
     poses = np.tile(np.eye(4), (n_poses, 1, 1))
-    n_bytes = bytes_a_pair * n_poses * MESH.n_faces
-    match = rf"{n_poses:,} poses x {MESH.n_faces:,} faces take {n_bytes:,} bytes .* fewer poses"
+    match = rf"{n_poses:,} poses x {MESH.n_faces:,} faces to fit in .* GiB.*; \w+ fewer poses"
     peak = peak_of(lambda: call(poses), ResourceError, match)
     assert peak < POOR / 2
 

@@ -21,7 +21,8 @@ def test_a_run_ends_with_its_skips(tmp_path):
         "        pytest.skip('no such thing here')\n"
     )
     words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2", "--rootdir", tmp_path)
-    run = python(*words, tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    path = f"{ROOT}:{ROOT / 'tests' / 'support'}"
+    run = python(*words, tmp_path, env={**os.environ, "PYTHONPATH": path})
     assert run.returncode == 0, run.stdout
     assert "not tested here: 3" in run.stdout
     assert "    3 no such thing here\n" in run.stdout

@@ -102,7 +102,7 @@ def view(
     if export is not None:
         check_name(export)
     elif still:
-        raise ConfigError("--still goes with --export; give a page to write")
+        raise ConfigError("expected --still beside --export, got no --export; add it")
 
     scene = open_scene(sources, files, conventions, task, camera, poses, lamps)
     start = scene.start

@@ -89,7 +89,7 @@ def live_page(session: Session) -> str:
         own = state["cameras"][name]
         own["task"] = _thresholds(session.state, name)
         if not camera.is_pinhole:
-            from rastercov.camera.lenses.packed import packed
+            from rastercov.viewer.packed_lens import packed
 
             own["lens"] = name
             lenses[name] = _deflated(packed(camera))

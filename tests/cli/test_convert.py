@@ -119,9 +119,9 @@ def test_bare_poses_have_the_convention_that_is_named(here, capsys):
     ("line", "words"),
     [
         ("-p model", "expected poses in a known unit, got none; give --pose-unit"),
-        ("-p model --pose-unit m", "there are 2 cameras, .*choose one by --camera-name"),
+        ("-p model --pose-unit m", "expected one of 2 cameras, .*choose one by --camera-name"),
         ("-p sphere:3", "sphere:3: expected a camera, got none; give --camera"),
-        ("-c model -p sphere:3", "there are 2 cameras"),
+        ("-c model -p sphere:3", "expected one of 2 cameras"),
         ("-p ours.npy", "ours.npy: expected a camera with the poses, got none; give --camera"),
         ("-c ours.npy -p ours.npy", "ours.npy: expected a camera, got poses only"),
         ("-c khepra -p eye.json", "eye.json: expected poses, got cameras only"),

@@ -87,7 +87,7 @@ def test_poses_that_kill_are_found_and_left_out(tmp_path):
     assert {made.number: made.quarantined for made in watch.made if made.quarantined} == found
     left = {name: set(range(4)) - set(poses) for name, poses in shards(folder).items()}
     assert {int(name): poses for name, poses in left.items() if poses} == {1: {1, 2}, 4: {3}}
-    assert any("worker died" in line for line in watch.lines)
+    assert any("worker process ended" in line for line in watch.lines)
 
 
 def test_a_lost_folder_is_waited_for(tmp_path):
@@ -130,7 +130,7 @@ def test_an_error_ends_the_run_in_one_line_and_shards_stay(tmp_path, what, error
 def test_another_version_of_rastercov_is_refused(tmp_path):
     job = cluster_job.prepared(tmp_path / "job", 1)
     with pytest.raises(
-        ConfigError, match=r"expected rastercov 0\.0\.1 of this run, got .*; install"
+        ConfigError, match=r"expected rastercov 0\.0\.1 of this run, got .*; update it"
     ):
         run(replace(job, version="0.0.1"), Watch())
 

@@ -127,6 +127,6 @@ def test_a_converter_ends_at_its_limits_in_one_line(name, limit, value, words, l
         pytest.importorskip(package)
     monkeypatch.setattr(polygons, limit, value)
     with pytest.raises(
-        MeshError, match=rf"^[^\n]*expected an? \w+ file that [\w ]+ reads{words}; export"
+        MeshError, match=rf"^[^\n]*expected an? \w+ file that [\w ]+ reads,? ?{words}; export"
     ):
         load(name, crate() if name == "a.step" else bungalow())

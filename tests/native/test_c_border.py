@@ -215,7 +215,7 @@ def test_memory_that_a_limit_denies_is_a_code_and_a_line():
     said = subprocess.run(
         [sys.executable, "-c", LIMITED, str(LIBRARY)], capture_output=True, text=True, check=True
     ).stdout.splitlines()
-    text = "out of memory while making a surface; ask for less, or free objects"
+    text = "expected memory for making a surface, got too little; pass fewer poses or free handles"
     assert said == [f"3 {text} None", "0"]
 
 

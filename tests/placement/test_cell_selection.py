@@ -118,7 +118,7 @@ def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path
 @pytest.mark.parametrize(
     ("mesh", "method", "task", "words"),
     [
-        (room()[0], "certified", None, "give the same"),
+        (room()[0], "certified", None, "use the same"),
         (MESH, "sampled:cpu", None, "got sampled"),
         (MESH, "certified", rc.Task(min_pixels=3), "min_pixels applies to faces"),
     ],

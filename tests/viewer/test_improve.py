@@ -178,7 +178,7 @@ def test_work_that_was_overtaken_is_dropped(work, monkeypatch):
     goes_on.set()
     said = finished(work)
     assert said["status"] == "failed"
-    assert "edited meanwhile" in said["words"]
+    assert "edits meanwhile" in said["words"]
     assert len(session.state.stations) == 2
 
 

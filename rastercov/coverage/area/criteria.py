@@ -160,7 +160,7 @@ class Illuminance(InOneLine):
         table = _like("table", self.table, shape[:-1])
         if not np.isin(table, np.arange(-1, len(tables))).all():
             raise ConfigError(
-                f"expected table of -1 to {len(tables) - 1}, got {shown(self.table)}; -1 is none"
+                f"expected table below {len(tables)}, got {shown(self.table)}; -1 is none"
             )
         _set(self, axes=axes, intensities=intensities, exponents=exponents)
         _set(self, tables=tables, table=table.astype(np.int64), is_least=_is_least(self))

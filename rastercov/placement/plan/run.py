@@ -106,7 +106,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What is chosen among candidates for cameras whose poses are known, such as lamps.
+    """Selection among candidates for cameras whose poses are known, such as lamps.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Choice:
 
     @abstractmethod
     def summary(self) -> dict[str, Any]:
-        """What is chosen and figures, ready for JSON."""
+        """Chosen lamps and figures, ready for JSON."""
 
     @abstractmethod
     def lines(self) -> list[str]:

@@ -38,7 +38,7 @@ def packed(camera: Camera) -> FloatArray:
     >>> camera = rc.Camera(
     ...     width=640, height=480, fx=600, fy=600, model="opencv", distortion=(-0.1, 0.01, 0, 0)
     ... )
-    >>> from rastercov.camera.lenses.packed import packed
+    >>> from rastercov.viewer.packed_lens import packed
     >>> packed(camera)[3]  # planes
     1.0
     """
