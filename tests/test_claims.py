@@ -91,7 +91,7 @@ CLAIMS = {
         "**File formats.** An": "mesh/test_mesh_text no_cut_changes_a_face_without_a_note",
         "Skins are in their": "mesh/test_concave_polygons a_polygon_that_crosses_itself_is",
         "STEP is triangulated": "mesh/test_mesh_step a_solid_is_read_in_its_own_unit",
-        "`Mesh.notes` has": "mesh/test_mesh notes_come_first_in_the_warnings",
+        "`Mesh.notes` lists": "mesh/test_mesh notes_come_first_in_the_warnings",
         "**Results made by": "test_misuse what_is_not_tried_is_public_and_named_with_its_reason",
         "**Concurrency and": NOTHING,
         "Without `flock`": "report/test_report_folder a_file_system_without_locks_is",
