@@ -60,7 +60,7 @@ SEEN = 0.01
 HIDDEN = 1e-9
 CHECKED_BY_FRACTIONS = 12
 MOST_SECONDS = 8.0
-REFERENCE, PIXELS = "the reference", "a ray or a colour a pixel"
+REFERENCE, PIXELS = "the reference", "one ray or colour per pixel"
 ALIKE = 0.01
 """Largest difference of the mean errors within a kind: edges, and float32."""
 ALGORITHM_1 = 10_000
@@ -180,7 +180,7 @@ def by_points(
         return found
 
     rows = range(len(scene.poses))
-    kind = f"rays to {side * side} points of a face" if side > 1 else "a ray to the centroid"
+    kind = f"rays to {side * side} points per face" if side > 1 else "one ray to the centroid"
     return Contestant(name, kind, fractions, lambda: [fractions(row) for row in rows])
 
 
@@ -191,7 +191,7 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
         ours(scene, "**certified**", "certified", stack),
         replace(ours(scene, "**exact**", "exact", stack), kind=REFERENCE),
         ours(scene, "**sampled**", "sampled:cpu", stack),
-        ours(scene, "**sampled**, 16 a pixel", "sampled:cpu@4", stack),
+        ours(scene, "**sampled**, 16 per pixel", "sampled:cpu@4", stack),
     ]
 
     def add(packages: tuple[str, ...], make: Callable[[], list[Contestant]]) -> None:
@@ -394,7 +394,7 @@ def placement(report: Report) -> list[str]:
     """Table 6.1 of the thesis beside ours, as Markdown."""
     mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm")
     lines = [
-        "| alpha, beta | Khepra, as printed | its rule | `closest` | refined |",
+        "| alpha, beta | Khepra, as printed | `leader` | `closest` | refined |",
         "|---" * 5 + "|",
     ]
     for (alpha, beta), (cameras, percent, *_) in thesis_table_6_1.PRINTED.items():

@@ -93,7 +93,7 @@ def machine() -> str:
     return (
         f"{datetime.now(UTC):%Y-%m-%d}; {next(models, platform.machine())}, "
         f"{len(os.sched_getaffinity(0))} cores, {platform.system()}, "
-        f"loops for {native.LEVEL}, load {load}; {', '.join(versions)}"
+        f"code level {native.LEVEL}, load {load}; {', '.join(versions)}"
     )
 
 

@@ -96,7 +96,7 @@ def test_the_command_compares_first_and_rewrites_its_part_of_a_page(comparison, 
     assert "| 30, 60 | 6, 5.6 % |" in block
     figures = json.loads((tmp_path / "comparison.json").read_text())["scenes"]["aeroplane"]
     assert figures["Embree packets"]["ratio"] == 1
-    assert 0 < figures["**sampled**, 16 a pixel"]["mean"] < figures["**sampled**"]["mean"]
+    assert 0 < figures["**sampled**, 16 per pixel"]["mean"] < figures["**sampled**"]["mean"]
     assert figures["Khepra, as printed"]["ms"] == 307_995
 
 
