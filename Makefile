@@ -79,7 +79,7 @@ INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs bench opengl osmesa chromium clean
+.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs bench opengl osmesa node chromium clean
 
 test quick: LEVELS := runnable
 
@@ -94,7 +94,7 @@ demo: $(BIN)/python
 	@echo "rastercov demo --out report"
 	@$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev native lib opengl osmesa chromium
+test: $(VENV)/installed-dev native lib wasm opengl osmesa chromium node
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=20
 
 quick: $(VENV)/installed-dev native lib opengl osmesa chromium
@@ -239,6 +239,12 @@ osmesa: $(VENV)/installed
 	if $(OSMESA_EXISTS); then step "installing OSMesa ($(OSMESA)), about 20 s" \
 	$(APT) install -y --no-install-recommends $(OSMESA) && exit 0; fi; \
 	echo "note: no OSMesa: apt has no $(OSMESA), or may not install it"
+
+# Without it its tests are skipped, which the end of the run says.
+node:
+	@command -v node >/dev/null || { $(STEP) "installing Node, some seconds" \
+	sh -c "$(APT) update; $(APT) install -y --no-install-recommends nodejs"; } || \
+	echo "note: no Node: apt has none, or may not install it"
 
 # Without it its tests are skipped, which the end of the run says.
 chromium:

@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 from browser import Tab
+from nightly import IS_NIGHTLY
 from rigs_to_view import ROOM, WIDE, acted, session_of, session_of_room
 
 import rastercov as rc
@@ -91,7 +92,7 @@ def downloaded(page):
 
 def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page):
     rng = np.random.default_rng(3)
-    for _ in range(8):
+    for _ in range(200 if IS_NIGHTLY else 8):
         way = rng.integers(4)
         stations = page.state()["stations"]
         one = stations[rng.integers(len(stations))]

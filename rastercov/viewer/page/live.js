@@ -7,6 +7,7 @@
 
 import { Refused, bytesOf } from "rastercov/api.js";
 import { planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
+import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { centreOf, centroid, cross, distance, length, subtract } from "rastercov/maths.js";
@@ -41,6 +42,7 @@ export class Live {
   constructor(data) {
     this.data = data;
     this.name = "live";
+    this.work = new Work(this);
   }
 
   /** The connection of this page, or null where its file does not compute. */
@@ -125,9 +127,10 @@ export class Live {
     return { ...this.history.described(), ...rest, stations, cameras, task };
   }
 
-  /** The rig as the solver takes it: stations that are on. */
-  #rig() {
-    const { stations, cameras, task, needed } = this.history.state;
+  #rig = () => this.rigOf(this.history.state);
+
+  /** A state as the solver takes it: stations that are on. */
+  rigOf({ stations, cameras, task, needed }) {
     const views = needed ?? null;
     const { groups, reasons } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
@@ -298,12 +301,16 @@ export class Live {
   }
 
   ping = async () => ({ revision: this.history.revision, at: [], goal: "", measured: [] });
-  job = async () => ({ id: null });
   drawing = async () => ({});
   keepDrawing = async () => ({});
-  startJob = async () => this.#refuse();
-  cancelJob = async () => this.#refuse();
+  job = async () => this.work.described();
+  cancelJob = async () => this.work.cancel();
   image = async () => this.#refuse();
+
+  async startJob(what) {
+    if (!["add", "place"].includes(what.kind)) this.#refuse();
+    this.work.start(what);
+  }
 
   #refuse() {
     throw new Refused(NO_ANSWER, 400);
