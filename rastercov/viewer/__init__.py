@@ -17,7 +17,8 @@ scene_view, mesh_pass, pieces, creases, sketch_pass, shaders
 view_camera, navigation, maths
                           orbit, pan, zoom, fit, floor plan; mouse, pen, touch; camera axes x right,
                           y down, z forward
-live, live_files          the connection of a page that computes in place of a server, and its files
+live, live_files, live_link, live_jobs
+                          the connection of a page that computes, its files, links and work
 live_rig, live_paint, live_zones
                           edits and undo, colours of faces, dead zones, as Python has them
 live_worker, live_solver, live_engine

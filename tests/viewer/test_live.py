@@ -205,6 +205,32 @@ def test_check_takes_the_saved_files_back_with_the_same_figures(page, tmp_path, 
     assert checked.summary()["covered_area"]["percent"] == found["percent"]
 
 
+def test_a_link_has_the_rig_to_the_last_bit(page, context):
+    for number in range(8):
+        pose = rc.look_at((0.3 * number - 1, 1.5, 2), (0, 0, 0))[0].ravel().tolist()
+        act(page, do="add", camera="wide", pose=pose)
+    act(page, do="task", changes={"max_incidence_deg": 70})
+    address = page.js("rastercov.session.server.link()")
+    assert len(address.partition("#")[2]) < 2000
+    other = Tab(context, address)
+    assert other.state()["stations"] == page.state()["stations"]
+    assert other.js("rastercov.summary()") == page.js("rastercov.summary()")
+    cut = Tab(context, address[:-40])
+    assert len(cut.state()["stations"]) == 2
+
+
+def test_the_best_next_camera_covers_more_and_can_be_undone(page):
+    before = page.area_percent()
+    page.open("Cameras")
+    page.page.get_by_role("button", name="Add the best next camera").click()
+    page.page.wait_for_function("rastercov.state().stations.length === 3")
+    page.idle()
+    assert page.area_percent() > before + 5
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+    act(page, do="undo")
+    assert page.area_percent() == before
+
+
 def curved():
     """Two cameras with distortion around a teapot."""
     camera = rc.Camera(

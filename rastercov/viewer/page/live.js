@@ -6,6 +6,7 @@
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
+import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
@@ -83,8 +84,27 @@ export class Live {
       ...colours,
     };
     this.areas = areas;
-    this.history = new History(state);
+    this.history = new History(await this.#linked(state));
   }
+
+  /** The rig of the address, where it has one; else that of the file. */
+  async #linked(state) {
+    try {
+      const rig = await rigOfFragment(location.hash, state);
+      return rig ? edited(state, { do: "restore", rig })[0] : state;
+    } catch {
+      return state; // an address that was cut short
+    }
+  }
+
+  /** Address of this page with the present rig. */
+  async link() {
+    const address = location.href.split("#")[0] + (await fragmentOf(this.history.state, this.data.state));
+    history.replaceState(null, "", address);
+    return address;
+  }
+
+  canSave = (what) => ["rig", "task"].includes(what);
 
   async scene() {
     this.opening ??= this.#open();

@@ -66,7 +66,7 @@ export class Work {
       Object.assign(job, { words: count > 1 ? `camera ${number + 1} of ${count}` : words, done: 0, total: TRIES });
       this.stepBegan = performance.now();
       const best = await this.#best(job, state, camera, number, revision);
-      if (!best && number === 0) throw new Error(`none of ${TRIES} poses tried covers more; change the lens or the thresholds`);
+      if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
       if (!best) break;
       [state] = edited(state, { do: "add", camera, pose: best.pose });
       gain += best.gain;
@@ -82,7 +82,9 @@ export class Work {
     const before = worthOf(await live.asking.ask("frame", rig, "area", false));
     const parts = openParts(await live.asking.ask("pieces", rig));
     let best = null;
-    for (const pose of poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
+    const known = live.data.candidates[camera];
+    if (known) job.total = known.length;
+    for (const pose of known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
       if (job.isCancelled) throw CANCELLED;
       if (live.history.revision !== revision) throw new Error("the rig was edited meanwhile; start it again");
       const stations = [...rig.stations, { id: -1, camera, pose }];
