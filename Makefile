@@ -56,7 +56,8 @@ NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
 CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
 C_CONFIGURED = -G Ninja -S rastercov/native/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
-CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
+CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp \
+	rastercov/native/c/wasm/*.?pp rastercov/native/c/wasm/*/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
 	rastercov/native/*/*.h rastercov/native/c/without_python/*/*/*.h examples/c/*.c benchmarks/*.cpp)
 # ON: a warning of the compiler ends the build, as in CI; not that of a user.
 WERROR ?= OFF
@@ -69,7 +70,7 @@ TESTS ?= tests
 # Sources that changed since clang-tidy last found nothing, all where a header did, with the flags of
 # what compiles them.
 TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/native -name '*.h*' -newer build/native/tidied),,-newer build/native/tidied))
-TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" $(TIDIED) \
+TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
 	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
 	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
 # The target `native` compiles the loops, and shows how far it is.
