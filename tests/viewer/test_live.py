@@ -266,6 +266,34 @@ def test_names_with_markup_are_text_and_nothing_leaves_the_page(context, tmp_pat
     session.close()
 
 
+def altered(text, way):
+    """Text of a page that someone changed."""
+    if way == "rig":
+        station = '{"id": 7, "name": "x", "camera": "none", "pose": [1], "is_on": true}, '
+        return text.replace('"stations": [', f'"stations": [{station}', 1)
+    at = text.index(f'"{way}": "') + len(way) + 300
+    return text[:at] + "AAAAAAAA" * 4 + text[at + 32 :]
+
+
+@pytest.mark.parametrize(
+    ("way", "line"),
+    [
+        ("rig", "there is no camera none"),
+        ("engine", "damaged bytes"),
+        ("vertices", "damaged bytes"),
+    ],
+)
+def test_an_altered_page_says_a_line(context, tmp_path, way, line):
+    session = session_of_room()
+    path = export_page(session, tmp_path / "page.html", is_still=False)
+    path.write_text(altered(path.read_text(), way))
+    page = context.new_page()
+    page.goto(path.as_uri())
+    page.wait_for_selector(".failed[role=alert]")
+    assert line in page.locator(".failed").inner_text()
+    session.close()
+
+
 def test_numbers_that_are_none_are_a_line_and_the_page_goes_on(page):
     pose = page.pose().ravel().tolist()
     broken = [*pose[:3], None, *pose[4:]]

@@ -2,7 +2,7 @@
  * The third connection of the page: it computes. `Live` has the methods of `Server`, and answers them from
  * the mesh, the cameras and the engine that the file has inside; nothing leaves it.
  *
- * The element #live holds bytes as base64 of raw deflate, and the rest as JSON, see rastercov/viewer/live.py.
+ * The element #live holds bytes as base64 of zlib, and the rest as JSON, see rastercov/viewer/live.py.
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
@@ -28,10 +28,14 @@ const OF_FACES = {
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 const NO_ANSWER = "this page has no server: open the plan with rastercov view for it";
 
-/** Bytes of base64 of raw deflate. */
+/** Bytes of base64 of zlib. */
 async function inflated(text) {
-  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
-  return new Response(stream).arrayBuffer();
+  try {
+    const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return await new Response(stream).arrayBuffer();
+  } catch {
+    throw new Refused("expected the data of this file, got damaged bytes; fetch the file again", 400);
+  }
 }
 
 export class Live {
@@ -84,7 +88,8 @@ export class Live {
       ...colours,
     };
     this.areas = areas;
-    this.history = new History(await this.#linked(state));
+    const [own] = edited(state, { do: "restore", rig: state }); // refuses what is no rig
+    this.history = new History(await this.#linked(own));
   }
 
   /** The rig of the address, where it has one; else that of the file. */

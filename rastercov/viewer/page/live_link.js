@@ -1,6 +1,6 @@
 /**
  * A rig in the address of a page: names, cameras that were changed, thresholds, and poses to their last bit,
- * as base64 of raw deflate. Ten cameras have less than 2 kB. Nothing is sent: a fragment stays in the browser.
+ * as base64 of zlib. Ten cameras have less than 2 kB. Nothing is sent: a fragment stays in the browser.
  */
 
 import { bytesOf } from "rastercov/api.js";
@@ -28,7 +28,7 @@ export async function fragmentOf({ stations, cameras, task, needed }, first) {
   stations.forEach(({ pose }, row) => {
     for (let k = 0; k < 12; k++) view.setFloat64(4 + text.length + 96 * row + 8 * k, pose[k], true);
   });
-  const packed = new Uint8Array(await through(bytes, new CompressionStream("deflate-raw")));
+  const packed = new Uint8Array(await through(bytes, new CompressionStream("deflate")));
   return MARK + btoa(String.fromCharCode(...packed)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
 }
 
@@ -36,7 +36,7 @@ export async function fragmentOf({ stations, cameras, task, needed }, first) {
 export async function rigOfFragment(hash, first) {
   if (!hash.startsWith(MARK)) return null;
   const packed = bytesOf(hash.slice(MARK.length).replaceAll("-", "+").replaceAll("_", "/"));
-  const bytes = await through(packed, new DecompressionStream("deflate-raw"));
+  const bytes = await through(packed, new DecompressionStream("deflate"));
   const view = new DataView(bytes);
   const size = view.getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, size)));
