@@ -56,7 +56,8 @@ NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
 CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
 C_CONFIGURED = -G Ninja -S rastercov/native/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
-CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
+CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp \
+	rastercov/native/c/wasm/*.?pp rastercov/native/c/wasm/*/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
 	rastercov/native/*/*.h rastercov/native/c/without_python/*/*/*.h examples/c/*.c benchmarks/*.cpp)
 # ON: a warning of the compiler ends the build, as in CI; not that of a user.
 WERROR ?= OFF
@@ -69,7 +70,7 @@ TESTS ?= tests
 # Sources that changed since clang-tidy last found nothing, all where a header did, with the flags of
 # what compiles them.
 TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/native -name '*.h*' -newer build/native/tidied),,-newer build/native/tidied))
-TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" $(TIDIED) \
+TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
 	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
 	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
 # The target `native` compiles the loops, and shows how far it is.
@@ -79,7 +80,7 @@ INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs bench opengl osmesa chromium clean
+.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs bench opengl osmesa node chromium clean
 
 test quick: LEVELS := runnable
 
@@ -94,7 +95,7 @@ demo: $(BIN)/python
 	@echo "rastercov demo --out report"
 	@$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev native lib opengl osmesa chromium
+test: $(VENV)/installed-dev native lib wasm opengl osmesa chromium node
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=20
 
 quick: $(VENV)/installed-dev native lib opengl osmesa chromium
@@ -239,6 +240,12 @@ osmesa: $(VENV)/installed
 	if $(OSMESA_EXISTS); then step "installing OSMesa ($(OSMESA)), about 20 s" \
 	$(APT) install -y --no-install-recommends $(OSMESA) && exit 0; fi; \
 	echo "note: no OSMesa: apt has no $(OSMESA), or may not install it"
+
+# Without it its tests are skipped, which the end of the run says.
+node:
+	@command -v node >/dev/null || { $(STEP) "installing Node, some seconds" \
+	sh -c "$(APT) update; $(APT) install -y --no-install-recommends nodejs"; } || \
+	echo "note: no Node: apt has none, or may not install it"
 
 # Without it its tests are skipped, which the end of the run says.
 chromium:

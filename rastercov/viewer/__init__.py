@@ -17,6 +17,12 @@ scene_view, mesh_pass, pieces, creases, sketch_pass, shaders
 view_camera, navigation, maths
                           orbit, pan, zoom, fit, floor plan; mouse, pen, touch; camera axes x right,
                           y down, z forward
+live, live_files, live_link, live_jobs
+                          the connection of a page that computes, its files, links and work
+live_rig, live_paint, live_zones
+                          edits and undo, colours of faces, dead zones, as Python has them
+live_worker, live_solver, live_engine
+                          figures beside the page, of rigs by the engine, and the engine's calls
 gizmo, frusta, constraints, tools, drawing, time
                           handles; cameras and lamps; places that the plan allows; pick, aim,
                           measure, sections; the drawing under the floor plan; frames and

@@ -29,6 +29,15 @@ from rastercov.viewer.session import Session
 
 MOST_FACES = 300_000
 """Faces of a page that computes: a drag of one camera takes half a second."""
+MOST_CANDIDATES = 200
+"""Poses of a plan that the page tries for the next camera."""
+PLACEMENT = {
+    "is_by_plan": False,
+    "cameras": 4,
+    "words": "one by one, each where it adds most",
+    "tries": 120,
+}
+"""The page's way to place cameras, see `page/live_jobs.js`."""
 ENGINE = "engine.wasm"
 NO_ENGINE = "the page shows recorded figures: this checkout has no engine.wasm; run make wasm"
 COLOURS = 64
@@ -82,7 +91,8 @@ def _has_closed_form(camera: Camera) -> bool:
 def live_page(session: Session) -> str:
     """Text of a page that computes; see `why_recorded`."""
     scene, state, mesh = session.scene, session.described_state(), session.scene.mesh
-    entries = scene.described(is_kept=False, can_edit=True) | {"catalogue": [], "constraints": {}}
+    entries = scene.described(is_kept=False, can_edit=True)
+    entries |= {"catalogue": [], "constraints": {}, "placement": PLACEMENT}
     entries["modes"] = [each | {"options": []} for each in entries["modes"]]
     lenses: dict[str, str] = {}
     for name, camera in session.state.cameras.items():
@@ -106,10 +116,26 @@ def live_page(session: Session) -> str:
         "origin": soup_origin(mesh).tolist(),
         "colours": _colours(mesh),
         "advice": {name: general_advice(name) for name in NAMES},
+        "candidates": _candidates(session),
         "densityUnit": f"px/{session.state.unit}",
         "defaults": _defaults(),
     }
     return with_live_data(data)
+
+
+def _candidates(session: Session) -> dict[str, list[list[float]]]:
+    """Poses of the candidates of a plan by camera, at equal steps of many."""
+    scene = session.scene
+    if scene.plan is None or scene.pool is None or not len(scene.pool.candidates):
+        return {}
+    mounts = scene.plan.mounts
+    placed = mounts.cameras(scene.pool.candidates.placed)[0]
+    found = {}
+    for row, name in enumerate(mounts.rig.names):
+        own = placed.world_from_camera[placed.camera == row]
+        step = -(-len(own) // MOST_CANDIDATES) or 1
+        found[name] = own[::step].reshape(-1, 16).tolist()
+    return {name: each for name, each in found.items() if each}
 
 
 def _defaults() -> dict[str, Any]:
@@ -150,6 +176,5 @@ def _colours(mesh: Mesh) -> dict[str, Any]:
 
 
 def _deflated(values: ArrayLike) -> str:
-    """Bytes of an array as base64 of raw deflate."""
-    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    return base64_of(packer.compress(np.ascontiguousarray(values).tobytes()) + packer.flush())
+    """Bytes of an array as base64 of zlib, whose checksum tells damage."""
+    return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes(), 9))

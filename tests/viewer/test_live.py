@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 from browser import Tab
+from nightly import IS_NIGHTLY
 from rigs_to_view import ROOM, WIDE, acted, session_of, session_of_room
 
 import rastercov as rc
@@ -91,7 +92,7 @@ def downloaded(page):
 
 def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page):
     rng = np.random.default_rng(3)
-    for _ in range(8):
+    for _ in range(200 if IS_NIGHTLY else 8):
         way = rng.integers(4)
         stations = page.state()["stations"]
         one = stations[rng.integers(len(stations))]
@@ -204,6 +205,32 @@ def test_check_takes_the_saved_files_back_with_the_same_figures(page, tmp_path, 
     assert checked.summary()["covered_area"]["percent"] == found["percent"]
 
 
+def test_a_link_has_the_rig_to_the_last_bit(page, context):
+    for number in range(8):
+        pose = rc.look_at((0.3 * number - 1, 1.5, 2), (0, 0, 0))[0].ravel().tolist()
+        act(page, do="add", camera="wide", pose=pose)
+    act(page, do="task", changes={"max_incidence_deg": 70})
+    address = page.js("rastercov.session.server.link()")
+    assert len(address.partition("#")[2]) < 2000
+    other = Tab(context, address)
+    assert other.state()["stations"] == page.state()["stations"]
+    assert other.js("rastercov.summary()") == page.js("rastercov.summary()")
+    cut = Tab(context, address[:-40])
+    assert len(cut.state()["stations"]) == 2
+
+
+def test_the_best_next_camera_covers_more_and_can_be_undone(page):
+    before = page.area_percent()
+    page.open("Cameras")
+    page.page.get_by_role("button", name="Add the best next camera").click()
+    page.page.wait_for_function("rastercov.state().stations.length === 3")
+    page.idle()
+    assert page.area_percent() > before + 5
+    assert page.area_percent() == evaluated(page)["covered_area"]["percent"]
+    act(page, do="undo")
+    assert page.area_percent() == before
+
+
 def curved():
     """Two cameras with distortion around a teapot."""
     camera = rc.Camera(
@@ -236,6 +263,34 @@ def test_names_with_markup_are_text_and_nothing_leaves_the_page(context, tmp_pat
     assert page.js("document.querySelectorAll('[onerror], [src=x]').length") == 0
     assert page.js("fetch('http://127.0.0.1:9/').then(() => 'out', () => 'kept')") == "kept"
     assert page.js("rastercov.summary().covered_area.percent") == 100.0
+    session.close()
+
+
+def altered(text, way):
+    """Text of a page that someone changed."""
+    if way == "rig":
+        station = '{"id": 7, "name": "x", "camera": "none", "pose": [1], "is_on": true}, '
+        return text.replace('"stations": [', f'"stations": [{station}', 1)
+    at = text.index(f'"{way}": "') + len(way) + 300
+    return text[:at] + "AAAAAAAA" * 4 + text[at + 32 :]
+
+
+@pytest.mark.parametrize(
+    ("way", "line"),
+    [
+        ("rig", "there is no camera none"),
+        ("engine", "damaged bytes"),
+        ("vertices", "damaged bytes"),
+    ],
+)
+def test_an_altered_page_says_a_line(context, tmp_path, way, line):
+    session = session_of_room()
+    path = export_page(session, tmp_path / "page.html", is_still=False)
+    path.write_text(altered(path.read_text(), way))
+    page = context.new_page()
+    page.goto(path.as_uri())
+    page.wait_for_selector(".failed[role=alert]")
+    assert line in page.locator(".failed").inner_text()
     session.close()
 
 

@@ -3,7 +3,7 @@
 //
 // Twin: tests/native/test_c_border.py, by Python.
 #include "c/objects.hpp"
-#include <cstring>
+#include <bit>
 
 namespace rastercov::c {
 Handles &handles() {
@@ -111,14 +111,23 @@ Placed::Placed(const double *poses, int64_t n) {
     for (int64_t p = 0; p < n; p++) rows.push_back(p);
 }
 
+namespace {
+// True where numbers are equal, bit for bit.
+bool have_bits_of(const double *some, const double *others, int n) {
+    return std::equal(some, some + n, others, [](double a, double b) {
+        return std::bit_cast<uint64_t>(a) == std::bit_cast<uint64_t>(b);
+    });
+}
+} // namespace
+
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
                                       const rc_task *task) {
     const std::scoped_lock lock(solver.changes);
     const auto lens_object = lens_of(camera);
     const bool is_same = solver.pass && solver.lens == lens_object &&
-                         !std::memcmp(&solver.camera, &camera, offsetof(rc_camera, lens)) &&
+                         have_bits_of(&solver.camera.width, &camera.width, 7) &&
                          solver.has_task == (task != nullptr) &&
-                         (!task || !std::memcmp(&solver.task, task, sizeof *task));
+                         (!task || have_bits_of(&solver.task.min_depth, &task->min_depth, 6));
     if (is_same) return solver.pass;
     const Lens lens = {camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height};
     auto pass = std::make_shared<engine::Pass>(solver.is_certifying, task || lens_object, 1,

@@ -60,10 +60,22 @@ function saveMenu(session) {
       session.emit("fault", error.message);
     }
   };
+  const canSave = ([what]) => session.server.canSave?.(what) ?? true;
+  const copyLink = async () => {
+    root.open = false;
+    const address = await session.server.link();
+    try {
+      await navigator.clipboard.writeText(address);
+      session.emit("notice", "The link is copied: whoever has this file opens it with this rig.");
+    } catch {
+      session.emit("notice", "The link is in the address bar: copy it there.");
+    }
+  };
   const root = menu("Save", "Ctrl+S saves the rig, Ctrl+Shift+S downloads the page", [
-    SAVES.map(([what, text, title]) => button(text, () => save(what), { title })),
+    SAVES.filter(canSave).map(([what, text, title]) => button(text, () => save(what), { title })),
+    session.server.link ? button("Copy link", copyLink, { title: "the address of this page with the rig in it" }) : null,
     element("hr"),
-    DOWNLOADS.map(([what, text, name]) => button(text, () => download(what, name))),
+    DOWNLOADS.filter(canSave).map(([what, text, name]) => button(text, () => download(what, name))),
   ]);
   session.saveRig = () => save("rig");
   session.downloadPage = () => download("page", "rastercov.html");

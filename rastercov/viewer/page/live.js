@@ -2,11 +2,13 @@
  * The third connection of the page: it computes. `Live` has the methods of `Server`, and answers them from
  * the mesh, the cameras and the engine that the file has inside; nothing leaves it.
  *
- * The element #live holds bytes as base64 of raw deflate, and the rest as JSON, see rastercov/viewer/live.py.
+ * The element #live holds bytes as base64 of zlib, and the rest as JSON, see rastercov/viewer/live.py.
  */
 
 import { Refused, bytesOf } from "rastercov/api.js";
+import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
 import { planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
+import { Work } from "rastercov/live_jobs.js";
 import { History, edited, focusOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
 import { centreOf, centroid, cross, distance, length, subtract } from "rastercov/maths.js";
@@ -26,10 +28,14 @@ const OF_FACES = {
 const THRESHOLDS = ["max_incidence_deg", "min_pixel_density", "min_facing_density", "min_pixels_per_m2"];
 const NO_ANSWER = "this page has no server: open the plan with rastercov view for it";
 
-/** Bytes of base64 of raw deflate. */
+/** Bytes of base64 of zlib. */
 async function inflated(text) {
-  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
-  return new Response(stream).arrayBuffer();
+  try {
+    const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return await new Response(stream).arrayBuffer();
+  } catch {
+    throw new Refused("expected the data of this file, got damaged bytes; fetch the file again", 400);
+  }
 }
 
 export class Live {
@@ -41,6 +47,7 @@ export class Live {
   constructor(data) {
     this.data = data;
     this.name = "live";
+    this.work = new Work(this);
   }
 
   /** The connection of this page, or null where its file does not compute. */
@@ -81,8 +88,28 @@ export class Live {
       ...colours,
     };
     this.areas = areas;
-    this.history = new History(state);
+    const [own] = edited(state, { do: "restore", rig: state }); // refuses what is no rig
+    this.history = new History(await this.#linked(own));
   }
+
+  /** The rig of the address, where it has one; else that of the file. */
+  async #linked(state) {
+    try {
+      const rig = await rigOfFragment(location.hash, state);
+      return rig ? edited(state, { do: "restore", rig })[0] : state;
+    } catch {
+      return state; // an address that was cut short
+    }
+  }
+
+  /** Address of this page with the present rig. */
+  async link() {
+    const address = location.href.split("#")[0] + (await fragmentOf(this.history.state, this.data.state));
+    history.replaceState(null, "", address);
+    return address;
+  }
+
+  canSave = (what) => ["rig", "task"].includes(what);
 
   async scene() {
     this.opening ??= this.#open();
@@ -125,9 +152,10 @@ export class Live {
     return { ...this.history.described(), ...rest, stations, cameras, task };
   }
 
-  /** The rig as the solver takes it: stations that are on. */
-  #rig() {
-    const { stations, cameras, task, needed } = this.history.state;
+  #rig = () => this.rigOf(this.history.state);
+
+  /** A state as the solver takes it: stations that are on. */
+  rigOf({ stations, cameras, task, needed }) {
     const views = needed ?? null;
     const { groups, reasons } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
@@ -298,12 +326,16 @@ export class Live {
   }
 
   ping = async () => ({ revision: this.history.revision, at: [], goal: "", measured: [] });
-  job = async () => ({ id: null });
   drawing = async () => ({});
   keepDrawing = async () => ({});
-  startJob = async () => this.#refuse();
-  cancelJob = async () => this.#refuse();
+  job = async () => this.work.described();
+  cancelJob = async () => this.work.cancel();
   image = async () => this.#refuse();
+
+  async startJob(what) {
+    if (!["add", "place"].includes(what.kind)) this.#refuse();
+    this.work.start(what);
+  }
 
   #refuse() {
     throw new Refused(NO_ANSWER, 400);

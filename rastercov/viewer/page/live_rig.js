@@ -113,7 +113,12 @@ const EDITS = {
     const needed = changes.views === undefined || changes.views === state.task.views ? state.needed : null;
     return [{ ...state, task: { ...state.task, ...changes }, needed }, `change ${Object.keys(changes).join(", ")}`];
   },
-  restore: (state, { rig }) => [{ ...state, ...rig, stations: rig.stations.map((each) => ({ ...each })) }, "restore the rig"],
+  restore: (state, { rig }) => {
+    const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));
+    if (unknown) refuse(`there is no camera ${unknown.camera}; choose one of the list`);
+    const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkedPose(each.pose) }));
+    return [{ ...state, ...rig, stations }, "restore the rig"];
+  },
 };
 
 /** [the state after an edit, words for the history]; no words where nothing is to be undone. */

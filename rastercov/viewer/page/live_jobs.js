@@ -1,0 +1,151 @@
+/**
+ * Work of a page that computes: the best next camera, or some one after another, with progress and an end.
+ *
+ * Poses look at what is not covered, from places around its normals, as rastercov/viewer/work.py tries them;
+ * each is judged by the exact area that all cameras cover together. The engine answers between two poses, so
+ * that the page can be used meanwhile; an edit ends the work.
+ */
+
+import { edited, focusOf } from "rastercov/live_rig.js";
+import { add, clamp, cross, dot, length, scale, subtract, unit } from "rastercov/maths.js";
+import { squareMetres } from "rastercov/dom.js";
+
+const TRIES = 120;
+const SPREAD = 0.7; // largest component across the normal of the direction in which a camera is tried
+const MARGIN_REL = 1e-3; // distance from the box of places, relative to the size of the scene
+const LEAST_GAIN = 1e-9; // of the area of the task
+
+/** Numbers in [0, 1), the same for the same seed. */
+function numbers(seed) {
+  let state = (seed * 2654435761 + 1) >>> 0;
+  return () => {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    return state / 2 ** 32;
+  };
+}
+
+export class Work {
+  #job = { id: null };
+
+  constructor(live) {
+    this.live = live;
+  }
+
+  /** Begins; the promise ends when it has begun. */
+  start(what) {
+    const job = { id: (this.#job.id ?? 0) + 1, kind: what.kind, status: "running", done: 0, total: null, words: "" };
+    this.#job = job;
+    this.began = this.stepBegan = performance.now();
+    this.#run(job, what).then(
+      (words) => Object.assign(job, { status: "done", words }),
+      (error) => Object.assign(job, error === CANCELLED ? { status: "cancelled", words: "cancelled; nothing was changed" } : { status: "failed", words: error.message }),
+    );
+  }
+
+  described() {
+    const now = performance.now();
+    const times = { seconds: (now - this.began) / 1000, step_seconds: (now - this.stepBegan) / 1000 };
+    return this.#job.status === "running" ? { ...this.#job, ...times } : { ...this.#job };
+  }
+
+  cancel() {
+    this.#job.isCancelled = true;
+    return this.described();
+  }
+
+  async #run(job, what) {
+    const { history } = this.live;
+    const { revision } = history;
+    let { state } = history;
+    const camera = what.camera ?? Object.keys(state.cameras)[0];
+    const count = what.kind === "place" ? (what.cameras ?? 1) : 1;
+    const words = what.kind === "place" ? `place ${count} cameras` : "add the best next camera";
+    if (what.kind === "place") state = { ...state, stations: [] };
+    let gain = 0;
+    for (let number = 0; number < count; number++) {
+      Object.assign(job, { words: count > 1 ? `camera ${number + 1} of ${count}` : words, done: 0, total: TRIES });
+      this.stepBegan = performance.now();
+      const best = await this.#best(job, state, camera, number, revision);
+      if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
+      if (!best) break;
+      [state] = edited(state, { do: "add", camera, pose: best.pose });
+      gain += best.gain;
+    }
+    history.take(state, words);
+    return `${words}: ${squareMetres(gain)} more`;
+  }
+
+  /** {pose, gain} of the pose that adds most, or null. */
+  async #best(job, state, camera, seed, revision) {
+    const { live } = this;
+    const rig = live.rigOf(state);
+    const before = worthOf(await live.asking.ask("frame", rig, "area", false));
+    const parts = openParts(await live.asking.ask("pieces", rig));
+    let best = null;
+    const known = live.data.candidates[camera];
+    if (known) job.total = known.length;
+    for (const pose of known ?? poses(live, state.cameras[camera], parts, numbers(seed + 1))) {
+      if (job.isCancelled) throw CANCELLED;
+      if (live.history.revision !== revision) throw new Error("the rig was edited meanwhile; start it again");
+      const stations = [...rig.stations, { id: -1, camera, pose }];
+      const gain = worthOf(await live.asking.ask("frame", { ...rig, stations }, "area", false)) - before;
+      if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * live.own.total)) best = { pose, gain };
+      job.done += 1;
+    }
+    return best;
+  }
+}
+
+const CANCELLED = new Error("cancelled");
+
+/** Area that is covered, summed over the views that are needed. */
+const worthOf = ({ covered }) => covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);
+
+/** Middle, normal and area of each piece that is not covered; what is never seen is none. */
+function openParts({ counts, corners, areas, reasons }) {
+  let at = 0;
+  return counts.flatMap((count, row) => {
+    const own = Array.from({ length: count }, (_, k) => corners.slice(at + 3 * k, at + 3 * k + 3));
+    at += 3 * count;
+    const normal = cross(subtract(own[1], own[0]), subtract(own[2], own[0]));
+    const middle = scale(own.reduce(add), 1 / count);
+    return reasons[row] === "unseeable" || !(length(normal) > 0) ? [] : [{ middle, normal: unit(normal), area: areas[row] }];
+  });
+}
+
+/** Poses that look at open parts, drawn by their area. */
+function* poses(live, camera, parts, random) {
+  const { bounds, up, is_room: isRoom } = live.data.scene;
+  const size = length(subtract(bounds[1], bounds[0]));
+  const [near, far] = distances(camera, size);
+  const reach = isRoom ? -MARGIN_REL * size : Math.max(2 * size, far);
+  const [low, high] = [bounds[0].map((x) => x - reach), bounds[1].map((x) => x + reach)];
+  const total = parts.reduce((sum, { area }) => sum + area, 0);
+  for (let k = 0; k < TRIES && total > 0; k++) {
+    let left = random() * total;
+    const { middle, normal } = parts.find(({ area }) => (left -= area) <= 0) ?? parts.at(-1);
+    const slope = [0, 0, 0].map(() => SPREAD * (2 * random() - 1));
+    const direction = unit(add(normal, subtract(slope, scale(normal, dot(slope, normal)))));
+    const away = near * (far / near) ** random();
+    const eye = add(middle, scale(direction, away)).map((x, axis) => clamp(x, low[axis], high[axis]));
+    if (length(subtract(middle, eye)) > 1e-9) yield lookingAt(eye, middle, up);
+  }
+}
+
+/** Least and greatest distance from which a camera is tried. */
+function distances({ plain }, size) {
+  const [zn, zf] = focusOf(plain);
+  const whole = (size * Math.max(plain.fx, plain.fy)) / Math.min(plain.width, plain.height);
+  const near = Math.max(0.02 * size, 1.01 * (plain.near ?? 0), 1.01 * zn);
+  return [near, Math.max(Math.min(1.2 * Math.max(whole, 0.5 * size), 0.99 * zf), 1.01 * near)];
+}
+
+/** Pose at an eye that looks at a point, upright. */
+export function lookingAt(eye, point, up) {
+  const forward = unit(subtract(point, eye));
+  const other = Math.abs(up[0]) > 0.5 ? [0, 1, 0] : [1, 0, 0];
+  const upright = Math.abs(dot(forward, up)) > 0.999 ? other : up;
+  const right = unit(cross(forward, upright));
+  const down = cross(forward, right);
+  return [0, 1, 2].flatMap((axis) => [right[axis], down[axis], forward[axis], eye[axis]]).concat([0, 0, 0, 1]);
+}
