@@ -40,7 +40,6 @@ CLAIMS = {
         "[Guarantees and limits]": "test_claims every_guarantee_names_its_test_on_the_page",
         "Every public function": "test_misuse any_value_of_an_argument_is_used_or_refused",
         "Not guaranteed: the": "test_observer the_bound_holds_for_nearly_all_partly_hidden",
-        "Surfaces whose": "exact/test_certificate surfaces_that_distance_makes_one",
         "Meshes in which": "exact/test_certificate faces_on_one_another_are_never_certified",
         "`make quick`": "test_docs the_site_is_whole_and_asks_nothing_of_the_network",
         "[CONTRIBUTING]": "test_docs files_that_a_contributor_is_sent_to_are_there",
