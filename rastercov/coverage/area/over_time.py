@@ -19,6 +19,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
+from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
 from rastercov.coverage.advice import general_advice
@@ -64,6 +65,7 @@ from rastercov.coverage.shards import (
 )
 from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
+from rastercov.mesh.arrays import frozen
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.unseeable import unseeable_areas, where_seen
 from rastercov.shards import ALONE, Staff, fill
@@ -230,18 +232,10 @@ class OverTime(InOneLine):
 
     @cached_property
     def unseeable(self) -> FloatArray:
-        """(F,) area that no camera can see in any frame: proved, m^2; all of what is never there.
-
-        As of `rastercov.mesh.unseeable`; 0 of all if cameras see into a body.
-        """
-        motion, areas = self.motion, self.motion.mesh.areas
-        found = np.where(motion.mesh.task_mask, areas, 0.0)
-        for row in range(len(motion)):
-            if not found.any():
-                break
-            mesh, kept = motion._at(row, of_occluders=False)
-            found[kept] = np.minimum(found[kept], unseeable_areas(mesh))
-        return where_seen(motion.mesh, found, self.time.area[0] / np.maximum(areas, 1e-300))
+        """`never_seeable` of the motion; 0 of all if cameras see into a body."""
+        mesh = self.motion.mesh
+        seen = self.time.area[0] / np.maximum(mesh.areas, 1e-300)
+        return where_seen(mesh, never_seeable(self.motion), seen)
 
     @cached_property
     def zones(self) -> DeadZones:
@@ -536,6 +530,21 @@ class TimeRemedies(Remedies):
                 for time, (_, reason, _) in zip(times, judged, strict=True):
                     time[there] += motion.units[frame] * (reason == Reason.COVERED)
             yield from (times >= needed).mean(axis=1).tolist()
+
+
+@once_each
+def never_seeable(motion: Motion) -> FloatArray:
+    """(F,) area that no camera can see in any frame: proved, m^2; all of what is never there.
+
+    As of `rastercov.mesh.unseeable`.
+    """
+    found = np.where(motion.mesh.task_mask, motion.mesh.areas, 0.0)
+    for row in range(len(motion)):
+        if not found.any():
+            break
+        mesh, kept = motion._at(row, of_occluders=False)
+        found[kept] = np.minimum(found[kept], unseeable_areas(mesh))
+    return frozen(found)
 
 
 def _moved(poses: FloatArray, points: FloatArray) -> FloatArray:

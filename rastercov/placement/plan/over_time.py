@@ -31,7 +31,7 @@ from rastercov.coverage.area.motion import (
     regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import OverTime, TimeAreas
+from rastercov.coverage.area.over_time import OverTime, TimeAreas, never_seeable
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
@@ -273,7 +273,9 @@ class PlanMotion(MotionQuery):
         )
         header |= {"n_faces": n, "n_task_faces": n}
         matrix = VisibilityMatrix(placed=poses, header=header, parts=(pairs,))
-        weights = weights_of(cells, plan.task.weight_by)
+        is_seeable = plan.task.weight_by == "seeable"
+        hidden = never_seeable(motion) if is_seeable else None
+        weights = weights_of(cells, plan.task.weight_by, hidden)
         if not is_of_cells:
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
             weights = (there * weights).ravel()
