@@ -83,7 +83,7 @@ def audit(
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
     warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
-    with progress_bar() as progress:
+    with progress_bar(then="report: ") as progress:
         asked: dict[str, Any] = result._asdict()
         suggested = asked.pop("suggest")
         made = partial(

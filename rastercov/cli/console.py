@@ -33,6 +33,7 @@ from rastercov.base.interrupts import (
     was_interrupted,
     watch_signals,
 )
+from rastercov.base.limits import time_limit_in_words
 
 if TYPE_CHECKING:
     from typer._click.core import Context
@@ -271,8 +272,8 @@ FIRST_LINE, NEXT_LINE = 2.0, 10.0
 class Lines:
     """Progress in lines on standard error, where that is no terminal."""
 
-    def __init__(self, what: str) -> None:
-        self._what, self._began = what, time.monotonic()
+    def __init__(self, what: str, then: str = "") -> None:
+        self._what, self._then, self._began = what, then, time.monotonic()
         self._first: tuple[float, int] | None = None
         self._last = 0, 0
         self.rest()
@@ -297,8 +298,10 @@ class Lines:
             return
         self._next = now + NEXT_LINE
         if self._first is None or done >= total:
-            rest = f"all {total:,} done, " if total else ""
-            say(f"{self._what}: {rest}{now - self._began:,.0f} s so far", 0)
+            rest = f"all {total:,} done, {self._then}" if total else ""
+            say(
+                time_limit_in_words() or f"{self._what}: {rest}{now - self._began:,.0f} s so far", 0
+            )
             return
         started, before = self._first
         left = (now - started) / max(done - before, 1) * (total - done)
@@ -347,14 +350,15 @@ def waits_shown(command: str) -> Iterator[None]:
 
 
 @contextmanager
-def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
+def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int, int], None]]:
     """Progress with the time left: a bar on a terminal, lines on standard error elsewhere.
 
+    Lines after the last report name what comes `then`, such as "report: ".
     The time counts from the first report on: what an earlier run had done says nothing about it.
     """
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
-        lines = Lines(what)
+        lines = Lines(what, then)
         with shown(lines):
             yield lines
         return

@@ -43,8 +43,8 @@ class PartRow(NamedTuple):
     of_seeable_percent : float or None
         Covered, of its area that can be seen; None where none can be.
     reason : str
-        Words on the reason of most of the area that can be seen and is not covered; none where all
-        is.
+        Words on the reason of most of the area that can be seen and is not covered, or of what
+        cannot; none where all is covered.
     """
 
     name: str
@@ -62,7 +62,9 @@ class PartRow(NamedTuple):
         figures = entry.get("covered_area", entry["covered"])
         percent, bound = figures["percent"], figures.get("bound_percent", 0.0)
         why = entry.get("seeable_not_covered_because", {})
+        is_hidden = entry.get("unseeable_m2", 0) > 0
         most = max(why, key=lambda each: float(why[each]["area_percent"]), default="")
+        most = most or "unseeable" * is_hidden
         reason = REASONS[most].label if most and percent < 100 else ""
         of_seeable = entry["covered_of_seeable_percent"]
         return cls(name, entry["area_m2"], percent, bound, of_seeable, reason)

@@ -80,7 +80,7 @@ REASONS = {
         1,
     ),
     "outside": Words(
-        "not fully in the image",
+        "outside the image",
         "are not fully in the image",
         "rotate the camera towards it{wider}",
         (0, 114, 178),

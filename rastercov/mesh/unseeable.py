@@ -7,6 +7,7 @@ the diagonal towards the side that is to be seen, is inside: it lies in a body, 
 face, drawn in from its edges by four times that, touches no surface of a body, so the winding
 number is the same all over it, and one ray to one of its points decides. A face that is enclosed in
 part is not among them, nor is one of a sealed cavity, where a camera could be: as in a room.
+Where all else lies in a closed surface that faces inwards, a room, what is outside of it is a body.
 
 A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
 """
@@ -69,7 +70,8 @@ def _computed(mesh: Mesh) -> FloatArray:
     incentre = np.einsum("fk,fki->fi", opposite, corners) / around[:, None]
     inset = INSET_REL * around * size**2 / (2 * mesh.areas[chosen])  # in radii of the incircle
     moved = incentre + GAP_REL * mesh.normals[chosen]
-    is_inside = TriangleTree.over(points, shells).winding_numbers(moved) > 0
+    outside = -1 if _has_room(mesh, points, bodies) else 0
+    is_inside = TriangleTree.over(points, shells).winding_numbers(moved) > outside
     rows = np.flatnonzero(is_inside & (inset < 0.5))
     if len(rows):
         drawn_in = (corners[rows] - incentre[rows, None]) * (1 - inset[rows, None, None])
@@ -83,6 +85,27 @@ def _computed(mesh: Mesh) -> FloatArray:
         rows = rows[~touches[: len(rows)]]
     found[chosen[rows]] = mesh.areas[chosen[rows]] * (1 - inset[rows]) ** 2
     return found
+
+
+def _has_room(mesh: Mesh, points: FloatArray, bodies: IntArray) -> bool:
+    """True where a body whose normals point inwards holds all other faces, as the walls of a room.
+
+    Then all that is outside of it counts as a body. `points` are the vertices in diagonals.
+    """
+    part = mesh.topology.components()
+    corners = points[mesh.faces]
+    volumes = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    signed = np.bincount(part[bodies], volumes[bodies], int(part.max()) + 1)
+    behind = corners.mean(axis=1) - GAP_REL * mesh.normals
+    for number in np.flatnonzero(signed < 0).tolist():
+        own, others = corners[part == number], behind[(part != number) & ~mesh.degenerate_mask]
+        low, high = own.min(axis=(0, 1)), own.max(axis=(0, 1))
+        if not len(others) or (others < low).any() or (others > high).any():
+            continue
+        shell = TriangleTree.over(points, mesh.welded_faces[part == number])
+        if (shell.winding_numbers(others) < 0).all():
+            return True
+    return False
 
 
 def _bodies(mesh: Mesh) -> IntArray:

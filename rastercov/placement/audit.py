@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import members
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
+from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of
@@ -153,7 +154,7 @@ def fewest(problem: Problem, needed: int) -> Selection:
     alike = replace(problem, weights=(problem.weights > 0).astype(np.float64))
     found, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
     if found.gap > PROVED and needed < len(found.chosen) and pairs <= MOST_PAIRS:
-        with suppress(ConfigError):  # highspy is not installed
+        with suppress(ConfigError), limited("smallest subset", PROOF_SECONDS):  # without highspy
             proved = select_integer(alike, time_limit=PROOF_SECONDS, threads=1)
             if proved.status == "interrupted":
                 raise KeyboardInterrupt

@@ -27,6 +27,7 @@ from rastercov.base.format import InNotebook, distance, percent, plural, samplin
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at, upwards
+from rastercov.coverage.advice import general_advice
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason
@@ -190,7 +191,7 @@ def weak(found: Audit) -> Weak:
     kind[is_task & (found.widest_angle < wanted.min_angle)] = 1
     kind[is_task & (found.views < wanted.views)] = 0
     rows = np.flatnonzero(kind >= 0)
-    zone = _connected(on, rows, kind[rows])
+    zone = _connected(on, rows, kind[rows] + len(KINDS) * _is_unseeable(found)[rows])
     area = np.bincount(zone, found.problem.weights[rows]).astype(np.float64)
     order = np.argsort(-area, kind="stable")
     zones = np.full(len(kind), -1, np.int64)
@@ -199,11 +200,14 @@ def weak(found: Audit) -> Weak:
 
 
 def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
-    """Number of the connected part of each of some elements, (N,), of those of the same kind."""
+    """Number of the connected part of each of some elements, (N,), of those of the same kind.
+
+    Kinds are below twice the length of `KINDS`.
+    """
     # Cells of two faces have a corner in common up to rounding.
     step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
     corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
-    key = (corner[on.faces[rows]] * len(KINDS) + kind[:, None]).ravel()
+    key = (corner[on.faces[rows]] * (2 * len(KINDS)) + kind[:, None]).ravel()
     around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
     turn = np.stack((around[:-1], around[1:]), axis=1)[np.diff(key[around]) == 0] // 3
     return components_of(len(rows), turn)
@@ -337,9 +341,17 @@ def _reach(found: Audit) -> FloatArray:
 
 def _unseen_because(found: Audit, mask: BoolArray) -> str | None:
     """Name of the reason of most of the area of some elements; None for no reason."""
+    if mask.any() and _is_unseeable(found)[mask].all():
+        return "unseeable"
     of_face = found.network.reason[mask if found.cells is None else found.cells.source_face[mask]]
     areas = np.bincount(of_face, found.problem.weights[mask], len(NAMES))[: Reason.COVERED]
     return NAMES[int(areas.argmax())] if areas.any() else None
+
+
+def _is_unseeable(found: Audit) -> BoolArray:
+    """(E,) elements of faces that no camera can see: proved."""
+    of_face = found.network.unseeable_areas > 0
+    return of_face if found.cells is None else of_face[found.cells.source_face]
 
 
 def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str:
@@ -350,6 +362,8 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
     size = zone["separate_percent"]
     views = zone["mean_views"]
     seen = f"{views:.1f} images on average" if views >= 0.05 else "no image"
+    if why == "unseeable":
+        return f"{REASONS[why].label}: {general_advice(why)}"
     noise = "" if size is None or size >= NOISE_PERCENT else ", which may be noise"
     apart_from = "" if size is None else SEPARATE.format(percent(size / 100), noise)
     return apart_from + ADVICE[zone["kind"]].format(

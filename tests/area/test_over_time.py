@@ -10,8 +10,9 @@ from timed import evaluate_over_time, over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import joined
-from rastercov.coverage.area.zones import zone_line
+from rastercov.coverage.area.zones import MOST_LINES, points_of, zone_line
 from rastercov.coverage.reasons import NAMES
 
 TASK = rc.Task()
@@ -99,7 +100,7 @@ def test_the_body_that_hides_a_dead_zone_is_named():
     assert hidden
     for zone in hidden:
         assert zone["reason"] == "occluded"
-        assert zone["advice"] == "b blocks the view"
+        assert zone["advice"].startswith("b blocks the view")
     assert result.table()[0]["hidden_by"] == "b"
     assert "of the area in all frames (4 frames); ever" in result.lines()[0]
 
@@ -130,7 +131,7 @@ def test_what_hides_itself_is_another_part_of_it():
     zones = evaluate_over_time(motion, CAMERA, eyes, TASK).dead_zones()["dead_zones"]
     assert zones[0]["hidden_by"] == name
     assert zone_line(zones[0]).endswith(": self-occluded")
-    assert zones[0]["advice"] == "another part of it blocks the view"
+    assert zones[0]["advice"].startswith("another part of it blocks the view; ")
 
 
 def test_the_camera_that_covers_longest_is_that_of_most_area_and_time():
@@ -335,3 +336,23 @@ def test_a_robot_over_a_part_is_evaluated_over_time():
     assert 0 < result.summary()["always_percent"] < result.summary()["ever_percent"]
     assert any(each["hidden_by"] for each in result.table())
     assert AROUND.shape == (4, 4, 4)
+
+
+@pytest.mark.parametrize("over", ["some", 0.75, "all"])
+def test_cameras_that_advice_adds_cover_half_of_a_zone_for_long_enough(over):
+    mesh = two_bodies(rc.shapes.by_name("teapot"), rc.shapes.by_name("icosahedron"))
+    motion = rc.Motion(mesh, {"b": rc.conveyor(4, direction=(1, 0, 0), distance=2.0)})
+    pose = rc.look_at(eyes=[(3, 0.1, 2)], targets=(0, 0, 0), up=(0, 0, 1))
+    result = evaluate_over_time(motion, CAMERA, pose, TASK, over)
+    tried = [zone for zone in result.dead_zones()["dead_zones"] if zone["tried"]]
+    assert tried
+    for row, zone in enumerate(result.dead_zones()["dead_zones"][:MOST_LINES]):
+        if not zone["tried"]:
+            continue
+        change = zone["tried"]
+        added = rc.look_at([change["position"]], [change["looking_at"]])
+        alone = evaluate_over_time(motion, CAMERA, added, TASK, over)
+        points, piece = points_of(result.zones, row + 1, 400)
+        own = result.zones.zone[piece] == row
+        face = result.zones.face[piece][own].astype(np.int64)
+        assert covering_poses(alone.long_enough, face, points[own]).mean() >= 0.5, zone["advice"]

@@ -9,6 +9,7 @@ import pytest
 from commands import INTERRUPTIBLE, refusal, without_progress
 from processes import python
 
+from rastercov.base.limits import limited
 from rastercov.cli.console import (
     LONGEST_LINE,
     LONGEST_WORD,
@@ -132,6 +133,18 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     found = lines(with_steps)
     assert {line.partition(" s")[0][:-1] for line in found} >= {"poses: all 4 done, ", "area: "}
     assert lines(lambda: None) == []
+
+    def within_a_limit():
+        with progress_bar("poses", then="report: ") as progress:
+            progress(4, 4)
+            with limited("smallest subset", 30):
+                wait()
+            wait()
+
+    found = lines(within_a_limit)
+    assert {"smallest subset: at most 30 s left", "poses: all 4 done, report: 1 s so far"} <= {
+        *found
+    }
 
     def serve():
         with shown(None):

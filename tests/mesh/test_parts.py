@@ -67,6 +67,20 @@ def test_a_sealed_cavity_can_be_seen_and_so_can_all_where_a_camera_is_inside():
     assert found.network.summary()["unseeable_m2"] == 0
 
 
+@pytest.mark.parametrize("is_beside", [False, True])
+def test_what_is_outside_of_a_room_that_holds_all_is_a_body(is_beside):
+    # A room, a cupboard in its corner, a box in the cupboard; and another box, beside the room.
+    beside = [[(-3, -1), (0, 1), (0, 1)]] * is_beside
+    mesh = boxes([(0, 9)] * 3, [(0, 2)] * 3, [(0.5, 1)] * 3, *beside)
+    room = mesh.face_group == 0
+    faces = np.where(room[:, None], mesh.faces[:, ::-1], mesh.faces)
+    found = unseeable_areas(Mesh(mesh.vertices, faces, mesh.groups, mesh.face_group))
+    areas = np.bincount(mesh.face_group, found, len(mesh.groups))
+    # Three sides of the cupboard are on walls; where a box is beside, there may be cameras, too.
+    expected = [0, 0, 0, 0] if is_beside else [0, 12, 1.5]
+    np.testing.assert_allclose(areas, expected, rtol=1e-3)
+
+
 def test_figures_of_a_part_are_those_of_its_faces_as_one_group():
     ends = [[(-4, 4), (-4, 4), (-1, 0)], [(0, 1)] * 3, [(0, 1), (0, 1), (1, 2)], [(-2, -1)] * 3]
     mesh = boxes(*ends, names=["table", "arm/base", "arm/tool/tip", "arm/tool"])

@@ -405,3 +405,23 @@ def test_pages_of_plans_show_the_figures_over_time(capsys):
     summary = json.loads(Path("checked/check.json").read_text())["network"]["over_time"]
     assert summary["frames"] == 5
     assert summary["not_always"]
+
+
+def test_shares_of_the_coverable_area_leave_out_what_is_hidden_in_every_frame():
+    # The hood around the part moves away; the tub around the core never does.
+    hood, tub = (rc.shapes.box((3, 3, 3), centre=(0, y, 0)) for y in (0, 10))
+    core = rc.Mesh(PART.vertices + np.array([0, 10, 0]), PART.faces)
+    Path("cell.obj").write_text(obj(part=PART, plate=hood, tub=tub, core=core))
+    plan = changed(
+        meshes=[{"path": "cell.obj", "groups": ["part", "core"]}],
+        motion={"conveyor": BELT | {"distance": 40.0}},
+        task={"over": "some", "weight_by": "seeable", "resolution_of_result": 0.3},
+    )
+    eye = rc.look_at([(0.1, 0.1, 6)], (0, 0, 0), up=(0, 1, 0))
+    (whole,) = rc.check(plan, eye, min_coverage=0.2).requirements
+    assert whole.of_m2 == pytest.approx(PART.areas.sum(), rel=2e-3)
+    assert whole.share > 0.2
+    wanted = {"goal": "fewest_cameras", "coverage": 0.4}
+    (reached,) = rc.place(plan | {"selection": wanted}).requirements
+    assert reached.of_m2 == pytest.approx(whole.of_m2)
+    assert reached.share >= 0.4

@@ -5,12 +5,12 @@ the mesh at rest, and so are the parts that are not, whose reasons are those of 
 they are missed.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,10 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
+from rastercov.base.threads import once_each
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, led_by, names_of, rows_of_result
+from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.failures import failures_of_rows
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.motion import (
@@ -34,6 +36,7 @@ from rastercov.coverage.area.motion import (
     regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.remedies import MOST_PAIRS, Change, Places, Remedies, Spot
 from rastercov.coverage.area.rows import tasks_of
 from rastercov.coverage.area.stages import (
     Parts,
@@ -45,7 +48,7 @@ from rastercov.coverage.area.stages import (
 )
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.area.union import Covered, RegionUnion
-from rastercov.coverage.area.zones import DeadZones, points_of, zones_of
+from rastercov.coverage.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.reasons import NAMES, NO_CAMERAS, RANK, TOO_FEW_VIEWS, Reason
@@ -62,6 +65,7 @@ from rastercov.coverage.shards import (
 )
 from rastercov.coverage.surface import CRITERIA, own_reasons
 from rastercov.coverage.task import Task
+from rastercov.mesh.arrays import frozen
 from rastercov.mesh.motion import Motion
 from rastercov.mesh.unseeable import unseeable_areas, where_seen
 from rastercov.shards import ALONE, Staff, fill
@@ -80,6 +84,8 @@ IS_COVERED = np.uint8(255)
 """Above all reasons, of which those of light and of rigs with a rule are above `Reason.COVERED`."""
 POINTS_OF_ZONE = 8
 """Points of a dead zone that are judged in each."""
+CHANGES_A_TURN = 32
+"""Changes of cameras that are judged at a time in all frames."""
 
 
 def check_over_time(task: Task) -> None:
@@ -226,18 +232,10 @@ class OverTime(InOneLine):
 
     @cached_property
     def unseeable(self) -> FloatArray:
-        """(F,) area that no camera can see in any frame: proved, m^2; all of what is never there.
-
-        As of `rastercov.mesh.unseeable`; 0 of all if cameras see into a body.
-        """
-        motion, areas = self.motion, self.motion.mesh.areas
-        found = np.where(motion.mesh.task_mask, areas, 0.0)
-        for row in range(len(motion)):
-            if not found.any():
-                break
-            mesh, kept = motion._at(row, of_occluders=False)
-            found[kept] = np.minimum(found[kept], unseeable_areas(mesh))
-        return where_seen(motion.mesh, found, self.time.area[0] / np.maximum(areas, 1e-300))
+        """`never_seeable` of the motion; 0 of all if cameras see into a body."""
+        mesh = self.motion.mesh
+        seen = self.time.area[0] / np.maximum(mesh.areas, 1e-300)
+        return where_seen(mesh, never_seeable(self.motion), seen)
 
     @cached_property
     def zones(self) -> DeadZones:
@@ -330,8 +328,7 @@ class OverTime(InOneLine):
             mesh, kept = motion._at(row, of_occluders=False)
             place = np.full(motion.mesh.n_faces, -1)
             place[kept] = np.arange(len(kept))
-            pose = motion.world_from_body[row, motion.body[face[there]]]
-            moved = np.einsum("nij,nj->ni", pose[:, :3, :3], points[there]) + pose[:, :3, 3]
+            moved = _moved(motion.world_from_body[row, motion.body[face[there]]], points[there])
             placed = carried_by(carried[:, row], self.poses)
             best = np.zeros(len(there), np.uint8)
             hider = np.full(len(there), -1)
@@ -362,14 +359,27 @@ class OverTime(InOneLine):
             found.append(_said(NAMES[winner], motion.names[hiding], motion.names[hiding]))
         return found, of_frames
 
-    def dead_zones(self) -> dict[str, Any]:
+    def dead_zones(self, places: Places | None = None, kind: int = 0) -> dict[str, Any]:
         """Dead zones, the largest first, each with the body that hides it most, ready for JSON.
 
-        The world, which never moves, is no such body.
+        The world, which never moves, is no such body. Advice is a camera that covers half of the
+        zone for as long as asked: for the first zones, where no body carries cameras; `places` and
+        `kind` as for `summary_of`.
         """
-        places = self.zones.places(self.zones.listed())
-        rows = [place | said for place, said in zip(places, self._judged[0], strict=True)]
+        rows, n = self._entries(), min(self.zones.listed(), MOST_LINES)
+        n_pairs = len(self.motion) * self.motion.mesh.n_faces
+        is_carried = (carriers(self.asked, self.camera, self.poses) != np.eye(4)).any()
+        if n and n_pairs <= MOST_PAIRS and not is_carried:
+            remedies = TimeRemedies.of(self, places, kind)
+            for entry, spot in zip(rows, remedies.spots(self.zones, n), strict=False):
+                if entry["reason"] not in ("unseeable", *CRITERIA):
+                    entry |= remedies.added(spot, entry["advice"])
         return {"dead_zones": rows, "other_dead_zones": self.zones.others()}
+
+    def _entries(self) -> list[dict[str, Any]]:
+        """The listed zones, without a change that is tried."""
+        places = self.zones.places(self.zones.listed())
+        return [place | said for place, said in zip(places, self._judged[0], strict=True)]
 
     def always(self) -> "OverTime":
         """The same, where a point must be covered all the time."""
@@ -402,7 +412,7 @@ class OverTime(InOneLine):
             "ever_percent": curve[0]["percent"],
             "always_percent": factor * float(always.long_enough.area.sum()),
             "half_the_frames_percent": half,
-            "not_always": always.dead_zones()["dead_zones"][:MOST_NOT_ALWAYS],
+            "not_always": always._entries()[:MOST_NOT_ALWAYS],
             "curve": curve,
             "by_frame": table,
         }
@@ -449,8 +459,98 @@ def _lines(said: Mapping[str, Any]) -> list[str]:
 
 def _said(name: str, hidden_by: str | None = None, before: str = "") -> dict[str, Any]:
     """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
-    advice = f"{before} blocks the view" if before else ""
-    return {"reason": name, "advice": advice, "nearest": None, "hidden_by": hidden_by}
+    general = general_advice(name) if name in ("unseeable", *CRITERIA) else ""
+    advice = f"{before} blocks the view" if before else general
+    own = {"nearest": None, "tried": None, "hidden_by": hidden_by}
+    return {"reason": name, "advice": advice, **own}
+
+
+@dataclass
+class TimeRemedies(Remedies):
+    """Cameras that are added and stay where they are, for zones of a motion.
+
+    The scene is that of the frame in the middle, with all bodies; what a camera covers is judged in
+    every frame.
+
+    Attributes
+    ----------
+    over_time : OverTime
+        What is covered already.
+    middle : int
+        Row of the frame.
+    """
+
+    over_time: OverTime = field(kw_only=True)
+    middle: int = 0
+
+    @classmethod
+    def of(cls, found: OverTime, places: Places | None, kind: int) -> Self:
+        """For the zones of a result."""
+        motion, middle = found.motion, len(found.motion) // 2
+        mesh, _ = motion._placed(motion.world_from_body[middle], np.ones(len(motion.names), bool))
+        own = found.camera, found.task, found.poses, None, places, kind
+        return cls(mesh, *own, over_time=found, middle=middle)
+
+    def spots(self, zones: DeadZones, n: int) -> Iterator[Spot]:
+        """Points of the first zones where they are in the frame in the middle."""
+        points, piece = points_of(zones, n, CHECKED)
+        face = zones.face[piece].astype(np.int64)
+        motion = self.over_time.motion
+        moved = _moved(motion.world_from_body[self.middle, motion.body[face]], points)
+        for own in np.arange(len(points)).reshape(n, CHECKED):
+            yield Spot.of(moved[own], face[own])
+
+    def added(self, spot: Spot, fact: str) -> dict[str, Any]:
+        """`advice`, after what is known of a zone, and what was `tried`."""
+        eyes = self.poses.world_from_camera[:, :3, 3]
+        row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
+        words, entries = self.tried(None, row, spot)
+        words += f" {time_words(self.over_time.asked.over)}"
+        return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}
+
+    def _shares(self, changes: Sequence[Change], row: int, spot: Spot) -> Iterator[float]:
+        """As of `Remedies`, for long enough."""
+        motion = self.over_time.motion
+        body = motion.body[spot.face]
+        needed = motion._needed(self.over_time.asked.over)[spot.face]
+        at_rest = _moved(np.linalg.inv(motion.world_from_body[self.middle, body]), spot.points)
+        for start in range(0, len(changes), CHANGES_A_TURN):
+            placed = self._placed(changes[start : start + CHANGES_A_TURN], row)
+            n_rows = int(rows_of_result(placed[0], placed[2]).max()) + 1
+            times = np.zeros((n_rows, len(spot.face)), np.int64)
+            for frame in range(len(motion)):
+                there = np.flatnonzero(motion.present[frame][body])
+                if not len(there):
+                    continue
+                mesh, kept = motion._at(frame, of_occluders=False)
+                place = np.full(motion.mesh.n_faces, -1)
+                place[kept] = np.arange(len(kept))
+                points = _moved(motion.world_from_body[frame, body[there]], at_rest[there])
+                judged = failures_of_rows(mesh, *placed, points, place[spot.face[there]])
+                for time, (_, reason, _) in zip(times, judged, strict=True):
+                    time[there] += motion.units[frame] * (reason == Reason.COVERED)
+            yield from (times >= needed).mean(axis=1).tolist()
+
+
+@once_each
+def never_seeable(motion: Motion) -> FloatArray:
+    """(F,) area that no camera can see in any frame: proved, m^2; all of what is never there.
+
+    As of `rastercov.mesh.unseeable`.
+    """
+    found = np.where(motion.mesh.task_mask, motion.mesh.areas, 0.0)
+    for row in range(len(motion)):
+        if not found.any():
+            break
+        mesh, kept = motion._at(row, of_occluders=False)
+        found[kept] = np.minimum(found[kept], unseeable_areas(mesh))
+    return frozen(found)
+
+
+def _moved(poses: FloatArray, points: FloatArray) -> FloatArray:
+    """Points, (N, 3), by the poses of their bodies, (N, 4, 4)."""
+    moved: FloatArray = np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3]
+    return moved
 
 
 class TimeAreas(AreaNetwork):
@@ -478,8 +578,9 @@ class TimeAreas(AreaNetwork):
         return self.over_time.alone()
 
     def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
-        """As of `OverTime`."""
-        return self.over_time.dead_zones()
+        """As of `OverTime`; kept like its zones."""
+        make = partial(self.over_time.dead_zones, self.places, self.kind)
+        return self._once(self.over_time.zones, make)
 
     def zones(self, *asked: object, **named: object) -> DeadZones:
         """As of `OverTime`."""

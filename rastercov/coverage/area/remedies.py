@@ -171,7 +171,7 @@ class Remedies:
         elif winner not in (TOO_FEW_VIEWS, NO_CAMERAS) and len(failing):
             named = self._missed(int(failing[0]), spot)
         if named is not None:
-            row, facts = named.row, [self._fact(named, hider)]
+            row, facts = named.row, self._facts(named, hider)
         elif is_alone:
             eyes = self.poses.world_from_camera[:, :3, 3]
             row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
@@ -188,24 +188,28 @@ class Remedies:
         own = {"distance_m": distance, "incidence_deg": math.degrees(incidence)}
         return {"pose": int(self.poses.ids[named.row]), **own, **more}
 
-    def _fact(self, named: Nearest, hider: str) -> str:
-        """Criterion that a camera misses most of a zone."""
+    def _facts(self, named: Nearest, hider: str) -> list[str]:
+        """Criteria that a camera misses, that by the largest factor first; else what hides most."""
+        ranked = sorted(named.missed, key=lambda each: -named.missed[each])
+        if not ranked:
+            return [f"{hider} blocks the view"] if hider else []
+        return [self._fact(named, each) for each in ranked]
+
+    def _fact(self, named: Nearest, reason: Reason) -> str:
+        """Figure by which a camera misses a criterion in the middle of a zone."""
         index = int(self.poses.camera[named.row])
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
         distance = in_metres(named.figures["distance"])
-        most = max(named.missed, key=lambda each: named.missed[each], default=Reason.OCCLUDED)
-        if most == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
+        if reason == Reason.TOO_COARSE and (short := short_of(named.figures, task)):
             return f"best {short.found} at {distance}, {short.wanted} required"
-        if most == Reason.OUT_OF_FOCUS:
+        if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
             return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
-        if most == Reason.TOO_OBLIQUE:
+        if reason == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
             return f"incidence {angle:.3g}°, at most {task.max_incidence_deg:g}° allowed"
-        if most == Reason.OUTSIDE:
-            return "outside the image"
-        return f"{hider} blocks the view" if hider else ""
+        return "outside the image"
 
     def nearest(self, spot: Spot) -> Nearest | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""

@@ -181,10 +181,11 @@ class DeadZones(FacePolygons):
         return min(self.count(), MOST_ZONES)
 
     def others(self) -> dict[str, Any]:
-        """Number and area of the zones that a summary does not list."""
-        rest, total = self.area[self.listed() :], self.total()
-        percent = 100 * float(rest.sum()) / total if total > 0 else 0.0
-        return {"zones": len(rest), "area_m2": float(rest.sum()), "percent": percent}
+        """Area of the zones that a summary does not list, and their number without rounding."""
+        n, total = self.listed(), self.total()
+        rest = float(self.area[n:].sum())
+        percent = 100 * rest / total if total > 0 else 0.0
+        return {"zones": self.count() - n, "area_m2": rest, "percent": percent}
 
     def total(self) -> float:
         """Area of all task faces, m^2."""

@@ -127,11 +127,15 @@ class Checked(InOneLine, InNotebook):
         return [*lines[:2], *lost.words_of_zone(lost.zones[0], level)] if lost.zones else lines
 
     def other_lines(self, level: int | None = None) -> list[str]:
-        """The rest: other goals, reasons why one fails, losses, and other dead zones."""
-        goal, lines = goal_lines(self.requirements)
-        reasons = [f"  {line}" for each in self.requirements for line in self.reasons(each, level)]
-        before, rows = set(self.first_lines(level)), {0}
-        lines = [*([goal] * (goal != "")), *lines, *reasons]
+        """The rest: other goals, each with reasons why it fails, losses, and other dead zones."""
+        goal, others = goal_lines(self.requirements)
+        before, rows, lines = set(self.first_lines(level)), {0}, list[str]()
+        worst = max(self.requirements, key=lambda each: each.lack, default=None)
+        ranked = sorted(self.requirements, key=lambda each: each is not worst)
+        for line, each in zip([goal, *others], ranked, strict=False):
+            reasons = [f"  {why}" for why in self.reasons(each, level)]
+            lines += [line, *(why for why in reasons if why not in lines)]
+        reasons = [line for line in lines if line.startswith("  ")]
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
@@ -401,7 +405,7 @@ def _checked(
                     cameras.areas.places = places_of(plan, mesh)
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
-    seeable = seeable_areas(plan, cameras.network)
+    seeable = seeable_areas(plan, cameras.network, cameras.areas)
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
 
     def status_of(wanted: Limits, rows: Rows | None = None) -> tuple[Requirement, ...]:

@@ -252,7 +252,6 @@ class Lighting:
             in_any_light = self.regions(None)
             self.reachable = reachable or self.areas(in_any_light)
             self._weights = self._weights * self._on_cells(in_any_light)
-        self._seeable = seeable_areas(plan, Network(mesh, self.task))
         self._worth: dict[Rows, tuple[float, ...]] = {}
 
     def lamps(self, rows: Rows) -> Lamps | None:
@@ -315,7 +314,8 @@ class Lighting:
             areas = self.areas(regions)
             share = self.figures(areas)["percent"] / 100
             wanted = self.limits, self.plan.task.views, self.reachable
-            lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=self._seeable))
+            seeable = seeable_areas(self.plan, Network(areas.mesh, self.task), areas)
+            lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=seeable))
         rank = (-lack, -cost, share) if self.limits else (share, -cost)
         return tuple(round(value, DIGITS) for value in rank)
 

@@ -258,17 +258,24 @@ def judge(
     return tuple(found)
 
 
-def seeable_areas(plan: Plan, network: Network) -> FloatArray | None:
+def seeable_areas(
+    plan: Plan, network: Network, areas: AreaNetwork | None = None
+) -> FloatArray | None:
     """(F,) area of each face that shares are of, where the plan counts what can be seen.
 
-    ConfigError where a camera sees faces of which it is proved that no camera outside can.
+    Over time, that of `areas`, in any frame. ConfigError where a camera sees faces of which it is
+    proved that no camera outside can.
     """
     if plan.task.weight_by != "seeable":
         return None
+    from rastercov.coverage.area.over_time import TimeAreas, never_seeable
     from rastercov.mesh.unseeable import unseeable_areas
 
-    hidden = network.unseeable_areas
-    if not hidden.any() and unseeable_areas(network.mesh).any():
+    if isinstance(areas, TimeAreas):
+        hidden, proved = areas.over_time.unseeable, never_seeable(areas.over_time.motion)
+    else:
+        hidden, proved = network.unseeable_areas, unseeable_areas(network.mesh)
+    if not hidden.any() and proved.any():
         raise ConfigError(
             'expected cameras outside closed bodies for weight_by = "seeable", got some '
             "inside; move them out, or leave it out where a room is drawn as a body"

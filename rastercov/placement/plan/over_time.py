@@ -31,7 +31,7 @@ from rastercov.coverage.area.motion import (
     regions_of_frames,
 )
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import OverTime, TimeAreas
+from rastercov.coverage.area.over_time import OverTime, TimeAreas, never_seeable
 from rastercov.coverage.area.table import Regions, joined, taken
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer
@@ -271,7 +271,9 @@ class PlanMotion(MotionQuery):
         n_elements = dict.fromkeys(("n_faces", "n_task_faces"), n_frames * n_cells)
         own = {name: header[name] for name in header.keys() - {"cells", "mounts"}}
         matrix = VisibilityMatrix(placed=poses, header=own | n_elements, parts=(pairs,))
-        weights = weights_of(cells, plan.task.weight_by)
+        is_seeable = plan.task.weight_by == "seeable"
+        hidden = never_seeable(motion) if is_seeable else None
+        weights = weights_of(cells, plan.task.weight_by, hidden)
         if not is_of_cells:
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
             weights = (there * weights).ravel()

@@ -526,7 +526,7 @@ def _by_area(
         found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
         required = tuple(CellRequirement(**asdict(each)) for each in found)
     else:
-        seeable = seeable_areas(plan, cameras.network)
+        seeable = seeable_areas(plan, cameras.network, cameras.areas)
         required = judge_areas(
             cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
         )

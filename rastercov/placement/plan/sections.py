@@ -1034,8 +1034,6 @@ class PlanModel(Entry):
             raise ValueError(
                 "selection.of_reachable: expected one view over time, got more; leave it out"
             )
-        if self.task.weight_by == "seeable":
-            raise ValueError("task.weight_by: expected area over time, got seeable; give area")
         self._refuse(("refine", "optimise", "tolerance"), "over time")
 
     @property

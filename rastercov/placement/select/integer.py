@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.limits import limited
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
@@ -82,7 +83,9 @@ def select_by(asked: Any, problem: Problem, seconds: float | None = None) -> Sel
     """Selection by `method` of a section of a plan, its `seed`, and `time_limit` or `seconds`."""
     if asked.method == "greedy":
         return select_greedy(problem, seed=asked.seed)
-    return select_integer(problem, time_limit=seconds or asked.time_limit, seed=asked.seed)
+    limit = seconds or asked.time_limit
+    with limited("selection", limit):
+        return select_integer(problem, time_limit=limit, seed=asked.seed)
 
 
 @typed

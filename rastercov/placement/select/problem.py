@@ -453,10 +453,11 @@ def _elements_of(matrix: VisibilityMatrix, mesh: Mesh | Cells) -> Mesh:
     return mesh
 
 
-def weights_of(on: Mesh | Cells, weight_by: str) -> FloatArray:
+def weights_of(on: Mesh | Cells, weight_by: str, hidden: FloatArray | None = None) -> FloatArray:
     """(F,) weight of each face or cell; 0 where it is not scored.
 
-    By "area", by "count", or by "seeable", the area without what no camera can ever see.
+    By "area", by "count", or by "seeable", the area without what no camera can ever see: `hidden`,
+    m^2 of each face of the mesh, unless that of the mesh as it is.
     """
     check_choice("weight_by", weight_by, ("area", "seeable", "count"))
     mesh = on.elements if isinstance(on, Cells) else on
@@ -465,8 +466,9 @@ def weights_of(on: Mesh | Cells, weight_by: str) -> FloatArray:
         from rastercov.mesh.unseeable import unseeable_areas
 
         whole, rows = (on.mesh, on.source_face) if isinstance(on, Cells) else (on, slice(None))
-        hidden = unseeable_areas(whole) / np.maximum(whole.areas, np.finfo(float).tiny)
-        weights = weights * (1 - hidden[rows])
+        hidden = unseeable_areas(whole) if hidden is None else hidden
+        shares = hidden / np.maximum(whole.areas, np.finfo(float).tiny)
+        weights = weights * (1 - shares[rows])
     return np.where(mesh.task_mask, weights, 0.0)
 
 
