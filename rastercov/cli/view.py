@@ -112,10 +112,10 @@ def view(
         return
 
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
-    with ExitStack() as redirecting:
+    with ExitStack() as serving, ExitStack() as redirecting:
 
         def started(url: str) -> None:
-            redirecting.enter_context(shown(None))  # no wait, but until it is stopped
+            serving.enter_context(shown(None))  # no wait, but until it is stopped
             print(url, flush=True)
             say("press Ctrl-C to stop")
             if no_browser:
