@@ -277,7 +277,7 @@ class Camera:
     cx, cy : float, optional
         Principal point in pixels; the image centre unless given.
     near : float, optional
-        Surfaces nearer than this depth are not seen, metres. 0 (the default) leaves only the
+        Surfaces nearer than this depth are not visible, metres. 0 (the default) leaves only the
         numerical limit of `near_plane.near_limit`.
     focal_length : float, optional
         f in metres.
@@ -629,7 +629,7 @@ class Camera:
         return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
 
     def check_pinhole(self, what: str, instead: str = "undistort the images") -> None:
-        """Raise `CameraError` for a lens that is no pinhole, where only these can be used.
+        """Raise `CameraError` for any lens but a pinhole, where only a pinhole is supported.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ _TABLE = """
 class Exposure:
     """Sensor, lens and exposure time of a camera, and the surface it images.
 
-    Light is of one wavelength. In lx it is by the luminous efficiency V there, of the CIE 1924
+    Light has one wavelength. Conversion to lx is by the luminous efficiency V of the CIE 1924
     photopic curve, within 0.3 %.
 
     Parameters

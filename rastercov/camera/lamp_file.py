@@ -36,7 +36,7 @@ ENTRIES = (
 
 
 def load_lamps(path: StrPath) -> Lamps:
-    r"""Lamps with their places, of a file.
+    r"""Read lamps and their poses from a file.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def load_lamps(path: StrPath) -> Lamps:
     Raises
     ------
     CameraError
-        For a file that cannot be read, or entries that are none, in one line with its name.
+        For an unreadable file or invalid entries, in one line with its name.
 
     Examples
     --------

@@ -64,7 +64,7 @@ SHINES: dict[str, Any] = {"half_angle_deg": 90.0, "exponent": 1.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Lamp:
-    """A lamp, as a number of points.
+    """A lamp, modelled as a number of point sources.
 
     `point`, `spot`, `bar`, `ring`, `dome` and `area` make one. One of `intensity` and `power_w_sr`
     is given.
@@ -78,15 +78,15 @@ class Lamp:
     power_w_sr : float, optional
         Radiant intensity on the axis, W/sr, for irradiances in W/m^2.
     half_angle_deg : float
-        Angle from the axis beyond which a point sends nothing, (0, 175], or 180.
+        Angle from the axis beyond which a point emits nothing, (0, 175], or 180.
     exponent : float
-        m of cos^m; 1 for a surface that shines, 0 for the same intensity in all directions.
+        m of cos^m; 1 for a Lambertian emitter, 0 for the same intensity in all directions.
     size : (2,) float
         Width and height, metres; of a bar its length, of a ring or dome its diameter, and 0.
     points : int
         Points of the lamp, 1 to `MOST_POINTS`.
     share : float
-        Part of the points that a place sees where it counts as lit, (0, 1].
+        Share of the points of the lamp that a lit surface point must see, (0, 1].
     profile : sequence of (float, float)
         Angles from the axis, degrees, ascending from 0, and the intensity there relative to that on
         the axis or the largest, in place of the exponent; see `from_ies`.
@@ -357,30 +357,30 @@ class Lamp:
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Lamps(InOneLine):
-    """Lamps with their places, fixed in the cell or on the rig of the cameras.
+    """Lamps with their poses, fixed in the work cell or on the rig of the cameras.
 
     Parameters
     ----------
     lamps : sequence of Lamp
         N lamps, all in cd or all in W/sr.
     places : (N, 4, 4) array_like, optional
-        world_from_lamp, or rig_from_lamp of those that ride; all at the origin unless given.
+        world_from_lamp, or rig_from_lamp of lamps on the rig; all at the origin unless given.
     names : sequence of str, optional
         Their names, all different; "lamp 0", ... unless given.
     rides : sequence of bool or str, optional
         True for lamps on the rig, which move with it, or with a camera without a rig; or the name
-        of the camera, or of the rig of a plan, that has it. None is unless given.
+        of the camera, or of the rig of a plan, that carries it. By default none is.
     ambient : float
-        Light that is everywhere, lx or W/m^2, 0 or more.
+        Ambient illuminance, lx or W/m^2, 0 or more.
     exposure : Exposure, optional
-        Sensor and time of the cameras, whose band of illuminance is asked for, too.
+        Sensor and exposure time of the cameras; illuminance must lie in their band, too.
 
     Raises
     ------
     CameraError
         For no lamp, too many, or lamps in different units.
     PoseError
-        For a place that is no rigid motion.
+        For a pose that is not a rigid transform.
 
     Examples
     --------

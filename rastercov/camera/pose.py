@@ -76,7 +76,7 @@ def renumbered(poses: "ArrayLike | Poses") -> "Poses":
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Poses(InOneLine):
-    """Camera poses that were checked, once: every function that takes poses takes them as they are.
+    """Validated camera poses, which every function that takes poses uses without another check.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Poses(InOneLine):
     given : (N, 4, 4) float64
         All rows of the input, those that were rejected as they came.
     rejected : dict of int to str
-        Rows that were left out, and the fault of each.
+        Rows that were skipped, and the reason for each.
     camera : (P,) int32
         Index of the camera of each pose, where there are several; 0 unless given.
 
@@ -129,12 +129,12 @@ class Poses(InOneLine):
         camera : (P,) int array_like, optional
             Index of the camera of each pose, among those that an observer has.
         skip_bad : bool
-            Leave out poses that are no rigid motion instead of raising.
+            Leave out poses that are not rigid transforms instead of raising.
 
         Raises
         ------
         PoseError
-            For a pose that is no rigid motion, naming its rows; for camera indices that are none.
+            For a pose that is not a rigid transform, with its rows, and for invalid camera indices.
 
         Examples
         --------

@@ -106,7 +106,7 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
     Raises
     ------
     PoseError
-        For poses at fault, names of another number or for `.npy`, and for a file that cannot be
+        For invalid poses, a wrong number of names or names for `.npy`, and a file that cannot be
         written.
 
     Examples

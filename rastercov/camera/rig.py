@@ -59,7 +59,7 @@ class Rig(InOneLine):
     names : sequence of str, optional
         Their names, all different; "camera 1", ... unless given.
     rig_from_camera : (N, 4, 4) array_like, optional
-        Place of each camera on the rig; all at its origin unless given.
+        Pose of each camera on the rig; all at its origin unless given.
     rule : Any, All or AtLeast, optional
         Cameras that must see a point together; each counts by itself unless given. With a rule,
         results are of poses of the rig, not of its cameras.
@@ -80,10 +80,10 @@ class Rig(InOneLine):
     Raises
     ------
     CameraError
-        For no camera, names that are no names, a rule that the cameras cannot meet, or a rig of
-        which nothing moves.
+        For no camera, invalid names, a rule that the cameras cannot meet, or a rig on which
+        nothing moves.
     PoseError
-        For a place that is no rigid motion.
+        For a pose that is not a rigid transform.
 
     Examples
     --------
@@ -544,7 +544,7 @@ class Views(InOneLine):
     Raises
     ------
     CameraError
-        For something else than a rig and texts.
+        For arguments of another type.
     PoseError
         For a pose with a camera that the rig does not have, or another number of images or frames.
 

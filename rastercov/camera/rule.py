@@ -47,12 +47,12 @@ class Any:
 
 @dataclass(frozen=True)
 class All:
-    """Every device sees the point: stereo, fringe projection, time of flight.
+    """Every sensor sees the point: stereo, fringe projection, time of flight.
 
     Parameters
     ----------
     min_baseline_deg : float
-        Least angle between the rays from the point to some two of the devices, [0, 180]: below it
+        Least angle between the rays from the point to some two of the sensors, [0, 180]: below it
         depths are uncertain.
     max_baseline_deg : float
         Greatest angle between the rays to any two, [0, 180]: above it images cannot be matched.
@@ -60,10 +60,10 @@ class All:
         Largest standard deviation of the point in its worst direction, metres; see
         `rastercov.Uncertainty`.
     noise_px : float, or mapping of str to float
-        Standard deviation of positions in the images, px, with `max_uncertainty`: of all devices,
+        Standard deviation of positions in the images, px, with `max_uncertainty`: of all sensors,
         or of each by its name.
     stripes : sequence of str
-        Names of devices that know one coordinate of the image, x: projectors of stripes along y,
+        Names of sensors that measure only one image coordinate, x: projectors of stripes along y,
         lasers of a sheet along y; the others know both.
 
     Examples
@@ -89,14 +89,14 @@ class All:
 
 @dataclass(frozen=True)
 class AtLeast:
-    """Some of the devices see the point.
+    """At least k of the sensors see the point.
 
     Parameters
     ----------
     k : int
-        Devices that see it, those of `needs` among them.
+        Number of sensors that see it, those of `needs` among them.
     needs : sequence of str
-        Names of devices without which nothing is measured, such as the projector.
+        Names of sensors without which nothing is measured, such as the projector.
 
     Examples
     --------

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from rastercov.base.errors import CameraError
+from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.format import area
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
@@ -79,6 +79,8 @@ def audit(
         raise CameraError(
             f"{source}: expected cameras with the poses, got none; convert it with its cameras"
         )
+    if not len(views.poses):
+        raise PoseError(f"{source}: expected cameras with poses, got no poses; add them")
     if not views.has_unit and (conventions.pose_unit is not None or scene.unit != UNIT):
         in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
@@ -117,8 +119,9 @@ def _print(summary: dict[str, Any], out: Path, level: int | None, unit: str, tal
     lines = [f"{summary['answer']}, on {summary['elements']:,} {cells}", *weak]
     for zone in summary["weak"]["zones"][:1]:
         at = ", ".join(f"{value:.3g}" for value in zone["centroid"])
+        of = "m" if unit == "m" else "units"
         kind = WEAK_LABELS[KINDS.index(zone["kind"])]
-        lines.append(f"weak zone {area(zone['m2'], unit)} at ({at}): {kind}")
+        lines.append(f"weak zone {area(zone['m2'], unit)} at ({at}) {of}: {kind}")
         lines.append(advice_line(zone))
     print(*lines, out / "audit.html", sep="\n")
     print(*(text for text in summary["sentences"] if text not in weak), sep="\n")

@@ -1,4 +1,4 @@
-"""The command `cameras`: cameras, lenses and heads that are sold, filtered."""
+"""The command `cameras`: search of the catalogue of cameras, lenses and sensor heads."""
 
 import math
 from pathlib import Path
@@ -24,23 +24,27 @@ COLUMNS = {
     "heads": "name camera baseline product price",
 }
 UNITS = {
-    "pixel_size": ("pixel um", 1e6),
-    "focal_length": ("f mm", 1e3),
-    "image_circle": ("circle mm", 1e3),
+    "pixel_size": ("pixel, µm", 1e6),
+    "focal_length": ("f, mm", 1e3),
+    "image_circle": ("circle, mm", 1e3),
+    "hfov_deg": ("hfov, deg", 1.0),
+    "nearest": ("nearest, m", 1.0),
+    "baseline": ("baseline, m", 1.0),
 }
-"""Headings and factors of lengths in a table."""
+"""Headings and factors of quantities in a table."""
 
 
 def cameras(
     words: Annotated[
-        list[str] | None, typer.Argument(help="Words in the name, maker, product or sensor.")
+        list[str] | None,
+        typer.Argument(metavar="WORDS", help="Words in the name, maker, product or sensor."),
     ] = None,
     hfov: Annotated[
         float | None,
         typer.Option(
             min=0.01,
             max=360,
-            help="Horizontal field of view, deg, within 10 %; lists camera and lens pairs.",
+            help="Horizontal field of view, deg, within 10 %; lists pairs of camera and lens.",
         ),
     ] = None,
     min_pixels: Annotated[
@@ -51,7 +55,7 @@ def cameras(
         float,
         typer.Option(
             min=0,
-            help="Maximum price, USD in the built-in catalogue; entries without a price stay.",
+            help="Maximum price, USD in the built-in catalogue; entries without a price are kept.",
         ),
     ] = math.inf,
     own: Annotated[
@@ -59,7 +63,7 @@ def cameras(
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Search the catalogue of cameras, lenses and heads by text, pixels, mount, price or view.
+    """Search the catalogue of cameras, lenses and sensor heads.
 
     Example: rastercov cameras rpi --hfov 60
     """
@@ -93,16 +97,17 @@ def cameras(
         return
     for what, rows in found.items():
         if rows:
-            Console().print(_table(rows, COLUMNS[what].split()))
+            Console().print(_table(rows, COLUMNS[what].split(), is_own=own is not None))
         print(f"{what}: {len(rows)}")
 
 
-def _table(rows: list[Row], columns: list[str]) -> Table:
+def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:
     """Rows as a table of those columns that have a value."""
     names = [name for name in columns if any(_cell(row, name) for row in rows)]
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     for name in names:
-        table.add_column(UNITS.get(name, (name,))[0].replace("_", " "), no_wrap=True)
+        heading = "price, USD" if name == "price" and not is_own else name.replace("_", " ")
+        table.add_column(UNITS.get(name, (heading,))[0], no_wrap=True)
     for row in rows:
         table.add_row(*(_cell(row, name) for name in names))
     return table

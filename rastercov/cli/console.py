@@ -119,8 +119,7 @@ def _interrupted() -> int:
 
 def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     try:
-        with waits_shown(arguments[0] if arguments else "rastercov"):
-            code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
+        code = app(list(arguments), prog_name="rastercov", standalone_mode=False)
         if code != 130:
             return int(code or 0)
         raise KeyboardInterrupt  # which newer versions of Typer turn into this code
@@ -145,7 +144,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             is_known = bool(arguments) and arguments[0] in getattr(app, "commands", ())
             own = f"rastercov {arguments[0]}" if is_known else "rastercov"
             path = getattr(getattr(error, "ctx", None), "command_path", own)
-            text = error.format_message().rstrip(".")
+            text = _in_our_words(error.format_message())
             return say(f"error: {text[:1].lower()}{text[1:]}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
@@ -159,6 +158,26 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             f"error: {type(error).__name__}: {error} (a defect of rastercov; report it with the "
             "output of RASTERCOV_TRACEBACK=1)"
         )
+
+
+WORDS = {
+    "Input should be ": "expected ",
+    ", unable to parse string as an? [a-z]+": "",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "less than or equal to": "at most",
+    "greater than or equal to": "at least",
+}
+"""Words of pydantic, and ours."""
+
+
+def _in_our_words(text: str) -> str:
+    """A message of Typer or pydantic in the form of our errors."""
+    text = re.sub(r"^Invalid value for '([^']+)': ", r"\1: ", text)
+    for theirs, ours in WORDS.items():
+        text = re.sub(theirs, ours, text)
+    text = re.sub(r"\. Did you mean (.*)\?$", r"; did you mean \1", text)
+    return text.rstrip(".")
 
 
 class _Notices(logging.Handler):
@@ -267,6 +286,8 @@ def _folder(text: str | Path) -> Path:
 
 FIRST_LINE, NEXT_LINE = 2.0, 10.0
 """Seconds until a line of progress, and from one to the next."""
+IMPORTER = "<frozen importlib._bootstrap>"
+"""File name of the code that loads modules."""
 
 
 class Lines:
@@ -275,12 +296,12 @@ class Lines:
     def __init__(self, what: str, then: str = "") -> None:
         self._what, self._then, self._began = what, then, time.monotonic()
         self._first: tuple[float, int] | None = None
-        self._last = 0, 0
+        self._last, self._next = (0, 0), 0.0
         self.rest()
 
     def rest(self) -> None:
-        """Say nothing for a while: another line was said."""
-        self._next = time.monotonic() + FIRST_LINE
+        """Say nothing for a while: another line was said, or modules are loading."""
+        self._next = max(self._next, time.monotonic() + FIRST_LINE)
 
     def __call__(self, done: int, total: int) -> None:
         """Take how far it is, and say so where it is time."""
@@ -292,21 +313,27 @@ class Lines:
             self.tell()
 
     def tell(self) -> None:
-        """Say how far it is and the time left, or the time so far, where it is time."""
+        """Say how far it is and the time left, or the time that has passed, where it is time."""
         now, (done, total) = time.monotonic(), self._last
         if now < self._next:
             return
         self._next = now + NEXT_LINE
         if self._first is None or done >= total:
             rest = f"all {total:,} done, {self._then}" if total else ""
-            say(
-                time_limit_in_words() or f"{self._what}: {rest}{now - self._began:,.0f} s so far", 0
-            )
+            passed = _duration(now - self._began)
+            say(time_limit_in_words() or f"{self._what}: {rest}{passed} elapsed", 0)
             return
         started, before = self._first
-        left = (now - started) / max(done - before, 1) * (total - done)
-        time_ = f"about {left:,.0f} s left" if done > before else f"{now - started:,.0f} s so far"
+        passed = now - started
+        left = passed / max(done - before, 1) * (total - done)
+        time_ = f"about {_duration(left)} left" if done > before else f"{_duration(passed)} elapsed"
         say(f"{self._what}: {done:,} of {total:,}, {time_}", 0)
+
+
+def _duration(seconds: float) -> str:
+    """A time in seconds, from two minutes on in minutes, and from two hours on in hours."""
+    factor, unit = (1, "s") if seconds < 120 else (60, "min") if seconds < 7200 else (3600, "h")
+    return f"{seconds / factor:,.0f} {unit}"
 
 
 _STEPS: list[Lines | None] = []
@@ -326,14 +353,29 @@ def shown(lines: Lines | None) -> Iterator[None]:
                 each.rest()
 
 
+def _is_importing(thread: int) -> bool:
+    """True while a thread loads a module."""
+    frame = sys._current_frames().get(thread)
+    while frame is not None and frame.f_code.co_filename != IMPORTER:
+        frame = frame.f_back
+    return frame is not None
+
+
 @contextmanager
 def waits_shown(command: str) -> Iterator[None]:
-    """Say from time to time what a command does, where standard error is no terminal."""
-    ended = threading.Event()
+    """Say from time to time what a command does, where standard error is no terminal.
+
+    The time that modules take to load does not count.
+    """
+    ended, worker = threading.Event(), threading.get_ident()
 
     def watch() -> None:
         while not ended.wait(FIRST_LINE / 4):
-            if _STEPS and (lines := _STEPS[-1]) is not None:
+            if not _STEPS or (lines := _STEPS[-1]) is None:
+                continue
+            if _is_importing(worker):
+                lines.rest()
+            else:
                 lines.tell()
 
     thread = threading.Thread(target=watch, daemon=True)
@@ -428,7 +470,8 @@ class Command(_Help, TyperCommand):
     def invoke(self, ctx: "Context") -> Any:
         """Run it."""
         watch_signals()
-        return super().invoke(ctx)
+        with waits_shown(str(self.name)):
+            return super().invoke(ctx)
 
 
 class Group(_Help, TyperGroup):
@@ -460,8 +503,8 @@ COMMANDS = {
     "check": "Check a rig against a plan.",
     "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
     "suffices.",
-    "cameras": "Search the catalogue of cameras, lenses and heads by text, pixels, mount, price or "
-    "view.",
+    "cameras": "Search the catalogue of cameras, lenses and sensor heads by text, resolution, "
+    "mount, price or field of view.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",

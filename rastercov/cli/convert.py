@@ -29,8 +29,8 @@ def convert(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="File to write, format by name: .json, .toml (one camera), transforms.json, .yaml "
-            "(OpenCV), .glb (frusta), .npy (poses), or a folder (COLMAP).",
+            help="File to write, in the format of its suffix: .json, .toml (one camera), "
+            "transforms.json, .yaml (OpenCV), .glb (frusta), .npy (poses), or a folder (COLMAP).",
         ),
     ],
     conventions: Conventions,
@@ -44,7 +44,7 @@ def convert(
     write_as: Annotated[
         str | None,
         typer.Option(
-            "--to", help=f"Format of OUT: {', '.join(WRITERS)}; otherwise chosen by its name."
+            "--to", help=f"Format of OUT: {', '.join(WRITERS)}; otherwise that of its suffix."
         ),
     ] = None,
     camera_name: options.CameraName = None,

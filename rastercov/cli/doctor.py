@@ -43,7 +43,11 @@ def print_report(report: Report, console: Console) -> None:
     settings = [(f"{k}={shortened(v, 80)}",) for k, v in report["environment"].items()]
     _section(console, "Environment", settings)
     _section(console, "Versions that were not tested", [(line,) for line in report["untested"]])
-    _section(console, "Why no hardware", [("-", hint) for hint in report["hardware_hints"]])
+    _section(
+        console,
+        "Why there is no hardware device",
+        [("-", hint) for hint in report["hardware_hints"]],
+    )
     console.print(Text(_verdict(report), "bold" if exit_code(report) == 0 else "bold red"))
 
 
@@ -53,12 +57,12 @@ def _verdict(report: Report) -> str:
     if not _passes(rows[default["device"]]):
         passing = [f"pass `--device {other}`" for other in rows if _passes(rows[other])]
         use = (passing or ["nothing else passes"])[0]
-        return f"By default rastercov tries the CPU, which fails its self-test; {use}"
+        return f"The default device, the CPU, fails its self-test; {use}"
     renderer, threads = (report["cpu"][key] for key in ("renderer", "threads"))
     how = f"the CPU, {renderer}, {threads} thread{'s' * (threads > 1)}"
     cards = [row for row in report["reports"] if _passes(row) and not row["device"]["is_software"]]
     card = "".join(f"; `--device hardware` is {each['context']['renderer']}" for each in cards[:1])
-    return f"By default rastercov counts on {how}, because {default['why']}{card}."
+    return f"The default device is {how}: {default['why']}{card}."
 
 
 def _rows(report: Report) -> dict[str, Report]:
@@ -76,7 +80,7 @@ def _passes(row: Report) -> bool:
 
 
 def _devices(rows: dict[str, Report]) -> Table:
-    names = "device", "renderer", "OpenGL and driver", "draws in", "self-test"
+    names = "device", "renderer", "OpenGL and driver", "rendering", "self-test"
     table = Table(*names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for label, row in rows.items():
         device, context = row["device"], row["context"] or {}

@@ -63,9 +63,9 @@ class ReportOptions(NamedTuple):
     table: Annotated[
         str | None,
         typer.Option(
-            help="Rows of coverage.parquet: none, or pose-face pairs that are covered, seen "
-            "(front-facing and in the image) or all; or groups: visible and truncated share of "
-            "each group's silhouette in each image.",
+            help="Rows of coverage.parquet: none; the pose-face pairs that are covered, seen "
+            "(front-facing and in the image) or all; or groups, with the visible and truncated "
+            "shares of each group's silhouette per image.",
             show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None
@@ -297,7 +297,7 @@ def render(
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
         name = names_of_poses(eyes.poses, eyes.images)[pose]
-        title = f"{name}: {n_seen} of {plural(mesh.n_faces, 'face')} "
+        title = f"{name} (pose {pose}): {n_seen:,} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'have')} a pixel"
         _save(folder, mesh, eye, matrices[pose], buffer, title)
         folder.publish()

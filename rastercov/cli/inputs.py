@@ -241,8 +241,10 @@ def _transform(text: str) -> dict[str, Any]:
     except ValidationError as error:
         reason = lines_of(error, table, TransformEntry)[0]
     except (tomllib.TOMLDecodeError, RecursionError):
-        reason = "expected entries such as 'angle_deg = 90, scale = 2', got something else"
-    raise ConfigError(f"--transform {shown(text)}: {reason}; correct it")
+        reason = (
+            "expected entries such as 'angle_deg = 90, scale = 2', got something else; correct it"
+        )
+    raise ConfigError(f"--transform {shown(text)}: {reason}")
 
 
 def _entries(text: str) -> dict[str, Any]:
@@ -283,7 +285,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
 
 
 def left_out(poses: Poses) -> list[str]:
-    """Lines on poses that are no rigid motion and were left out."""
+    """Lines on poses that are not rigid transforms and were left out."""
     rejected = sorted(poses.rejected.items())
     lines = [f"pose {row} skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS

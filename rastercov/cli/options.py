@@ -69,8 +69,8 @@ Sheet = Annotated[
     Path | None,
     typer.Option(
         "--sheet",
-        help="TOML file, such as a plan, whose [sheet] has the title block of the page: project, "
-        "customer, author, revision, date.",
+        help="TOML file, such as a plan, whose table [sheet] fills the title block of the page: "
+        "project, customer, author, revision, date.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

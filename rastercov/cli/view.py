@@ -120,16 +120,16 @@ def view(
         return
 
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
-    with ExitStack() as redirecting:
-        started = partial(_started, redirecting, not no_browser)
+    with ExitStack() as serving, ExitStack() as redirecting:
+        started = partial(_started, serving, redirecting, not no_browser)
         serve(session, port, out, started, arrived=redirecting.close)
 
 
-def _started(redirecting: ExitStack, opens: bool, url: str) -> None:
+def _started(serving: ExitStack, redirecting: ExitStack, opens: bool, url: str) -> None:
     """Print the address of the page, and open it in a browser."""
     from rastercov.viewer.server import redirect
 
-    redirecting.enter_context(shown(None))  # no wait, but until it is stopped
+    serving.enter_context(shown(None))  # no wait, but until it is stopped
     print(url, flush=True)
     say("press Ctrl-C to stop")
     if not opens:

@@ -87,7 +87,7 @@ class Query:
     by_area : bool
         Unit of the result; see `unit_of_result` for the choice, and for errors.
     by_face_because : str
-        Reason of a result by face that was not asked for.
+        Why the result is by face, where that was not requested.
     """
 
     mesh: Mesh
@@ -146,7 +146,7 @@ class Evaluation(Coverage):
     network : Network
         Coverage of each face by all cameras together.
     by_face_because : str
-        Reason of a result by face that was not asked for.
+        Why the result is by face, where that was not requested.
     areas : AreaNetwork or None
         Covered area, where the result is by area, over time where bodies move; see `covered` and
         `over_time`.
@@ -159,7 +159,7 @@ class Evaluation(Coverage):
     quarantined : dict of int to str
         Poses that were skipped because they crash a worker.
     seconds : float
-        Time that measuring took, without that of compiling loops in this process.
+        Time of the evaluation, without compilation in this process.
     interrupted : bool
         True where poses are missing because the run was interrupted.
 

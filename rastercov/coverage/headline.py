@@ -11,7 +11,7 @@ from rastercov.coverage.advice import general_advice
 from rastercov.coverage.area.by_camera import lines_of
 from rastercov.coverage.area.figures import in_words
 from rastercov.coverage.area.stages import SLIVER_REL
-from rastercov.coverage.area.zones import LEAST_PERCENT, MOST_LINES, zone_line
+from rastercov.coverage.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.groups import at_level
 
@@ -84,16 +84,17 @@ def other_lines(
     By face the other reasons, and why it is by face. Rows of zones that were named before are left
     out.
     """
-    zones, why = _zones(summary), summary["not_covered_because"]
+    why = summary["not_covered_because"]
     reasons = {name: each["m2"] for name, each in why.items() if "m2" in each}
-    zones = [zone for row, zone in enumerate(zones) if row not in said]
+    every = summary.get("dead_zones", ())
+    zones = [zone for row, zone in enumerate(every) if row not in said]
+    listed = [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][: MOST_LINES - 1]
     lines = [*_time_lines(summary)[1:], *lines_of(summary)]
-    lines += [zone_line(with_parts(zone, level)) for zone in zones[: MOST_LINES - 1]]
-    if rest := zones[MOST_LINES - 1 :]:
-        others = summary["other_dead_zones"]
-        m2 = sum(zone["area_m2"] for zone in rest) + others["area_m2"]
-        count = plural(len(rest) + others["zones"], "more dead zone")
-        lines.append(f"and {count}, {area(m2)} in total")
+    lines += [zone_line(with_parts(zone, level)) for zone in listed]
+    rest = zones[len(listed) :] if _zones(summary) else []
+    if n := len(rest) and len(rest) + n_unlisted(summary):
+        m2 = sum(zone["area_m2"] for zone in [*rest, summary["other_dead_zones"]])
+        lines.append(f"and {plural(n, 'more dead zone')}, {area(m2)} in total")
     if len(reasons) > 1 and has_reasons:
         lines.append(f"not covered: {by_reason(reasons)}")
     elif "covered_area" not in summary:

@@ -184,7 +184,7 @@ def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> Bo
 
 
 def checked_poses(name: str, given: ArrayLike) -> FloatArray:
-    """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError for what is no rigid motion."""
+    """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError unless rigid transforms."""
     rigid = "(T, 4, 4) rigid motions"
     wanted = f"expected {name} to be {rigid}"
     array = checked_array(name, given, "iuf", rigid, ConfigError)

@@ -319,11 +319,11 @@ class Group:
     name : str
         Unique within a mesh.
     is_occluder : bool
-        Its faces hide others but are not scored.
+        Its faces occlude others but are not evaluated.
     is_two_sided : bool
         Either side of its faces counts as covered.
     is_target : bool
-        Its faces are scored but hide nothing: neither other faces nor each other.
+        Its faces are evaluated but occlude nothing: neither other faces nor each other.
 
     Examples
     --------

@@ -18,7 +18,7 @@ from rastercov.base.arguments import check_kind, finite_points, members
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath, is_file, printable, suffix_of
-from rastercov.base.format import InNotebook, plural, shortened, size_in_words
+from rastercov.base.format import InNotebook, plural, shortened, size_in_words, verb
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
@@ -102,7 +102,7 @@ class Mesh(InNotebook):
     Raises
     ------
     MeshError
-        The arrays are no mesh; the message names the first invalid faces.
+        For invalid arrays; the message names the first invalid faces.
     ResourceError
         2^31 faces or more.
 
@@ -457,7 +457,7 @@ class Mesh(InNotebook):
         translation: ArrayLike = (0.0, 0.0, 0.0),
         groups: Iterable[str] | None = None,
     ) -> "Mesh":
-        """Mesh scaled about the origin, then turned about an axis through it, then translated.
+        """Mesh scaled about the origin, then rotated about an axis through it, then translated.
 
         The faces, groups, sources and notes are those of this mesh.
 
@@ -746,8 +746,8 @@ class Mesh(InNotebook):
             )
         elif self.is_closed and (n := int(self.inside_out_mask.sum())):
             found.append(
-                f"inside out: {n} of {len(self.inside_out_mask)} watertight components enclose no "
-                "positive volume (expected of a cavity)"
+                f"inside out: {n} of {len(self.inside_out_mask)} watertight components "
+                f"{verb(n, 'have')} no positive volume (expected for a cavity)"
             )
         if self.is_closed_outward and self.self_contact_mask.any():
             found.append(

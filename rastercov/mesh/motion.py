@@ -47,12 +47,12 @@ class Motion(InOneLine):
         world_from_body of each body, by the name of a group or file: rigid motions from the rest
         pose, such as `turntable` and `conveyor` give.
     present : mapping of str to (T,) bool array_like, optional
-        Frames in which a body is there; all unless given.
+        Frames in which a body is present; all unless given.
     durations : (T,) float array_like, optional
         Weight of each frame, above 0, such as seconds: whole multiples of one unit within
         `ROUNDING`, `MOST_UNITS` in all at most. 1 each unless given.
     groups : mapping of str to iterable of str, optional
-        Names of the groups or files of bodies that are not named for one.
+        Groups or files of each body that does not have the name of one.
 
     Attributes
     ----------
@@ -67,9 +67,9 @@ class Motion(InOneLine):
     Raises
     ------
     MeshError
-        For a name that is none, and for groups that are of two bodies.
+        For an unknown name, and for a group that belongs to two bodies.
     ConfigError
-        For poses that are no rigid motions, or of other numbers of frames.
+        For poses that are not rigid transforms, or differ in their number of frames.
 
     Examples
     --------
@@ -301,14 +301,14 @@ def turntable(
     centre: ArrayLike = (0.0, 0.0, 0.0),
     degrees: float = 360.0,
 ) -> FloatArray:
-    """(steps, 4, 4) poses of a body that is turned in equal steps about an axis through a point.
+    """(steps, 4, 4) poses of a body rotated in equal steps about an axis through a point.
 
     Parameters
     ----------
     steps : int
         The first is the rest pose.
     axis, centre : (3,) float array_like
-        Direction, counter-clockwise seen against it; a point of the axis, metres.
+        Direction of the axis, right-handed; a point of it, metres.
     degrees : float
         Angle of all steps together.
 

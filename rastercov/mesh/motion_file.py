@@ -60,7 +60,7 @@ def load_motion(
     animation : str
         Name of the animation of a .glb or .gltf file, "" for the only one.
     steps : int
-        Frames of it, at equal steps of its time.
+        Number of frames, equally spaced in the time of the animation.
     unit : str or float
         Unit of a glTF file, as for `Mesh.load`.
 
@@ -69,7 +69,7 @@ def load_motion(
     ConfigError
         For a file that cannot be read or holds something else, in one line with its name.
     MeshError
-        For a name that is no group and no file of the mesh, and for a file that is no glTF.
+        For a name that is neither a group nor a file of the mesh, and for an invalid glTF file.
 
     Examples
     --------

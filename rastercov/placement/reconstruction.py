@@ -370,7 +370,7 @@ def _advice(zone: Mapping[str, Any], least: Mapping[str, Any], unit: str) -> str
         views=f"seen by {seen}; {least['views']} required",
         why=f"; mostly {REASONS[why].label}" if why else "",
         missing=plural(max(1, round(least["views"] - zone["mean_views"])), "more image"),
-        place=f", from {distance(away, unit)} or nearer" if away else "",
+        place=f", from {distance(away, unit)} or closer" if away else "",
         angle=f"{zone['angle_deg']:.2g} of {least['angle_deg']:.3g} degrees",
         apart=distance(apart, unit),
         found=sampling(gsd, unit),

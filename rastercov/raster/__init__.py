@@ -46,16 +46,16 @@ def open_rasterizer(
     camera : Camera
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
-        "cpu", which "auto" takes, needs no graphics library, and was the faster also beside a GPU
-        (docs/performance.md). A lens is drawn on the CPU in any case, and the result says so; the
-        device must be there all the same.
+        "cpu", which "auto" takes, needs no graphics library, and was faster even than a GPU
+        (docs/performance.md). A distorting lens is always drawn on the CPU, and the result says
+        so; the device must exist nevertheless.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float
-        Radians by which the rows of samples that `count` counts are turned about the image centre
-        against those of pixels, from u towards v; there are still S^2 of them in a px^2, in the
-        same image. Turned by an odd angle, counts are nearer to areas where edges run along the
-        rows and columns of pixels, as those of manufactured parts do.
+        Angle, radians, by which the rows of samples of `count` are rotated about the image centre
+        relative to those of pixels, from u towards v; there are still S^2 of them in a px^2, in the
+        same image. Rotated samples are closer to areas where edges run along the rows
+        and columns of pixels, as those of manufactured parts do.
     **options
         Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
         `rastercov.raster.gl.GLRasterizer`, which "auto" then means; `device="hardware"` takes a
@@ -66,7 +66,7 @@ def open_rasterizer(
     ------
     ConfigError
         For an unknown backend, an option that it does not take, a supersample that is not 1 to 64,
-        a roll that is no angle, or a plan of OpenGL that draws pinholes only for another camera.
+        an invalid roll, or an OpenGL plan for pinholes with another camera.
     DeviceError
         When the device cannot be opened or fails its self-test.
 

@@ -202,7 +202,7 @@ class Rasterizer(Closing):
         Raises
         ------
         PoseError
-            For a pose that is no rigid motion, before anything is drawn.
+            For a pose that is not a rigid transform, before anything is drawn.
         DeviceError
             When the device breaks a law it must keep: counts that do not add up, an error, a
             check scene that comes out wrong; and after `close`.

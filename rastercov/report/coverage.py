@@ -123,7 +123,7 @@ class Options:
     table: str | None = None  # of `CHOICES`, or `OF_GROUPS`; None: "seen", none above `MOST_PAIRS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
-    skip_bad_poses: bool = False  # leave out poses that are no rigid motion
+    skip_bad_poses: bool = False  # leave out poses that are not rigid transforms
     pdf: bool = False  # the page on paper, too
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
     sheet: Mapping[str, str] | None = None  # title block of the page
@@ -220,7 +220,7 @@ def run(
     Raises
     ------
     PoseError
-        For a pose that is no rigid motion, unless bad poses are skipped.
+        For a pose that is not a rigid transform, unless bad poses are skipped.
     ConfigError
         For a folder that cannot be used, before the work begins.
     """

@@ -120,7 +120,7 @@ def check(
     views : int, optional
         Cameras that a face or point needs, instead of the plan's.
     baseline : path, optional
-        The `check.json` of an earlier check, than which nothing may be worse.
+        The `check.json` of an earlier check; the result must be no worse.
     allow_worse : float or str, optional
         Loss against it that is accepted: percentage points, or an area such as "2 cm2".
     out : path, optional
@@ -139,7 +139,7 @@ def check(
     PoseError
         For a file that cannot be read, a row that is not a pose, or a pose of another camera.
     ConfigError
-        Where nothing is required, of an unknown group, and for a file that is no baseline.
+        Without a requirement, for an unknown group, and for an invalid baseline file.
 
     Examples
     --------
@@ -213,16 +213,15 @@ def audit(
     task : Task, optional
         Thresholds; `Task()` unless given.
     names : sequence of str, optional
-        Name of each pose, such as of its image, or of each without fault; "0", "1", ... unless
-        given.
+        Name of each pose, such as that of its image; "0", "1", ... unless given.
     by : {"area", "face"}, optional
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
-        Longest side of the cells, metres; by the scene unless given.
+        Longest side of a surface patch, metres; chosen for the scene unless given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
-        Leave out poses that are no rigid motion instead of raising.
+        Leave out poses that are not rigid transforms instead of raising.
     suggest : int, optional
         Number of images to take next, 1 or more; none unless given.
     out : path, optional
@@ -241,9 +240,9 @@ def audit(
     Raises
     ------
     ConfigError
-        For names of another number than the poses, and no image to suggest.
+        For a number of names other than that of the poses, or `suggest` below 1.
     PoseError
-        For a pose that is no rigid motion, and for no poses.
+        For a pose that is not a rigid transform, and for no poses.
     CameraError
         For views without cameras.
 

@@ -150,7 +150,7 @@ def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
     n = LAST - FIRST + 1
     colours: list[Colour] = [theme.UNCOVERED, theme.OCCLUDER_PALE]
     colours += [(r, g, b) for r, g, b in cameras.colours[:n].tolist()]
-    words = ["covered by none", OCCLUDER_LABEL, *cameras.names[:n]]
+    words = ["not covered", OCCLUDER_LABEL, *cameras.names[:n]]
     return _classes(mesh, _cycled(mesh, cameras.row), colours, dict(enumerate(words)))
 
 
@@ -308,7 +308,12 @@ MODES: dict[str, Mode] = {
         by_one_camera,
         "camera",
     ),
-    "segments": Mode("Segments", "Segments by normals, (6.1) to (6.3).", by_segment, "object"),
+    "segments": Mode(
+        "Segments",
+        "Segments by normals, equations (6.1) to (6.3) of the thesis.",
+        by_segment,
+        "object",
+    ),
 }
 """Ways to colour faces by the name of their values, in the order of a menu."""
 

@@ -464,7 +464,7 @@ class NetworkPage:
             else:
                 said = f"covers {percent(seen[row] / self.task_m2)}{self._long}"
             if lost is not None:
-                said += f", {percent(lost[row] / self.task_m2)} only by it"
+                said += f", {percent(lost[row] / self.task_m2)} exclusively"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
             found.append(f"{name}{of_type}\n{said}")
         return found
@@ -484,7 +484,7 @@ class NetworkPage:
             columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
         axes = upright(poses := self.poses.world_from_camera)
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
-        for row, name in enumerate(("heading", "down", "roll")):
+        for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
         if seen is None:
             columns["covers, faces"] = [f"{count:,}" for count in self.network.covered_faces]
@@ -492,9 +492,9 @@ class NetworkPage:
             columns[f"covers alone{self._long}" if self._long else "covers"] = self._areas(seen)
         order = np.arange(len(self.poses))
         if lost is not None:
-            columns["only by it"] = self._areas(lost)
+            columns["exclusively"] = self._areas(lost)
             if (lost <= self._least).any() and not self.serves_goals:
-                spare = ["yes" if each == "0" else "" for each in columns["only by it"]]
+                spare = ["yes" if each == "0" else "" for each in columns["exclusively"]]
                 columns["redundant"] = spare
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")

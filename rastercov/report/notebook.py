@@ -158,17 +158,17 @@ def show(
     ----------
     value : what `evaluate`, `place`, `check` or `audit` returns
     path : path, optional
-        HTML file to write. Outside of a notebook it is a temporary one unless given, and its name
-        is printed.
+        HTML file to write. Outside of a notebook a temporary file unless given, whose name is
+        printed.
     height : int
-        Of the frame in a notebook, CSS pixels.
+        Height of the frame in a notebook, CSS pixels.
     open_browser : bool
         Open the file in a browser.
 
     Raises
     ------
     ConfigError
-        For other values, a name that does not end in .html, and no height.
+        For other values, a name that does not end in .html, and an invalid height.
 
     Examples
     --------
@@ -221,7 +221,7 @@ def table(value: Result, name: str) -> Any:
     ----------
     value : what `evaluate`, `place`, `check` or `audit` returns
     name : {"faces", "cameras", "zones", "groups"}
-        Rows for each face of the task (cells of an audit by area), camera or image, dead zone
+        Rows for each face of the task (patch of an audit by area), camera or image, dead zone
         (weak zone of an audit), or group of faces. Lengths are in metres, areas in m^2.
 
     Raises

@@ -26,7 +26,7 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import rows_at
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.zones import SLIVER_REL, DeadZones, zone_place, zone_reason, zones_at
+from rastercov.coverage.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails
 from rastercov.mesh import Mesh
@@ -146,7 +146,7 @@ class Overview:
     noun: str = "camera"
     most: str = ""
     about: str = ""
-    left: str = "covered by none"
+    left: str = "not covered"
     volumes: Sequence[Volume] = ()
 
     @property
@@ -220,7 +220,7 @@ class Overview:
             title += self.about
         elif len(self.placed):
             which = "nearest " if self.regions else "" if self.most else "best "
-            title += f". Surface has the colour of the {which}{self.noun} that covers it"
+            title += f"; the surface is coloured by the {which}{self.noun} that covers it"
             title += f" {self.most}" if self.most else ""
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
@@ -324,15 +324,15 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     # Three digits of the largest extent.
     far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
     digits = decimals_of(far)
+    whole = max((zone["area_m2"] for zone in zones), default=0.0)  # one unit for the column
     for number, zone in enumerate(shown, start=1):
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
-        size, share = area(zone["area_m2"]), percent(round(zone["percent"] / 100, 9))
+        size, share = area(zone["area_m2"], whole=whole), percent(round(zone["percent"] / 100, 9))
         rows.append([str(number), size, share, place, zone_place(zone), zone_reason(zone)])
     rest = summary["other_dead_zones"]
-    n_rest = rest["zones"] if rest["percent"] > 100 * SLIVER_REL * rest["zones"] else 0
-    if count := len(zones) - len(shown) + n_rest:
+    if count := len(zones) - len(shown) + n_unlisted(summary):
         parts = [*zones[len(shown) :], rest]
-        size = area(sum(part["area_m2"] for part in parts))
+        size = area(sum(part["area_m2"] for part in parts), whole=whole)
         share = percent(sum(part["percent"] for part in parts) / 100)
         rows.append([f"{count:,} more", size, share, "", "", ""])
     return rows
@@ -369,7 +369,7 @@ def zones_picture(
     seen = {row for _, rows, _ in drawn for row in rows}
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
         more = f" and {len(unseen) - FEW_UNSEEN} more" if unseen[FEW_UNSEEN:] else ""
-        title += f"; hidden from both sides: {', '.join(unseen[:FEW_UNSEEN])}{more}"
+        title += f"; not visible here: {', '.join(unseen[:FEW_UNSEEN])}{more}"
     keys = _reason_keys([each for _, _, own in drawn for each in own], devices)
     keys += scene_keys(scenes)
     return framed(beside([image for image, _, _ in drawn]), title, keys)

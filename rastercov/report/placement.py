@@ -77,7 +77,7 @@ def pages_of(
     owner = cameras.owner
     columns = {
         "from": [placement.origin[row] for row in owner],
-        "so far": [percent(share) for share in cameras.curve],
+        "total": [percent(share) for share in cameras.curve],
     }
     if tolerance is not None and tolerance.cameras:
         columns["covered without it"] = [percent(tolerance.cameras[row].without) for row in owner]
@@ -146,7 +146,7 @@ def network_of(
     """
     of, asked = (found, found.asked_views) if isinstance(found, Checked) else (found.prepared, None)
     plan, cameras, placed, areas = of.plan, found.cameras, found.cameras.placed, found.cameras.areas
-    title = f"Placement of cameras: {plan.name}"
+    title = f"Camera placement: {plan.name}"
     names = found.names if isinstance(found, Checked) else ()
     if isinstance(found, Checked):
         title = f"Check of {found.poses_file.name} against {plan.name}"

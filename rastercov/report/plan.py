@@ -290,7 +290,7 @@ def cameras_table(placement: Placement) -> Table:
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
     table.add_column("camera" if several else "from", overflow="fold")
-    for name in ("at, m", "towards", "adds", "so far"):
+    for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.
@@ -321,10 +321,10 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     prepared, cameras = placement.prepared, placement.cameras
     goal, wanted = goal_lines(placement.requirements)[0], prepared.problem.goal
     if not goal and prepared.plan.chooses_cameras and isinstance(wanted, BestCoverage):
-        goal = "goal: most coverage"
+        goal = "goal: best coverage"
         if wanted.cameras is not None:
             goal += f" with at most {plural(wanted.cameras, _what(prepared))}"
-        goal += "" if wanted.budget is None else f" at a cost of at most {wanted.budget:g}"
+        goal += "" if wanted.budget is None else f" and a cost of at most {wanted.budget:g}"
     return first_lines(summary_of(prepared.plan, cameras), goal, level)
 
 
@@ -341,7 +341,7 @@ def lines(placement: Placement, level: int | None = None) -> list[str]:
     network = summary_of(prepared.plan, placement.cameras)
     said += other_lines(network, level, has_reasons=has_reasons)
     for views, zone in zip(placement.withheld, network.get("dead_zones", ()), strict=False):
-        said += line_of(views, f"dead zone {area(zone['area_m2'])}")
+        said += line_of(views, f"dead zone of {area(zone['area_m2'])}")
     of = _of(prepared)
     if placement.optimised is not None:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
@@ -439,7 +439,8 @@ def _selected(placement: Placement) -> str:
     text = f"{len(found.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
     text += f" {verb(len(found.chosen), 'cover')} {percent(found.share)} of {of}"
     if prepared.cells is not None:
-        text += f" (a patch counts if a camera covers {100 * prepared.task.min_coverage:g} % of it)"
+        least = 100 * prepared.task.min_coverage
+        text += f" (a patch counts if a camera covers at least {least:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:
@@ -465,6 +466,6 @@ def left_lines(placement: Placement) -> list[str]:
     hidden = (left.sight == Sight.NONE) & (left.n_covering == 0) & left.left
     m2 = float(zones.piece_area[hidden[zones.face]].sum())
     candidates = plural(left.n_candidates, "candidate")
-    return [f"{area(m2)} of what is not covered is visible to none of {candidates} (proved)"] * (
+    return [f"{area(m2)} of the uncovered area is visible to none of the {candidates} (proved)"] * (
         m2 > 0
     )

@@ -128,8 +128,12 @@ def camera_words(camera: Camera) -> str:
     """Camera and lens as they are sold, pixels, focal length and angles of view, in one line."""
     across, down = (signed(each, 1) for each in angles_of_view(camera))
     lens = "" if camera.focal_length is None else lens_text(camera)
+    if camera.product.endswith(lens):  # as some are sold
+        lens = ""
     size = f"{camera.width} x {camera.height} px"
-    return ", ".join(filter(None, (camera.product, size, lens, f"view {across} x {down}°")))
+    return ", ".join(
+        filter(None, (camera.product, size, lens, f"field of view {across} x {down}°"))
+    )
 
 
 def camera_rows(summary: Mapping[str, Any], unit: str = "m") -> list[list[str]]:

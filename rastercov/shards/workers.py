@@ -38,8 +38,8 @@ class Workers:
     Raises
     ------
     ConfigError
-        Where not exactly one is given, for a number below 1, for an address that is open to others,
-        and for one where Dask is not installed.
+        Unless exactly one is given, for a number below 1, for an address that is open to others,
+        and for an address without Dask.
 
     Examples
     --------

@@ -571,7 +571,7 @@ def _of_station(
         "visible fraction": f"{percent(visible)} ± {100 * bound:.1g} %",
         "coverage": f"{found['coverage']:.3g}",
         "pixels without occlusion": f"{rounded(found['drawn_pixels'])} px",
-        "angle of incidence": f"{math.degrees(found['incidence']):.3g} deg",
+        "angle of incidence": f"{math.degrees(found['incidence']):.3g}°",
         "pixel density": density_text(found["pixel_density"], f"px/{state.unit}"),
         "facing density": density_text(found["facing_density"], f"px/{state.unit}"),
         "depth": depth_in_words(depth, state.unit),

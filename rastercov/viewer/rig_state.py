@@ -58,7 +58,7 @@ class Station:
 
 
 def checked_pose(pose: FloatArray) -> FloatArray:
-    """The pose, read-only; PoseError for what is no rigid motion."""
+    """The pose, read-only; PoseError unless it is a rigid transform."""
     return frozen(valid_poses(pose)[0].copy())
 
 
@@ -187,7 +187,7 @@ class RigState:
         return replace(self, stations=changed)
 
     def with_pose(self, station: int, pose: FloatArray) -> "RigState":
-        """With another pose of a station; PoseError for what is no rigid motion."""
+        """With another pose of a station; PoseError unless it is a rigid transform."""
         return self.with_station(replace(self.station(station), pose=checked_pose(pose)))
 
     def with_new(self, camera: str, pose: FloatArray, name: str = "") -> "RigState":
@@ -198,7 +198,7 @@ class RigState:
         ConfigError
             For an unknown camera, or too many stations.
         PoseError
-            For a pose that is no rigid motion.
+            For a pose that is not a rigid transform.
         """
         self.camera(camera)
         if len(self.stations) >= MOST_STATIONS:

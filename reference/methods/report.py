@@ -287,12 +287,12 @@ def score_text(score: Score) -> str:
 def comparison_table(comparison: Comparison) -> Table:
     """Methods beside the reference, for a terminal of 80 columns.
 
-    "partly" are faces that are partly hidden; the rms error is theirs.
+    "partial" are faces that are partly hidden; the rms error is theirs.
     """
     title = f"Against {comparison.against}, {plural(comparison.poses_done, 'pose')}"
     table = Table(title=title, title_justify="left")
     table.add_column("method", overflow="fold")
-    for name in ("faces", "partly", "rms error", "worst", "missed", "held %", "ms"):
+    for name in ("faces", "partial", "rms error", "worst", "missed", "held, %", "ms/pose"):
         table.add_column(name, justify="right", no_wrap=True)
     for score in comparison.scores:
         row = score_row(score)
@@ -305,7 +305,7 @@ def comparison_table(comparison: Comparison) -> Table:
 
 def check_lines(checks: Sequence[Check]) -> list[str]:
     """The verdict, one line per check."""
-    results = {True: "holds ", False: "FAILS ", None: "      "}
+    results = {True: "holds ", False: "FAILS ", None: "undecided "}
     return [results[check.passed] + str(check) for check in checks]
 
 

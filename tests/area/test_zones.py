@@ -209,7 +209,9 @@ def test_a_hidden_zone_names_the_group_in_front():
     assert (zone["reason"], zone["hidden_by"], zone["groups"]) == ("occluded", "near", ["floor"])
     assert zone["centroid"] == pytest.approx([-1, -1, 4])
     assert np.allclose(zone["extent"], [(-2, -2, 4), (0, 0, 4)])
-    assert zone_line(zone) == "dead zone 4 m² at (-1.0, -1.0, 4.0) in group floor: occluded by near"
+    assert (
+        zone_line(zone) == "dead zone 4 m² at (-1.0, -1.0, 4.0) m in group floor: occluded by near"
+    )
 
 
 def test_where_nothing_is_covered_the_largest_zone_has_figures():
@@ -232,14 +234,14 @@ def test_a_zone_names_its_cad_face_and_the_part_that_hides_it():
     (zone,) = found["dead_zones"]
     assert (zone["groups"], zone["hidden_by"]) == (["arm/floor/face 1"], "arm/sheet/face 13")
     assert zone_line(zone) == (
-        "dead zone 4 m² at (-1.0, -1.0, 4.0) in group arm/floor/face 1: occluded by arm/sheet"
+        "dead zone 4 m² at (-1.0, -1.0, 4.0) m in group arm/floor/face 1: occluded by arm/sheet"
     )
 
 
 def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     mesh = hidden_scene()
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
-    place = r"\((.*), (.*), (.*)\)"
+    place = r"\((.*), (.*), (.*)\) m"
     said = rf"no camera has a line of sight; add a camera at {place}, aimed at {place}: (.*) % of "
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
@@ -262,7 +264,7 @@ def test_what_no_place_shows_is_said_to_be_so():
     (zone,) = named(mesh, CAMERA, AHEAD, rc.Task())["dead_zones"]
     assert zone["tried"] is None
     assert re.fullmatch(
-        r"no camera has a line of sight; none of \d+ places within .* m covers half of the zone",
+        r"no camera has a line of sight; none of \d+ positions within .* m covers half of the zone",
         zone["advice"],
     )
 

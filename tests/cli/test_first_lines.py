@@ -36,7 +36,7 @@ def files(here):
 @pytest.mark.parametrize(
     ("line", "selection", "goal", "file"),
     [
-        ("place plan.toml -o out", BEST, "goal: most coverage with at most 2 cameras", "page.html"),
+        ("place plan.toml -o out", BEST, "goal: best coverage with at most 2 cameras", "page.html"),
         ("place plan.toml -o out", FEWEST, r"(holds|fails): all: 90.0 % required.*", "page.html"),
         ("check plan.toml -p rig.json -o out", FEWEST, "fails: all: 90.0 % req.*", "check.html"),
         ("check plan.toml -p rig.json -o out --min-coverage 0.1", BEST, "holds: .*", "check.html"),

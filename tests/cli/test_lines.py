@@ -14,9 +14,11 @@ from rastercov.cli.console import (
     LONGEST_LINE,
     LONGEST_WORD,
     exit_code,
+    group,
     progress_bar,
     say,
     shown,
+    waits_shown,
 )
 
 COMMAND = "evaluate box -c camera.toml -p sphere:2 -o out"
@@ -113,7 +115,8 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     monkeypatch.setattr("rastercov.cli.console.NEXT_LINE", 0.04)
 
     def lines(app):
-        assert exit_code(lambda *_, **__: app(), ["audit", "x"]) == 0
+        with waits_shown("audit"):
+            app()
         return capsys.readouterr().err.splitlines()
 
     def wait():
@@ -121,7 +124,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
 
     found = lines(wait)
     assert found
-    assert set(found) <= {"audit: 0 s so far", "audit: 1 s so far"}
+    assert set(found) <= {"audit: 0 s elapsed", "audit: 1 s elapsed"}
 
     def with_steps():
         with progress_bar("poses") as progress:
@@ -131,7 +134,8 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
             wait()
 
     found = lines(with_steps)
-    assert {line.partition(" s")[0][:-1] for line in found} >= {"poses: all 4 done, ", "area: "}
+    starts = {line.partition(" s ")[0][:-1] for line in found}
+    assert starts >= {"poses: 4 of 4, finishing, ", "area: "}
     assert lines(lambda: None) == []
 
     def within_a_limit():
@@ -152,3 +156,38 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
 
     assert lines(serve) == []
     assert not [each for each in threading.enumerate() if "watch" in each.name]
+
+
+def test_a_time_left_has_a_unit_of_its_size(capsys, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr("rastercov.cli.console.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 2.0)
+    with progress_bar("poses") as progress:
+        progress(0, 10_000)
+        for done, seconds in ((10, 10), (20, 10), (9000, 5000)):
+            clock[0] += seconds
+            progress(done, 10_000)
+    assert capsys.readouterr().err.splitlines() == [
+        "poses: 10 of 10,000, about 3 h left",
+        "poses: 20 of 10,000, about 3 h left",
+        "poses: 9,000 of 10,000, about 9 min left",
+    ]
+
+
+@pytest.mark.parametrize("line", ["--help", "evaluate --help", "view --help", "place --schema"])
+def test_help_has_no_line_about_a_wait(line, capsys, monkeypatch):
+    monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 1e-4)
+    monkeypatch.setattr("rastercov.cli.console.NEXT_LINE", 1e-4)
+    assert exit_code(group(), line.split()) == 0
+    found = capsys.readouterr()
+    assert found.out
+    assert found.err == ""
+
+
+def test_a_module_that_loads_is_no_wait(capsys, monkeypatch):
+    monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 0.05)
+    Path("slow_to_load.py").write_text("import time\ntime.sleep(0.5)\n")
+    monkeypatch.syspath_prepend(Path.cwd())
+    with waits_shown("audit"):
+        __import__("slow_to_load")
+    assert capsys.readouterr().err == ""

@@ -209,7 +209,7 @@ EACH_STEP = QUICK.replace(
 STEPS = {
     "rastercov.placement.plan.run.refine": "refinement",
     "rastercov.placement.plan.run.tolerance": "tolerance",
-    "rastercov.placement.plan.run.left_over": "what is left",
+    "rastercov.placement.plan.run.left_over": "uncovered faces",
     "rastercov.report.placement.pages_of": "page",
 }
 

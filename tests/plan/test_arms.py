@@ -245,7 +245,7 @@ def test_candidates_are_counted_by_the_reasons_of_the_arm():
     assert {"out_of_reach", "keep_out"} <= set(written["dropped"])
     line = pool.lines()[0]
     assert line.startswith("36 candidates: ")
-    assert line.endswith(f"; {36 - n_refused} left")
+    assert line.endswith(f"; {36 - n_refused} remain")
     assert f"{written['dropped']['out_of_reach']} out of reach" in line
     assert "in keep-out press" in line
 

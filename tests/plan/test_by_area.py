@@ -234,7 +234,7 @@ def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     assert len(found.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
     assert found.leftover.left.any()
     (line,) = report.left_lines(found)
-    assert re.fullmatch(r"[\d.]+ m² of what is not covered is visible to none of 40 .*", line)
+    assert re.fullmatch(r"[\d.]+ m² of the uncovered area is visible to none of the 40 .*", line)
 
     def worse(objective, space, poses, **_):
         """Moves of all cameras to the first one, said to be a gain."""

@@ -67,7 +67,7 @@ class Watcher:
 def test_every_long_step_of_place_and_check_has_a_total(plan):
     steps = Watcher()
     placed = place(plan, Path("out"), steps)
-    for name in ("visibility matrix", "cavities", "search", "tolerance", "what is left"):
+    for name in ("visibility matrix", "cavities", "search", "tolerance", "uncovered faces"):
         assert steps.is_steady(name), (name, steps.calls[name])
     assert steps.is_steady("refinement", ends=False)
     assert steps.calls["refinement"][-1][0] <= placed.refined.evaluations
@@ -75,7 +75,7 @@ def test_every_long_step_of_place_and_check_has_a_total(plan):
     poses = Poses.of(sphere_of_poses(np.zeros(3), 9.0, 4))
     check(plan, Path("rig.json"), {None: 0.9}, poses=poses, step=steps)
     assert steps.is_steady("coverage")
-    assert steps.is_steady("what is left")
+    assert steps.is_steady("uncovered faces")
 
 
 @pytest.mark.slow

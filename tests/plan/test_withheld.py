@@ -46,7 +46,7 @@ def test_views_left_out_that_cover_half_of_a_zone_are_counted():
     assert entry[0]["what"] == "in keep-out machine"
     from rastercov.report.plan import lines
 
-    words = f"{len(found.withheld[0])} views left out would cover half of it or more: "
+    words = f"{len(found.withheld[0])} rejected candidates would cover at least half of it "
     assert any(words in line and "in keep-out machine" in line for line in lines(found))
 
 

@@ -159,7 +159,7 @@ def test_a_library_without_an_entry_point_is_refused_by_its_name():
 
 
 KNOWN = r"egl:0 \(/dev/dri/card0\), egl:1 \(Mesa software"
-NO_DEVICE = r"EGL announces no hardware device: install the GPU's EGL driver"
+NO_DEVICE = r"EGL reports no hardware device: install the GPU's EGL driver"
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_hardware_that_cannot_be_had_is_refused_by_name():
         pytest.skip("this machine has hardware")
     open_or_skip("surfaceless").release()
     with pytest.raises(
-        DeviceError, match=r"expected a device of egl:0 \(Mesa software device, software\)"
+        DeviceError, match=r"expected a device: auto, cpu or egl:0, .*got 'hardware'"
     ):
         open_context("hardware")
 

@@ -526,7 +526,7 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     zones = network.zones(CAMERA, poses)
     zones_picture(zones, summary, poses)
     core = np.unique(zones.zone[zones.face < 12]) + 1  # a zone a side
-    shown = re.search(r"; hidden from both sides: (.*)", titles[0])[1]
+    shown = re.search(r"; not visible here: (.*)", titles[0])[1]
     named = set(map(int, re.findall(r"\d+(?= and|,|$)", shown)))
     more = re.search(r"and (\d+) more", shown)
     assert len(named) + int(more[1] if more else 0) >= len(core)

@@ -158,7 +158,7 @@ def test_the_page_of_a_report_has_its_rig_and_its_figures(tmp_path, by):
     told = run(
         MESH, replace(CAMERA, product=SOLD), POSES, task, tmp_path, Options(pictures=1, by=by)
     )
-    assert f"{SOLD}, 320 x 240 px, view 56.1 x 43.6°" in words_of(tmp_path / "report.html")
+    assert f"{SOLD}, 320 x 240 px, field of view 56.1 x 43.6°" in words_of(tmp_path / "report.html")
     data = held_by(tmp_path)
     state, frame = data["state"], data["frames"]["views"]
     assert np.array_equal([each["pose"] for each in state["stations"]], POSES.reshape(-1, 16))

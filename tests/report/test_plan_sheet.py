@@ -357,7 +357,7 @@ def test_lamps_are_drawn_and_listed(capsys, tmp_path, monkeypatch):
     assert at == sorted([(0.5, -0.5), *((x, y) for x, y, _ in EYES)])
 
 
-LENS_LINE = "1280 x 720 px, view 90.0 x 58.7°, I / R / O / D 2.6 / 5.1 / 10 / 26 m, IR 4 m"
+LENS_LINE = "1280 x 720 px, field of view 90.0 x 58.7°, I / R / O / D 2.6 / 5.1 / 10 / 26 m, IR 4 m"
 LENS_NAMES = """product = "ACME 7 + wide"
 ir_range = 4.0
 """

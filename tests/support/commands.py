@@ -68,9 +68,9 @@ def refusal(capsys, line):
 
 
 def without_progress(text):
-    """Text of a command on standard error, without lines on its time so far."""
+    """Text of a command on standard error, without lines on the time that has passed."""
     kept = text.splitlines(keepends=True)
-    end = b" s so far" if isinstance(text, bytes) else " s so far"
+    end = b" elapsed" if isinstance(text, bytes) else " elapsed"
     return text[:0].join(line for line in kept if not line.rstrip().endswith(end))
 
 

@@ -272,7 +272,7 @@ def format_of(path: StrPath) -> str:
         return BY_SUFFIX[suffix]
     raise ConfigError(
         f"{printable(str(path))}: expected a name that ends in .json, .toml, .npy, .glb or .yaml, "
-        "or a folder, got another; name the format by --to"
+        f"or a folder, got {shown(suffix)}; name the format by --to"
     )
 
 
@@ -312,7 +312,7 @@ def write_views(
     >>> poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), distance=1, count=3))
     >>> views = rc.Views(rc.Rig([camera], ["cam"]), poses, images=("a.jpg", "b.jpg", "c.jpg"))
     >>> rc.write_views("model", views, format="colmap")  # what COLMAP cannot hold, in words
-    ['lengths are metres, which the format does not say']
+    ['lengths are in metres; the format has no unit']
     """
     place = _path(path)
     overwrite = flag("overwrite", overwrite)
@@ -350,15 +350,15 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         )
     n_poses = len(views.poses)
     if target in OF_ONE_CAMERA and n_poses:
-        notes.append(f"left out: {plural(n_poses, 'pose')}, which the format does not hold")
+        notes.append(f"not written: {plural(n_poses, 'pose')}; the format has no poses")
     if views.frames and target in ("nerfstudio", "gltf"):
         notes.append("frames are left out: which images were taken at the same instant")
     if views.has_unit and n_poses and target not in IN_METRES + OF_ONE_CAMERA:
-        notes.append("lengths are metres, which the format does not say")
+        notes.append("lengths are in metres; the format has no unit")
     for camera, name in zip(views.rig.cameras, views.rig.names, strict=True):
         fields = lost(camera) + (gltf.lost(camera) if target == "gltf" else [])
         if fields:
-            notes.append(f"{name}: left out: {', '.join(fields)}")
+            notes.append(f"{name}: not written: {', '.join(fields)}")
     if target.startswith("colmap"):
         return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
     contents = {

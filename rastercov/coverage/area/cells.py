@@ -169,21 +169,21 @@ class Cells(InOneLine):
 
 
 def cells(mesh: Mesh, size: float) -> Cells:
-    """Cells of the task faces of a mesh, by bisection of the longest side.
+    """Patches of the task faces of a mesh, by bisection of the longest side.
 
     Parameters
     ----------
     mesh : Mesh
-        Mesh to divide; faces without area and occluders have no cells.
+        Mesh to divide; faces without area and occluders have no patches.
     size : float
-        Longest side of a cell, metres.
+        Longest side of a patch, metres.
 
     Raises
     ------
     ConfigError
         For a size that is not a positive number.
     ResourceError
-        For more than `MOST_CELLS` cells; the message names a size that fits.
+        For more than `MOST_CELLS` patches; the message names a size that fits.
 
     Examples
     --------

@@ -281,16 +281,16 @@ class BeamDensity(InOneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(InOneLine):
-    """Standard deviation of a point that several devices measure, from one information matrix.
+    """Standard deviation of a point that several sensors measure, from one information matrix.
 
     M = sum of (I - u u^T) / (sigma d)^2 for rays, m m^T / (sigma d)^2 for stripes and laser sheets
-    of normal m, and cos(i)^2 u u^T / s^2 for ranges besides; the covariance is its inverse. Errors
+    of normal m, and cos(i)^2 u u^T / s^2 for ranges as well; the covariance is its inverse. Errors
     are small, independent and without bias.
 
     Attributes
     ----------
     eyes : (n, 3) or (P, n, 3) float64
-        Centres of up to 64 devices, metres, of each row of regions, or of all. Device j counts on
+        Centres of up to 64 sensors, metres, of each row of regions, or of all. Sensor j counts on
         pieces whose `Regions.devices` have bit j.
     limit : float
         Largest standard deviation, metres, above 0.
@@ -298,7 +298,7 @@ class Uncertainty(InOneLine):
         sigma: standard deviation of rays or stripes, radians, above 0.
     stripes : (n, 3) or (P, n, 3) float64, optional
         Directions of stripes in space, such as the image columns of a projector, or an axis in a
-        laser sheet; (0, 0, 0) for devices that measure rays.
+        laser sheet; (0, 0, 0) for sensors that measure rays.
     ranges : float, or (n,) or (P, n) float64
         s: standard deviation of the range at right angles, metres; 0 where none is measured, as of
         stripes.

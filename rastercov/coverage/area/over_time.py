@@ -98,7 +98,7 @@ def check_over_time(task: Task) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OverTime(InOneLine):
-    """Coverage of a motion by cameras, over time, of `rastercov.evaluate`.
+    """Coverage over time of a moving mesh, as `rastercov.evaluate` returns it.
 
     Attributes
     ----------

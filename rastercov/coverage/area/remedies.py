@@ -295,7 +295,7 @@ class Remedies:
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
                 return f"{words}: {percent(share)} of the zone is covered", entries
-        return f"none of {count} places within {in_metres(reach)} covers half of the zone", {}
+        return f"none of {count} positions within {in_metres(reach)} covers half of the zone", {}
 
     def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
@@ -325,7 +325,7 @@ class Remedies:
                 if is_one and camera.is_pinhole and 1 < times < 1e3:
                     yield Change(
                         f"use {times:g} times the focal length, aimed at {to}",
-                        f"add one at the same place, {times:g} times the focal length, "
+                        f"add a camera at the same place with {times:g} times the focal length, "
                         f"aimed at {to}",
                         *(origin, target, _longer(camera, times), {"focal_length_times": times}),
                     )
@@ -425,4 +425,4 @@ def _rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
     """A point to three digits of a length, and its text."""
     digits = int(np.clip(2 - math.floor(math.log10(scale)), 0, 9))
     text = ", ".join(signed(value, digits) for value in point.tolist())
-    return np.array([float(each) for each in text.split(", ")]), f"({text})"
+    return np.array([float(each) for each in text.split(", ")]), f"({text}) m"

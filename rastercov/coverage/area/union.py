@@ -169,9 +169,9 @@ def unite(
     regions : Regions, or sequence of Regions
         Of one mesh; several for several cameras.
     views : int
-        k: poses up to which they are counted.
+        k: largest number of poses that is counted.
     progress : callable
-        Called with the number of pieces done and of all, of each of the regions.
+        Called with the number of pieces done and the total, for each of the regions.
 
     Raises
     ------

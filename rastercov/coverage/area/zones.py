@@ -541,8 +541,16 @@ def zone_line(zone: Mapping[str, Any]) -> str:
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
-    text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {zone_place(zone)}: "
+    text = (
+        f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) m in group {zone_place(zone)}: "
+    )
     return text + zone_reason(zone)
+
+
+def n_unlisted(summary: Mapping[str, Any]) -> int:
+    """Number of zones that a summary does not list; 0 where they are rounding."""
+    rest = summary["other_dead_zones"]
+    return int(rest["zones"]) if rest["percent"] > 100 * SLIVER_REL * rest["zones"] else 0
 
 
 def zone_place(zone: Mapping[str, Any]) -> str:

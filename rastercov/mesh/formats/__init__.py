@@ -125,8 +125,8 @@ def metres_per(unit: str | float) -> float:
     if (metres := finite_number(unit)) > 0:
         return metres
     raise MeshError(
-        f"expected unit to be one of {', '.join(METRES)} or a positive number of metres, got "
-        f"{shown(unit)}"
+        f"expected unit to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
+        f"number of metres, got {shown(unit)}"
     )
 
 

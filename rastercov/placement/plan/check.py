@@ -300,7 +300,7 @@ def limits(
         found[name] = value
     if not found and not plan.goals and not may_be_none:
         raise ConfigError(
-            f"{plan.name}: expected a coverage to check, got none; give --min-coverage, --group, "
+            f"{plan.name}: expected a required coverage, got none; give --min-coverage, --group, "
             '--baseline, goals, or a selection with goal = "fewest_cameras"'
         )
     return found
@@ -403,7 +403,7 @@ def _checked(
                     cameras = with_areas(plan, cameras, finder, views, progress)
                     assert cameras.areas is not None
                     cameras.areas.places = places_of(plan, mesh)
-        with step("what is left") as progress:
+        with step("uncovered faces") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights

@@ -161,7 +161,9 @@ def _file(name: str, info: ValidationInfo) -> str:
     except (OSError, ValueError):  # too long, or with a zero byte
         found = False
     if not found:
-        raise ValueError(f"expected a file, got {name!r}: there is no {path}; correct the name")
+        raise ValueError(
+            f"expected a file, got {str(path)!r}, which does not exist; correct the name"
+        )
     return name
 
 

@@ -950,7 +950,7 @@ STEPS: tuple[Improvement, ...] = (
     ("search", lambda found: found.prepared.selection.optimise, _optimise),
     ("refinement", lambda found: found.prepared.selection.refine, _refine),
     ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
-    ("what is left", lambda found: True, _explain_uncovered),
+    ("uncovered faces", lambda found: True, _explain_uncovered),
 )
 """Steps after the selection, in their order."""
 N_LAST = 2

@@ -313,8 +313,8 @@ class CandidatePool:
         made = ", ".join(f"{count} {source}" for source, count in self.made.items())
         if not self.refused:
             return [f"{total}: {made}"]
-        lines = [f"made: {made}"] if len(self.made) > 1 else []
-        return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} left", *lines]
+        lines = [f"generated: {made}"] if len(self.made) > 1 else []
+        return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain", *lines]
 
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""

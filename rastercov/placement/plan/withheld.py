@@ -55,5 +55,5 @@ def line_of(views: list[Refusal], zone: str) -> list[str]:
     """Sentence on the views of a zone, none where there are no views."""
     if not views:
         return []
-    said = f"{plural(len(views), 'view')} left out would cover half of it or more"
-    return [f"{zone}: {said}: {in_words(views)}"]
+    rejected = f"{plural(len(views), 'rejected candidate')} would cover at least half of it"
+    return [f"{zone}: {rejected} ({in_words(views)})"]

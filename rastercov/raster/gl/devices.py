@@ -215,9 +215,9 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     } | {each.label: [each] for each in hardware + software}
     if found := named.get(wanted):
         return found, missing
-    known = ", ".join(map(str, list_devices())) or f"none; {INSTALL_EGL}"
+    known = ", ".join(each.label for each in list_devices()) or f"none; {INSTALL_EGL}"
     reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
-    raise DeviceError(f"expected a device of {known}, got {shown(device)}{reasons}")
+    raise DeviceError(f"expected a device: auto, cpu or {known}, got {shown(device)}{reasons}")
 
 
 def is_software_wanted() -> bool:
@@ -231,7 +231,7 @@ def why_no_hardware(devices: list[DeviceInfo]) -> list[str]:
     if is_software_wanted():
         reasons.append("LIBGL_ALWAYS_SOFTWARE is set: unset it")
     if not any(device.kind == "egl-device" and not device.is_software for device in devices):
-        reasons.append("EGL announces no hardware device: install the GPU's EGL driver")
+        reasons.append("EGL reports no hardware device: install the GPU's EGL driver")
     if Path("/proc/driver/nvidia").exists() or Path("/dev/nvidiactl").exists():
         capabilities = os.environ.get("NVIDIA_DRIVER_CAPABILITIES", "not set")
         reasons.append(

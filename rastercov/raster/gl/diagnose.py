@@ -40,7 +40,7 @@ ENVIRONMENT = (
     "CUDA_VISIBLE_DEVICES",
 )
 """Beginnings of the names of variables that graphics drivers read."""
-FASTER = "it counts faster than OpenGL"
+FASTER = "it is faster than OpenGL"
 """Reason for the default of `open_rasterizer`; docs/performance.md has the figures."""
 # Convex meshes under this camera: no face is so edge-on, below 0.007, that rounding its corners
 # could turn it.
@@ -121,7 +121,7 @@ def _availability(kind: DeviceKind, reports: list[Report]) -> str:
         osmesa_library() if kind == "osmesa" else egl_library()
     except DeviceError as error:
         return str(error)
-    return f"EGL announces none; install the device's driver, or {INSTALL_EGL}"
+    return f"EGL reports none; install the device's driver, or {INSTALL_EGL}"
 
 
 # --- self-tests -----------------------------------------------------------------------------------

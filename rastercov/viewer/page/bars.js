@@ -10,7 +10,7 @@ const sign = (text) => element("span", { "aria-hidden": "true" }, text);
 export function topBar(session, { summary, help }) {
   const undo = button([sign("↶"), " Undo"], () => session.act({ do: "undo" }), { title: "Ctrl+Z" });
   const redo = button([sign("↷"), " Redo"], () => session.act({ do: "redo" }), { title: "Ctrl+Shift+Z" });
-  const unsaved = element("span.unsaved", { title: "the rig has changes that are not saved" });
+  const unsaved = element("span.unsaved", { title: "the rig has unsaved changes" });
   const show = (state) => {
     undo.disabled = !state.can_undo;
     redo.disabled = !state.can_redo;
@@ -99,7 +99,7 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
   );
   const cut = sectionControls(session, view);
   const measure = toggle("Measure", false, (isOn) => tools.set(isOn ? "measure" : "pick"), {
-    title: "distance of two points (R)",
+    title: "distance between two points (R)",
   });
   const aim = toggle("Aim", false, (isOn) => tools.set(isOn ? "aim" : "pick"), {
     title: "aim the selected camera at a point (I)",
@@ -143,7 +143,7 @@ export function toolBar(session, { view, tools, frusta, gizmo, drawing }) {
 const OPTIONS = [
   ["Transparent occluders", "isTransparent", "see through occluders (T)"],
   ["Back-face culling", "isCulled", "look into rooms from outside (B)"],
-  ["Exact pieces at rest", "hasPieces", "parts of faces that are not covered"],
+  ["Exact outlines when still", "hasPieces", "exact outlines of the uncovered area, while the view is still"],
   ["Edge lines", "hasEdges", "creases, borders, and edges between groups (O)"],
   ["Unshaded colours", "isFlat", "colours of the legend, without shading (H)"],
 ];
@@ -175,7 +175,7 @@ function sectionControls(session, view) {
     max: "1",
     step: "0.005",
     value: "0.6",
-    "aria-label": "place of the section",
+    "aria-label": "position of the section",
   });
   place.addEventListener("input", () => {
     cut.at = Number(place.value);
@@ -191,7 +191,7 @@ function sectionControls(session, view) {
       cut.isFlipped = !cut.isFlipped;
       apply();
     },
-    { title: "the other side", "aria-label": "the other side of the section" },
+    { title: "flip the section", "aria-label": "flip the section" },
   );
   const height = element("output.soft.height");
   const more = element("span.section-controls", { hidden: true }, axis, place, flip, height);

@@ -52,8 +52,8 @@ function coverageSection(session, view) {
         : [
             element("dt", {}, "Covers"),
             element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area`),
-            element("dt", {}, "Alone"),
-            element("dd", {}, `${percent(row.alone_percent)} only by it`),
+            element("dt", {}, "Exclusively"),
+            element("dd", {}, `${percent(row.alone_percent)} of the area`),
           ],
     );
   };
@@ -175,7 +175,7 @@ export function cameraPanel(session, view, isVisible, large) {
     "div",
     {},
     stationMenu(session),
-    section("Its image", [
+    section("Camera image", [
       isRecorded
         ? element("p.soft", {}, "This file has no images.")
         : [element("figure", {}, picture, caption), element("div.buttons", {}, enlarge)],

@@ -54,7 +54,7 @@ function stationRows(session) {
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
       : element("span", { title: "share of the area that this camera covers" }, "covers"),
-    element("span", { title: "share of the area that only this camera covers" }, isAloneKnown ? "alone" : ""),
+    element("span", { title: "share of the area that only this camera covers" }, isAloneKnown ? "exclusive" : ""),
   );
   const rows = session.state.stations.map((station) => {
     const share = shares.get(station.id);

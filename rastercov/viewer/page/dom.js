@@ -113,8 +113,8 @@ export function side(name, label, ...children) {
   const show = (isFolded) => {
     made.classList.toggle("folded", isFolded);
     fold.textContent = isFolded === (name === "left") ? "›" : "‹";
-    fold.title = `${isFolded ? "show" : "fold"} this side`;
-    fold.setAttribute("aria-label", `${isFolded ? "show" : "fold"} ${label}`);
+    fold.title = `${isFolded ? "show" : "hide"} this side`;
+    fold.setAttribute("aria-label", `${isFolded ? "show" : "hide"} ${label}`);
     fold.setAttribute("aria-expanded", String(!isFolded));
   };
   const keep = (isFolded) => {

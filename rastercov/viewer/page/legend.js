@@ -35,7 +35,7 @@ export function legend(session, view) {
       const isFolded = root.classList.toggle("folded");
       folded.textContent = isFolded ? "+" : "–";
     },
-    { title: "fold the legend", kind: "quiet", "aria-label": "fold the legend" },
+    { title: "collapse the legend", kind: "quiet", "aria-label": "collapse the legend" },
   );
   const root = element(
     "section.legend",
@@ -112,7 +112,7 @@ export function summary(session) {
       if (timer !== mine) return;
       const seconds = Math.round((performance.now() - began) / 1000);
       const which = total ? ` by ${count(done)} of ${count(total)} cameras` : "";
-      rest.textContent = `measuring ${count(session.scene.n_faces)} faces${which}, ${seconds} s`;
+      rest.textContent = `evaluating ${count(session.scene.n_faces)} faces${which}, ${seconds} s`;
       timer = setTimeout(say, BUSY_EVERY);
     };
     timer = setTimeout(say, BUSY_AFTER);

@@ -141,7 +141,7 @@ export class SceneView {
       names.push(scene.groups[group].name || `group ${group}`);
     }
     if (names.length)
-      this.session.emit("notice", `Left out of the picture, before it: ${names.join(", ")}; see Object, Groups.`);
+      this.session.emit("notice", `Hidden because they block the view: ${names.join(", ")}. Show them again under Object, Groups.`);
   }
 
   highlight(group) {

@@ -36,7 +36,7 @@ export function startCard(session, view, jobs) {
           {},
           button("Place", place, { kind: "primary" }),
           hasNumber ? number : null,
-          hasNumber ? "cameras" : "cameras by the plan",
+          hasNumber ? "cameras" : "cameras as the plan specifies",
         ),
       placement?.words,
     ),
@@ -46,7 +46,7 @@ export function startCard(session, view, jobs) {
     ),
     way(
       button("Add one here", () => addHere(session, view)),
-      "at the current view; move it by arrows and rings",
+      "at the current view; move it with the arrows and rings",
     ),
   );
   const show = () => {

@@ -44,7 +44,7 @@ export function connectionBanner(session) {
     { role: "alert", hidden: true },
     words,
     button("Download the rig", () => offerFile("rig.json", session.poseFile()), {
-      title: "poses of all cameras that are on, for rastercov view --poses",
+      title: "poses of all enabled cameras, for rastercov view --poses",
     }),
     button("Try again", () => session.check()),
   );

@@ -55,7 +55,7 @@ function explained(session, view, answer) {
   const isOpen = (camera) => camera.station === session.chosen || telling.includes(camera);
   return [
     element("p.verdict", {}, answer.words),
-    faceFacts(answer.face, answer.group, answer.area),
+    faceFacts(answer.face, answer.group),
     shownPieces(session, view)
       ? element("p.soft", {}, "These figures are of the whole face; the view shows its parts.")
       : null,
