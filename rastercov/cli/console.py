@@ -320,8 +320,8 @@ class Lines:
         self._next = now + NEXT_LINE
         if self._first is None or done >= total:
             rest = f"all {total:,} done, {self._then}" if total else ""
-            passed = _duration(now - self._began)
-            say(time_limit_in_words() or f"{self._what}: {rest}{passed} elapsed", 0)
+            elapsed = _duration(now - self._began)
+            say(time_limit_in_words() or f"{self._what}: {rest}{elapsed} elapsed", 0)
             return
         started, before = self._first
         passed = now - started
