@@ -319,7 +319,7 @@ class Lines:
             return
         self._next = now + NEXT_LINE
         if self._first is None or done >= total:
-            rest = f"all {total:,} done, {self._then}" if total else ""
+            rest = f"{total:,} of {total:,}, {self._then or 'finishing, '}" if total else ""
             elapsed = _duration(now - self._began)
             say(time_limit_in_words() or f"{self._what}: {rest}{elapsed} elapsed", 0)
             return
@@ -503,8 +503,7 @@ COMMANDS = {
     "check": "Check a rig against a plan.",
     "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
     "suffices.",
-    "cameras": "Search the catalogue of cameras, lenses and sensor heads by text, resolution, "
-    "mount, price or field of view.",
+    "cameras": "Search the catalogue of cameras, lenses and sensor heads.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "sheet": "Draw a floor plan with its cameras to scale: SVG, PDF or DXF.",
