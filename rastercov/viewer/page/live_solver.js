@@ -362,12 +362,12 @@ export class Solver {
       yield { reason: "out_of_focus", union: passes() };
     }
     const union = this.call("rc_union_create", this.surface, 1);
-    this.call("rc_union_fill", union, this.n, this.#inFront(rig));
+    this.call("rc_union_fill", union, this.n, this.#facing(rig));
     yield { reason: "outside", union };
   }
 
   /** 1 for faces that some station is in front of. */
-  #inFront(rig) {
+  #facing(rig) {
     const { vertices, faces, roles } = this.mesh;
     const found = new Uint8Array(this.n);
     for (let f = 0; f < this.n; f++) {
