@@ -59,6 +59,14 @@ def evaluated(page, mesh=ROOM):
     return rc.evaluate(mesh, Rig(cameras, names), poses, task, fields=()).summary()
 
 
+def assert_equal(found, expected):
+    """Areas to the last digit; bounds, whose last digits depend on the order of sums, nearly."""
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        is_bound = name.startswith(("bound", "doubtful"))
+        assert found[name] == (pytest.approx(value, rel=1e-9) if is_bound else value), name
+
+
 SAVE = """
 async () => {
     const [texts, kept, waiting] = [{}, new Map(), []];
@@ -101,14 +109,14 @@ def test_edits_give_the_figures_of_rastercov_to_the_last_digit(page):
         looked = rc.look_at(eye, rng.uniform(-1, 1, 3))[0].ravel().tolist()
         if way == 0:
             act(page, do="pose", station=one["id"], pose=looked)
-        elif way == 1:
+        elif way == 1 and len(stations) < 12:
             act(page, do="add", camera="wide", pose=looked)
         elif way == 2 and len(stations) > 2:
             act(page, do="delete", station=one["id"])
         else:
             act(page, do="camera", camera="wide", changes={"hfov_deg": float(rng.uniform(60, 110))})
     expected = evaluated(page)["covered_area"]
-    assert page.js("rastercov.summary().covered_area") == expected
+    assert_equal(page.js("rastercov.summary().covered_area"), expected)
     assert page.page.locator(".summary .covered").inner_text() == f"{expected['percent']:.1f} %"
     own = page.js("rastercov.summary().by_camera.map(each => each.area_percent)")
     assert len(own) == len(page.state()["stations"])
@@ -118,7 +126,7 @@ def test_thresholds_and_views_are_those_of_a_task(page):
     act(page, do="duplicate", station=0)
     act(page, do="task", changes=SOME)
     summary = evaluated(page)
-    assert page.js("rastercov.summary().covered_area") == summary["covered_area"]
+    assert_equal(page.js("rastercov.summary().covered_area"), summary["covered_area"])
     zones = page.js("rastercov.session.server.zones()")
     pieces = page.js("rastercov.session.server.found.pieces")
     by_reason = {}
