@@ -94,7 +94,7 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
 rc_status rc_surface_free(rc_surface *surface);
 rc_status rc_surface_areas(const rc_surface *surface, int64_t n_faces, double *areas); /* m^2 */
 
-/* A lens with distortion, or no pinhole: the numbers that rastercov.camera.lenses.packed makes of
+/* A lens with distortion, or no pinhole: the numbers that rastercov.viewer.packed_lens makes of
  * a camera in Python, of n. */
 rc_status rc_lens_create(const double *numbers, int64_t n, rc_lens **lens);
 rc_status rc_lens_free(rc_lens *lens);
