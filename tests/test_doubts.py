@@ -77,6 +77,14 @@ def test_a_mesh_in_the_wrong_unit_asks_for_it(factor, text):
     assert text is None or scaled.size_in_words in found[0]
 
 
+def test_a_part_in_metres_read_as_mm_asks_for_its_unit_whatever_the_distance():
+    part = shapes.by_name("torus").moved(scale=2e-5)
+    (line,) = lines(part, around(part))
+    assert line.endswith("µm: check --unit")
+    part = part.moved(scale=1e3)
+    assert lines(part, around(part)) == []
+
+
 def test_a_mesh_far_beyond_the_depth_of_field_asks_for_its_unit():
     mesh = shapes.by_name("box")
     big = mesh.moved(scale=500 / np.ptp(mesh.bounds, axis=0).max())

@@ -268,6 +268,11 @@ def test_what_no_place_shows_is_said_to_be_so():
         zone["advice"],
     )
 
+    network = AreaNetwork(mesh, rc.Task())
+    network.places = lambda at, places: places[:0]
+    (zone,) = network.dead_zones(CAMERA, AHEAD)["dead_zones"]
+    assert zone["advice"].endswith("sight; no position that may hold a camera was found")
+
 
 def wall_of(n, *, focal=100.0):
     """A wall of side n at x = 0 that faces +x, and a camera for it."""

@@ -28,6 +28,13 @@ def files():
     write_views("model", rig())
 
 
+def test_a_list_of_matrices_is_a_pose_file(here, capsys):
+    poses = rig().poses.world_from_camera
+    Path("list.json").write_text(json.dumps(poses.tolist()), encoding="utf-8")
+    assert answer(capsys, "convert list.json rig.json")["poses"] == 4
+    np.testing.assert_array_equal(read_views("rig.json").poses.world_from_camera, poses)
+
+
 def test_a_model_passes_through_every_format_with_poses(here, capsys):
     line = "convert model transforms.json && convert transforms.json text --to colmap-text"
     assert all(call(capsys, command)[0] == 0 for command in line.split(" && "))

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from nightly import nightly
 from reader import write_files
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
+import rastercov as rc
 from rastercov.cli.console import COMMANDS, LazyCommand
 from rastercov.placement.plan.file import read_plan
 
@@ -20,7 +22,7 @@ DOCS, DATA = ROOT / "docs", ROOT / "rastercov" / "data"
 GUIDE = (DATA / "SKILL.md").read_text(encoding="utf-8")
 SCHEMA = json.loads((DOCS / "answers.schema.json").read_text(encoding="utf-8"))
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
-PART, ROOM = (text for language, text in BLOCKS if language == "toml")
+PART, ROOM, MORE = (text for language, text in BLOCKS if language == "toml")
 LINES = [line for language, text in BLOCKS if language == "sh" for line in text.splitlines()]
 
 
@@ -90,6 +92,14 @@ def test_plans_of_the_guide_are_read(folder):
     assert read_plan(folder / "plan.toml").selection.coverage == 0.95
     (folder / "room.toml").write_text(ROOM, encoding="utf-8")
     assert read_plan(folder / "room.toml").selection.cameras == 6
+    mesh, selection = PART.partition("[camera]")[0], PART.partition("[selection]")[2]
+    text = f"{mesh}[selection]{selection}{MORE}"
+    (folder / "more.toml").write_text(text, encoding="utf-8")
+    shutil.copy(ROOT / "examples" / "arm.urdf", "robot.urdf")
+    rc.write_poses("views.npy", rc.sphere_of_poses((0, 0, 0), distance=0.3, count=3))
+    more = read_plan(folder / "more.toml")
+    assert more.goals["private"].at_most == 0
+    assert more.rigs["stereo"].max_uncertainty == "50 um"
 
 
 @nightly

@@ -130,6 +130,8 @@ def test_an_arm_that_hides_too_much_leads_to_other_candidates(monkeypatch):
     monkeypatch.setattr(carrier, "MOST_LOST", -1.0)  # whatever is chosen
     after = rc.place(PLAN, out="out")
     assert "arm" in after.steps
+    (note,) = set(after.prepared.notes) - set(before.prepared.notes)
+    assert note.startswith(f"the arm hides up to {after.arm.lost.max():.2f} percentage points")
     assert after.cameras.share >= before.cameras.share - 1e-12
     assert after.worth >= before.worth
 
@@ -248,6 +250,18 @@ def test_candidates_are_counted_by_the_reasons_of_the_arm():
     assert line.endswith(f"; {36 - n_refused} remain")
     assert f"{written['dropped']['out_of_reach']} out of reach" in line
     assert "in keep-out press" in line
+
+
+def test_rows_of_a_pose_file_in_reach_of_the_arm_are_named():
+    rc.place(PLAN, out="out")
+    reached = rc.read_poses("out/poses.json")
+    assert "rows_left" not in told()["candidates"]
+    rc.write_poses("views.npy", [rc.look_at((9, 0, 0), (0, 0, 0)).reshape(4, 4), reached[0]])
+    rc.place(
+        PLAN | {"candidates": [CANDIDATES | {"of": {"generator": "poses", "file": "views.npy"}}]},
+        out="out",
+    )
+    assert told()["candidates"]["rows_left"] == [1]
 
 
 def test_a_tour_goes_the_shorter_way_round_and_counts_wrist_flips():

@@ -50,6 +50,8 @@ def _own(source: Source, border: Border) -> Views:
     content = source.toml if is_toml else source.json
     if isinstance(content, Mapping) and "file" in content:
         return read_with_optics(source.path.parent, content, border)
+    if isinstance(content, list):  # bare matrices, as a script writes them
+        content = {"world_from_camera": content}
     return own.read(content, border)
 
 

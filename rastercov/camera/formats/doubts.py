@@ -25,6 +25,8 @@ UNLIKELY_RATIO = 300.0
 UNLIKELY_DEPTH_RATIO, UNLIKELY_BEYOND_RATIO = 100.0, 30.0
 """Size of the mesh by the greatest depth in focus, and where all of it is beyond that: a thousand
 is the usual slip, and a part of a mesh may be meant."""
+UNLIKELY_SIZE = 2e-4
+"""Size of a mesh, m, below which its unit is asked for: metres that were read as mm."""
 MM = 1e-3
 LEAST_SHARE_IN_MM, MOST_SHARE_IN_METRES = 0.9, 0.5
 """Shares of the cameras that have the whole mesh before them, read in mm and in metres."""
@@ -57,6 +59,8 @@ def unit_doubts(
     if not size > 0:
         return []
     cameras, words = cameras_of(camera), f"the mesh measures {mesh.size_in_words}"
+    if size < UNLIKELY_SIZE:
+        return [f"{words}: check --unit"]
     has_poses = poses is not None and len(poses) > 0
     used = np.unique(poses.camera) if poses is not None and has_poses else range(len(cameras))
     far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)

@@ -295,6 +295,8 @@ class Remedies:
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
                 return f"{words}: {percent(share)} of the zone is covered", entries
+        if not count:
+            return "no position that may hold a camera was found", {}
         return f"none of {count} positions within {in_metres(reach)} covers half of the zone", {}
 
     def _changes(self, name: Nearest | None, row: int, spot: Spot) -> Iterator[Change]:

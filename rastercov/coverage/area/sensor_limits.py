@@ -78,7 +78,8 @@ def unmet_lines(
         head = _Head(judge, seen.mesh, camera, task, gate, placed, *on)
         remedies = list(head.remedies(-(-len(pieces) // 2)))
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
-        lines.append(f"rig {rig}: {words}" + (f": {' or '.join(remedies)}" if remedies else ""))
+        needs = f": half of the area in view needs {' or '.join(remedies)}" if remedies else ""
+        lines.append(f"rig {rig}: {words}{needs}")
     return lines
 
 

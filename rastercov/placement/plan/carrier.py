@@ -71,6 +71,14 @@ class CarriedPoses:
             "wrist_flips": self.flips,
         }
 
+    def hides(self) -> str:
+        """Note where it hides too much of an image."""
+        most = f"{self.lost.max():.2f} percentage points of the area"
+        return (
+            f"the arm hides up to {most} from its camera: check its mount; dead zones leave the "
+            "arm out of reasons and advice"
+        )
+
     def csv(self) -> str:
         """Joint angles in the order of the tour, as `Robot.read_path` reads them."""
         rows = [",".join(map(repr, row)) for row in self.joints[self.order].tolist()]

@@ -103,7 +103,9 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
     rest = [name for name in scored if name not in taken]
     if not rest:
         raise PlanError(
-            plan.name, "goals: expected a group without a goal, got none; leave one out"
+            plan.name,
+            "goals: expected a group without a goal, got none; state the coverage of one as "
+            "selection.coverage instead",
         )
     goals = tuple(
         OwnGoal(

@@ -580,7 +580,10 @@ def _seen_past_arm(placement: Placement, objectives: Objectives, progress: Progr
         found = _placed(prepared, _selected(prepared), objectives, placement.steps)
         found = _by_area(found, objectives)
         best = max(best, found, key=lambda each: each.worth)
-    return best
+    if best.arm is None or not best.arm.is_hidden.any():
+        return best
+    notes = (*best.prepared.notes, best.arm.hides())
+    return replace(best, prepared=replace(best.prepared, notes=notes))
 
 
 def _is_of_reachable(selection: SelectionSection) -> bool:

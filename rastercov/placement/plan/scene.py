@@ -318,12 +318,15 @@ class CandidatePool:
 
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""
-        why = {"why": by_words(self.refused)} if self.refused else {}
+        left = self.candidates
+        is_row = np.char.startswith(left.source, "poses") & (left.index >= 0)
+        rows = {"rows_left": np.unique(left.index[is_row]).tolist()} if is_row.any() else {}
+        why = {"why": by_words(self.refused), **rows} if self.refused else {}
         return {
             "made": self.made,
             "dropped": dict(Counter(each.reason for each in self.refused)),
             **why,
-            "left": self.candidates.counts(),
+            "left": left.counts(),
         }
 
 
