@@ -34,6 +34,7 @@ RETIRED = re.compile(
     r"|no rigid motion|kill a worker|Covered is what|no selection (covers|that)|no other costs"
     r"|cover the same:|falls? short|to hand on|place that has:|keep clear by"
     r"|is of a face|is of light|has no lx"
+    r"|only by it|covered by none|hidden from both sides| s so far"
 )
 """Phrases that no user reads any more; the terms are in docs/conventions.md."""
 

@@ -152,5 +152,5 @@ def camera_keys(image: CameraImage) -> list[Key]:
         colours = scene.setting.occluder, REASONS["occluded"].colour
         keys.append(Key.of("occluder that hides the task", *colours, 4, 4))
     if (scene.face < 0).any():
-        keys.append(Key.of("nothing", scene.setting.background))
+        keys.append(Key.of("background", scene.setting.background))
     return keys

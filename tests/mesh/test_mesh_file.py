@@ -91,7 +91,7 @@ def test_what_is_no_path_is_refused(path):
 def test_unknown_unit_lists_the_known_ones(load):
     for unit in ("yard", "M", "", 0, -1.0, float("nan"), float("inf"), True, None):
         with pytest.raises(
-            MeshError, match="expected unit to be one of m, mm, cm, um, µm, μm, in, inch, ft"
+            MeshError, match="expected unit to be one of m, mm, cm, um, in, inch, ft"
         ):
             load("a.obj", VALID["a.obj"], unit=unit)
     with pytest.raises(MeshError, match="within ±1e\\+30"):

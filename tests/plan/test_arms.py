@@ -374,7 +374,7 @@ REFUSED = {
     "groups": (
         {"bodies": [{"name": "arm", "urdf": "arm.urdf", "groups": ["a"]}]}, "urdf or groups"),
     "base": ({"bodies": [{"name": "arm", "base": {"angle_deg": 1}}]}, "expected urdf with base"),
-    "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "there is no"),
+    "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "which does not exist"),
     "out of reach": (
         {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]},
         "expected candidates, got none"),

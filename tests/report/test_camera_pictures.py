@@ -119,4 +119,4 @@ def test_by_area_a_pixel_of_a_camera_picture_is_judged_by_its_own_point(camera):
     why = set(np.unique(image.surface[rows, columns]).tolist())
     assert why <= {Reason.COVERED, Reason.TOO_COARSE, Reason.TOO_OBLIQUE, Reason.BACK_FACING}
     words = {REASONS[Reason(row).name.lower()].label for row in why}
-    assert {key.name for key in camera_keys(image)} <= words | {"nothing"}
+    assert {key.name for key in camera_keys(image)} <= words | {"background"}

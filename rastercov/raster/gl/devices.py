@@ -215,7 +215,7 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     } | {each.label: [each] for each in hardware + software}
     if found := named.get(wanted):
         return found, missing
-    known = ", ".join(each.label for each in list_devices()) or f"none; {INSTALL_EGL}"
+    known = ", ".join(map(str, list_devices())) or f"none; {INSTALL_EGL}"
     reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
     raise DeviceError(f"expected a device: auto, cpu or {known}, got {shown(device)}{reasons}")
 
