@@ -150,7 +150,126 @@ SCENE = {
     "nodes": [{"camera": 0}],
     "cameras": [{"type": "perspective", "perspective": {"yfov": 1.0, "aspectRatio": 4 / 3}}],
 }
+OPEN3D = {"width": 640, "height": 480, "intrinsic_matrix": [500, 0, 0, 0, 501, 0, 319.5, 239.5, 1]}
+BASALT = {
+    "T_imu_cam": [{"px": 1.0, "py": 2.0, "pz": 3.0, "qx": 0.0, "qy": 0.0, "qz": 0.6, "qw": 0.8}],
+    "intrinsics": [{"camera_type": "ds", "intrinsics": {"fx": 500.0, "fy": 501.0, "cx": 319.5,
+                                                         "cy": 239.5, "xi": -0.2, "alpha": 0.6}}],
+    "resolution": [[640, 480]],
+}  # fmt: skip
+VINS = """%YAML:1.0
+---
+model_type: KANNALA_BRANDT
+camera_name: front
+image_width: 640
+image_height: 480
+projection_parameters: {k2: -0.02, k3: 0.06, k4: -0.03, k5: -0.03, mu: 277.3, mv: 277.4, u0: 308.8,
+                        v0: 247.5}
+"""
+ORB_SLAM = """%YAML:1.0
+---
+Camera.type: "KannalaBrandt8"
+Camera1.fx: 190.9
+Camera1.fy: 190.8
+Camera1.cx: 254.9
+Camera1.cy: 256.8
+Camera1.k1: 0.0034
+Camera2.fx: 190.4
+Camera2.fy: 190.3
+Camera2.cx: 252.5
+Camera2.cy: 255.0
+Camera.width: 512
+Camera.height: 512
+Stereo.T_c1_c2: !!opencv-matrix
+  rows: 4
+  cols: 4
+  dt: f
+  data: [1, 0, 0, 0.1, 0, 1, 0, 0.02, 0, 0, 1, 0, 0, 0, 0, 1]
+ORBextractor.nFeatures: 1500
+"""
+EUROC = """sensor_type: camera
+T_BS: {rows: 4, cols: 4, data: [0, -1, 0, -0.02, 1, 0, 0, -0.06, 0, 0, 1, 0.01, 0, 0, 0, 1]}
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.6, 457.3, 367.2, 248.4]
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28, 0.07, 0.0002, 0.00002]
+"""
+AZURE = {
+    "Intrinsics": {"ModelParameterCount": 14, "ModelType":
+                   "CALIBRATION_LensDistortionModelBrownConrady", "ModelParameters":
+                   [0.5, 0.51, 0.48, 0.64, 0.58, -2.49, 1.36, 0.46, -2.33, 1.3, 0, 0, 1e-4, -2e-4]},
+    "Location": "CALIBRATION_CameraLocationPV0",
+    "MetricRadius": 1.7,
+    "Rt": {"Rotation": [1, 0, 0, 0, 0, -1, 0, 1, 0], "Translation": [-0.032, -0.002, 0.004]},
+    "SensorWidth": 4096,
+    "SensorHeight": 3072,
+}  # fmt: skip
+REALSENSE = """Device info:
+    Name                          : \tIntel RealSense D405
+
+ Intrinsic of "Depth" / 640x480 / {Z16}
+  Width:      \t640
+  Height:     \t480
+  PPX:        \t324.5
+  PPY:        \t233.5
+  Fx:         \t390.25
+  Fy:         \t390.5
+  Distortion: \tBrown Conrady
+  Coeffs:     \t0.1  \t0  \t0.01  \t0  \t0
+  FOV (deg):  \t78.7 x 63.17
+
+ Intrinsic of "Color" / 1280x720 / {YUYV/RGB8}
+  Width:      \t1280
+  Height:     \t720
+  PPX:        \t641.5
+  PPY:        \t369.5
+  Fx:         \t912.75
+  Fy:         \t912.5
+  Distortion: \tInverse Brown Conrady
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+  FOV (deg):  \t70.07 x 43.05
+
+Extrinsic from "Color"\t  To\t  "Depth" :
+ Rotation Matrix:
+   0.999749        -0.021599        -0.00590855
+"""
+ZIVID = """__version__: {serializer: 1, data: 2}
+CameraIntrinsics:
+  CameraMatrix: {CX: 957.25, CY: 594.5, FX: 2765.0, FY: 2767.0}
+  Distortion: {K1: -0.27, K2: 0.12, K3: -0.03, P1: 0.0001, P2: -0.0002}
+"""
+PIX4D = """fileName imageWidth imageHeight
+camera matrix K [3x3]
+radial distortion [3x1]
+tangential distortion [2x1]
+camera position t [3x1]
+camera rotation R [3x3]
+camera model m = K [R|-Rt] X
+
+DJI 0954.JPG 4608 3456
+3952.5 0 2233.25
+0 3953.5 1667.75
+0 0 1
+0.038 -0.017 0.02
+0.0024 0.0029
+21.5 -29.5 30.75
+0 -1 0
+-1 0 0
+0 0 -1
+"""
+LLFF = np.array([[0, 1, 0, 4, 480, 0, 0, -1, 5, 640, -1, 0, 0, 6, 500, 0.5, 9]], np.float64)
 TEXTS = {
+    "azure": ("azure.json", json.dumps({"CalibrationInformation": {"Cameras": [AZURE]}})),
+    "realsense": ("realsense.txt", REALSENSE),
+    "zivid": ("zivid.yml", ZIVID),
+    "pix4d": ("p_calibrated_camera_parameters.txt", PIX4D),
+    "open3d": ("open3d.json", json.dumps(OPEN3D)),
+    "basalt": ("basalt.json", json.dumps({"value0": BASALT})),
+    "camodocal": ("vins.yaml", VINS),
+    "orbslam": ("orb.yaml", ORB_SLAM),
+    "euroc": ("sensor.yaml", EUROC),
+    "tum": ("tum.txt", "# time tx ty tz qx qy qz qw\n1.5 1 2 3 0 0 0.6 0.8\n2 1 2 3 0 0 0 1\n"),
     "kalibr": ("k.yaml", KALIBR),
     "metashape": ("m.xml", METASHAPE),
     "opensfm": ("o.json", json.dumps(OPENSFM)),
@@ -188,7 +307,8 @@ def good_files(folder):
     write_views(folder / "binary", two_views(), format="colmap")
     for name, text in TEXTS.values():
         (folder / name).write_text(text)
-    files = {form: folder / name for form, name in written.items()}
+    np.save(folder / "poses_bounds.npy", LLFF)
+    files = {form: folder / name for form, name in (written | {"llff": "poses_bounds.npy"}).items()}
     files |= {form: folder / name for form, (name, _) in TEXTS.items()}
     for part in ("cameras", "images"):
         files[f"text {part}"] = folder / "text" / f"{part}.txt"

@@ -22,16 +22,27 @@ from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
+    azure,
+    basalt,
     bundler,
+    camodocal,
     colmap,
+    euroc,
     gltf,
     kalibr,
+    llff,
     metashape,
+    open3d,
     opencv,
     opensfm,
+    orbslam,
     own,
+    pix4d,
+    realsense,
     ros,
     transforms,
+    tum,
+    zivid,
 )
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
@@ -44,10 +55,10 @@ Reader = Callable[[Source, Border], Views]
 
 
 def _own(source: Source, border: Border) -> Views:
-    if source.path.suffix.lower() == ".npy":
+    suffix = source.path.suffix.lower()
+    if suffix == ".npy" or (suffix == ".json" and isinstance(source.json, list)):
         return own.of_matrices(read_poses(source.path), border)
-    is_toml = source.path.suffix.lower() == ".toml"
-    content = source.toml if is_toml else source.json
+    content = source.toml if suffix == ".toml" else source.json
     if isinstance(content, Mapping) and "file" in content:
         return read_with_optics(source.path.parent, content, border)
     if isinstance(content, list):  # bare matrices, as a script writes them
@@ -86,10 +97,21 @@ READERS: Mapping[str, Reader] = {
     "colmap": lambda source, border: colmap.read(source.path, border),
     "nerfstudio": transforms.read,
     "opencv": opencv.read_source,
-    "ros": lambda source, border: ros.read(source.yaml, border),
-    "kalibr": lambda source, border: kalibr.read(source.yaml, border),
+    "ros": ros.read,
+    "kalibr": kalibr.read,
+    "euroc": euroc.read,
+    "camodocal": camodocal.read,
+    "orbslam": orbslam.read,
+    "basalt": basalt.read,
+    "open3d": open3d.read,
+    "azure": azure.read,
+    "realsense": realsense.read,
+    "zivid": zivid.read,
+    "llff": llff.read,
+    "pix4d": pix4d.read,
+    "tum": tum.read,
     "metashape": lambda source, border: metashape.read(source.xml, border),
-    "opensfm": lambda source, border: opensfm.read(source.json, border),
+    "opensfm": opensfm.read,
     "bundler": lambda source, border: bundler.read_bundler(source.text, border),
     "bal": lambda source, border: bundler.read_bal(source.text, border),
     "gltf": gltf.read,
@@ -101,11 +123,25 @@ TABLES: Mapping[str, Any] = {
     "opensfm": opensfm,
     "gltf": gltf,
     "kalibr": kalibr,
+    "euroc": euroc,
+    "camodocal": camodocal,
+    "orbslam": orbslam,
+    "basalt": basalt,
+    "open3d": open3d,
+    "azure": azure,
+    "realsense": realsense,
+    "zivid": zivid,
     "ros": ros,
     "opencv": opencv,
     "rastercov": own,
 }
 """Formats of JSON and YAML, each recognised by `is_mine`, in this order."""
+NAMED = {
+    "sfm_data_version": ("OpenMVG", "convert it with openMVG_main_openMVG2Colmap"),
+    "featuresFolders": ("Meshroom", "export it with its node ExportColmap"),
+    "features": ("ODM", "name opensfm/reconstruction.json of the project"),
+}
+"""Programs whose files are not read, and what to do instead, by an entry of the files."""
 WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
 """Formats that are written."""
 BY_SUFFIX = dict.fromkeys((".json", ".npy", ".toml"), "rastercov") | {
@@ -120,7 +156,11 @@ OF_ONE_CAMERA = ("opencv", "ros")
 """Formats that hold one camera and no pose."""
 PARTS_OF_COLMAP = ("images", "rigs", "frames", "points3D")
 """Files of a model beside its cameras; the whole model is read where one is named."""
-IN_FOLDERS = {"transforms.json": "nerfstudio", "reconstruction.json": "opensfm"}
+IN_FOLDERS = {
+    "transforms.json": "nerfstudio",
+    "reconstruction.json": "opensfm",
+    llff.NAME: "llff",
+}
 """Files by which a folder of a project is recognised."""
 
 
@@ -213,6 +253,8 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
             f"expected cameras, got a project of {PROJECTS[suffix]}; export cameras as COLMAP, "
             "Bundler or XML"
         )
+    if path.name == llff.NAME:
+        return path, "llff"
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
         return path, "gltf" if suffix.startswith(".gl") else "rastercov"
     if stem == "cameras" and suffix in (".bin", ".txt"):
@@ -239,12 +281,17 @@ def _of_content(source: Source) -> str:
     suffix = source.path.suffix.lower()
     if source.is_xml:
         return "metashape" if metashape.is_mine(source.xml) else "opencv"
-    is_json = suffix == ".json" or start.startswith(b"{")
-    if is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
-        return _of_table(source.json if is_json else source.yaml, is_json=is_json)
+    if source.is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
+        return _of_table(source.table, is_json=source.is_json)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
-    for name, is_mine in (("mvsnet", bundler.is_mvsnet), ("bal", bundler.is_bal)):
+    for name, is_mine in (
+        ("mvsnet", bundler.is_mvsnet),
+        ("bal", bundler.is_bal),
+        ("pix4d", pix4d.is_mine),
+        ("realsense", realsense.is_mine),
+        ("tum", tum.is_mine),
+    ):
         if is_mine(source.text):
             return name
     raise CameraError(
@@ -257,6 +304,9 @@ def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
+    for entry, (program, way) in NAMED.items():
+        if isinstance(content, Mapping) and entry in content:
+            raise CameraError(f"expected a format that is read, got a file of {program}; {way}")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
     return "opencv" if has_lists or not is_json else "rastercov"
