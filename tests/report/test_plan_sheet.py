@@ -1,5 +1,6 @@
 """Plan sheets: to scale, bands by density, lines of sight by rays, and files that read back."""
 
+import datetime
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,6 +20,7 @@ from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.densities import LEVELS
 from rastercov.mesh import shapes
 from rastercov.mesh.sections import section, solid
+from rastercov.placement.plan.sections import SheetSection
 from rastercov.report.plan_geometry import (
     distances_to_walls,
     is_foliage,
@@ -409,3 +411,10 @@ def test_labels_keep_clear_of_each_other_in_the_drawing(capsys, tmp_path, monkey
     if len(at) <= 40:
         apart = abs(at[:, None] - at)[np.triu_indices(len(at), 1)]
         assert ((apart[:, 0] > 14) | (apart[:, 1] > 6.2)).all()
+
+
+def test_title_blocks_have_the_date_of_today_unless_it_is_given():
+    today = datetime.date.today().isoformat()
+    assert SheetSection(customer="M").words(plan="p.toml")["date"] == today
+    assert SheetSection(customer="M", date="May").words()["date"] == "May"
+    assert SheetSection().words(plan="p.toml") == {"plan": "p.toml"}

@@ -12,6 +12,7 @@ Sections on cameras are the one camera, types of cameras with costs, and rigs. E
 entry names a generator of `pool`, `mounting` or `cavities` and holds its arguments.
 """
 
+import datetime
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -810,13 +811,15 @@ class SheetSection(Entry):
     revision: Name | None = None
     """Revision of the drawing."""
     date: Name | None = None
-    """Date of the drawing."""
+    """Date of the drawing; today unless given."""
     north: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Direction of the north, degrees counter-clockwise from +x."""
 
     def words(self, **more: str) -> dict[str, str]:
-        """Entries of a title block that are given, and more, such as the plan."""
-        return self.model_dump(exclude={"north"}, exclude_none=True) | more
+        """Entries of a title block that are given, with a date; and more, such as the plan."""
+        own = self.model_dump(exclude={"north"}, exclude_none=True)
+        dated = {"date": self.date or datetime.date.today().isoformat()} if own else {}
+        return own | dated | more
 
 
 class PlanModel(Entry):
