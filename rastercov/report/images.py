@@ -449,9 +449,11 @@ def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> V
     is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
     part, key = mesh, rows.tobytes()
     if is_part:
-        if _PARTS.get(mesh, (b"",))[0] != key:
-            _PARTS[mesh] = key, Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
-        part = _PARTS[mesh][1]
+        found = _PARTS.get(mesh)  # taken once: another thread may put a part of its own there
+        if found is None or found[0] != key:
+            found = key, Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
+            _PARTS[mesh] = found
+        part = found[1]
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
     if not is_part:
