@@ -238,6 +238,13 @@ def test_a_lamp_with_planes_is_lit_but_has_no_limits_of_illuminance(tmp_path):
     assert in_regions(found, 0, points, face).all()
     with pytest.raises(rc.ConfigError, match="same around its axis for limits of illuminance"):
         rc.regions(floor, camera, eye, rc.Task(min_illuminance=1), lamps=lamps)
+    sensor = rc.Exposure(
+        exposure_time=0.01, f_number=4, pixel_size=3.45e-6, quantum_efficiency=0.65,
+        full_well=10_500, dark_noise=2.5, min_snr=20, max_saturation=0.9,
+    )  # fmt: skip
+    exposed = rc.Lamps(lamps.lamps, lamps.places, exposure=sensor)
+    with pytest.raises(rc.ConfigError, match="same around its axis for limits of illuminance"):
+        rc.regions(floor, camera, eye, lamps=exposed)
 
 
 def test_files_of_luminaires_that_cannot_be_used_are_one_line(tmp_path):

@@ -128,6 +128,7 @@ class Light:
         find: Callable[[Poses], Regions],
         finder: Finder | None = None,
     ) -> None:
+        _check_planes(task, lamps)
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
         self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
@@ -330,17 +331,22 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)
+    _check_planes(task, lamps)
+    if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
+        raise ConfigError(
+            f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
+            f"{task.max_illuminance:g}; increase it, or nothing is covered"
+        )
+
+
+def _check_planes(task: Task, lamps: Lamps) -> None:
+    """Raise ConfigError for limits of illuminance of lamps with planes, which are not cut."""
     for lamp, name in zip(lamps.lamps, lamps.names, strict=True):
         if lamp.planes and (task.min_illuminance > 0 or task.max_illuminance is not None):
             raise ConfigError(
                 f"expected a lamp that is the same around its axis for limits of illuminance, got "
                 f"{shown(name)}; leave them out, and read the map of illuminance"
             )
-    if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
-        raise ConfigError(
-            f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
-            f"{task.max_illuminance:g}; increase it, or nothing is covered"
-        )
 
 
 def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, reason: int) -> str:
