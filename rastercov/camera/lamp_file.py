@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import is_one_of, pair, shown
+from rastercov.base.checks import is_one_of, number, pair, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
 from rastercov.base.files import (
     StrPath,
@@ -24,13 +24,14 @@ from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, read_lights
 from rastercov.camera.lamps import SIZES, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.camera.light_units import check_unit, illuminance
+from rastercov.camera.luminaire_files import READERS
 from rastercov.camera.viewpoints import look_at
 
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""
 ENTRIES = (
     *("kind", "intensity_cd", "power_w_sr", "half_angle_deg", "exponent", "size", "points"),
-    *("share", "ies", "position", "positions", "aim", "rig"),
+    *("share", "ies", "position", "positions", "aim", "spin_deg", "rig"),
 )
 """Entries of a lamp in a file."""
 
@@ -64,6 +65,11 @@ def load_lamps(path: StrPath) -> Lamps:
     try:
         if suffix_of(path) in (".glb", ".gltf"):
             return _of_lights(read_lights(file_bytes(path, LARGEST_SCENE)))
+        if suffix_of(path) in READERS:
+            raise CameraError(
+                "expected a file of lamps with their places, got a luminaire; name it in a .toml: "
+                'ies = "FILE"'
+            )
         if suffix_of(path) == ".json":
             return lamps_of_json(read_json(path))
         return lamps_of(read_toml(path), Path(path).parent)
@@ -91,8 +97,9 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     """Lamps of the content of a file: `ambient`, `exposure`, and `lamps`, tables by name.
 
     Files of `ies` are relative to `folder`. A lamp has `ENTRIES`: `position` or `positions`, a lamp
-    each; `aim`, a point that it looks at, in place of the direction down; `rig = true` where it
-    rides on the rig of the cameras, looking along the z axis of the rig unless aimed.
+    each; `aim`, a point that it looks at, in place of the direction down; `spin_deg`, its rotation
+    about its axis, counterclockwise seen from behind it; `rig = true` where it rides on the rig of
+    the cameras, looking along the z axis of the rig unless aimed.
     """
     if set(entries) - {"ambient", "lamps", "exposure"} or not isinstance(
         entries.get("lamps"), Mapping
@@ -104,10 +111,10 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     lamps, places, names, rides = [], [], [], []
     for name, own in entries["lamps"].items():
         with errors_as(CameraError, f"lamp {shown(name)}", (CameraError, PoseError)):
-            lamp, positions, on_rig = _read(own, folder)
+            of_name, positions, on_rig = _read(own, folder)
         several = len(positions) > 1
         names += [f"{name} {row}" if several else name for row in range(len(positions))]
-        lamps += [lamp] * len(positions)
+        lamps += of_name
         places += list(positions)
         rides += [on_rig] * len(positions)
     ambient = entries.get("ambient", 0.0)
@@ -133,12 +140,14 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     return Lamps(lamps, matrices, names, rides=rides, ambient=ambient, exposure=exposure)
 
 
-def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
-    """Lamp of the entries of a file in a folder, `ENTRIES`; its place is not looked at."""
+def lamp_of(
+    entries: Mapping[str, Any], folder: Path = Path(), tilt_deg: float | None = 0.0
+) -> Lamp:
+    """Lamp of the entries of a file in a folder, `ENTRIES`; of its place only the tilt counts."""
     if "ies" in entries:
         if others := sorted(set(entries) & set(ENTRIES[:7])):
             raise CameraError(f"expected ies or {', '.join(others)}, got both; remove one")
-        return Lamp.from_ies(folder / str(entries["ies"]))
+        return Lamp.from_ies(folder / str(entries["ies"]), tilt_deg)
     kind = entries.get("kind", "point")
     names = ("half_angle_deg", "exponent", "share", "points")
     own = {name: entries[name] for name in names if name in entries}
@@ -156,8 +165,8 @@ def lamp_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamp:
     return getattr(Lamp, kind)(*(sides if kind == "area" else sides[:1]), **own)
 
 
-def _read(entries: object, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
-    """Lamp of its entries, its places and whether it rides on the rig."""
+def _read(entries: object, folder: Path) -> tuple[list[Lamp], FloatArray, bool | str]:
+    """Lamps of entries, one for each place, these, and whether they ride on the rig."""
     if not isinstance(entries, Mapping) or (unknown := sorted(set(entries) - set(ENTRIES))):
         raise CameraError(
             f"expected entries of a lamp, {', '.join(ENTRIES)}, got "
@@ -182,11 +191,19 @@ def _read(entries: object, folder: Path) -> tuple[Lamp, FloatArray, bool | str]:
         raise CameraError(
             f"expected position to be [x, y, z] in metres, got {shown(points)}"
         ) from None
-    lamp = lamp_of(entries, folder)
     if "aim" in entries:
-        return lamp, look_at(at, entries["aim"]), on_rig
-    down = np.array([0.0, 0.0, 1.0 if on_rig else -1.0])
-    return lamp, look_at(at, at + down, (0.0, -1.0 if on_rig else 1.0, 0.0)), on_rig
+        places = look_at(at, entries["aim"])
+    else:
+        down = np.array([0.0, 0.0, 1.0 if on_rig else -1.0])
+        places = look_at(at, at + down, (0.0, -1.0 if on_rig else 1.0, 0.0))
+    tilts = np.degrees(np.arccos(np.clip(-places[:, 2, 2], -1, 1))).tolist()
+    by_tilt = {tilt: lamp_of(entries, folder, None if on_rig else tilt) for tilt in set(tilts)}
+    spin = np.radians(number("spin_deg", entries.get("spin_deg", 0.0)))
+    if spin:
+        turned = np.eye(4)
+        turned[:2, :2] = [[np.cos(spin), np.sin(spin)], [-np.sin(spin), np.cos(spin)]]
+        places = places @ turned
+    return [by_tilt[tilt] for tilt in tilts], places, on_rig
 
 
 def _illuminance(text: str, unit: str) -> float:

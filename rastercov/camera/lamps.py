@@ -4,7 +4,7 @@ A point lamp sees all around; a spot sees a cone. What a lamp reaches is what it
 same regions as of cameras. A lamp looks along the z axis of its frame.
 
 Intensity of a point at an angle t from its axis: I(t) = I / n cos^m t, I that of the lamp on its
-axis, m its exponent; or that of a table (`rastercov.camera.photometry`).
+axis, m its exponent; or that of a luminaire (`rastercov.camera.photometry`).
 """
 
 import math
@@ -26,14 +26,17 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera, field_angle
 from rastercov.camera.exposure import Exposure
 from rastercov.camera.gltf_lights import Light, scene_of
+from rastercov.camera.luminaire_files import read_luminaire
 from rastercov.camera.photometry import (
     ASCEND,
     LARGEST_NUMBER,
+    WEBS,
+    Planes,
     Profile,
     are_angles,
-    read_ies,
-    share_at,
-    table_of,
+    are_planes,
+    shares_of,
+    shares_of_planes,
 )
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import fibonacci_sphere, look_at
@@ -89,7 +92,12 @@ class Lamp:
         Share of the points of the lamp that a lit surface point must see, (0, 1].
     profile : sequence of (float, float)
         Angles from the axis, degrees, ascending from 0, and the intensity there relative to that on
-        the axis or the largest, in place of the exponent; see `from_ies`.
+        the axis or the largest, in place of the exponent, linear in between; see `from_ies`.
+    planes : sequence of sequences of float
+        Angles around the axis, degrees, ascending over 360, each with the intensities at the angles
+        of the profile, relative to the same, of a lamp that is not the same around its axis.
+    web : str
+        Frame of these angles, a key of `rastercov.camera.photometry.WEBS`.
 
     Raises
     ------
@@ -116,6 +124,8 @@ class Lamp:
     points: int = 1
     share: float = 0.5
     profile: Profile = ()
+    planes: Planes = ()
+    web: str = "C"
 
     def __post_init__(self) -> None:
         if not is_one_of(self.kind, KINDS):
@@ -165,13 +175,25 @@ class Lamp:
         self.__dict__.update(size=(width, height), profile=_checked(self.profile))
         if self.profile and self.exponent:
             raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
+        self.__dict__["planes"] = _checked_planes(self.planes, len(self.profile))
+        if not is_one_of(self.web, WEBS) or (self.web == "B" and not self.planes):
+            raise CameraError(
+                f"expected web of a lamp to be {', '.join(WEBS)}, B with planes, got "
+                f"{shown(self.web)}"
+            )
 
     @classmethod
-    def from_ies(cls, path: StrPath) -> "Lamp":
-        """Lamp of one point with the intensities of an IES LM-63 file, the same around its axis."""
-        intensity, profile = read_ies(path)
-        last = profile[-1][0]
-        return cls(kind="spot", intensity=intensity, half_angle_deg=last, profile=profile)
+    def from_ies(cls, path: StrPath, tilt_deg: float | None = 0.0) -> "Lamp":
+        """Lamp of one point with the intensities of an IES LM-63 or EULUMDAT (.ldt) file.
+
+        `tilt_deg` is its angle from straight down, for a file with light by tilt; None where it is
+        not known, which these refuse.
+        """
+        found = read_luminaire(path)
+        own = found._asdict()
+        tilt = finite_number(tilt_deg) if tilt_deg is not None else None
+        del own["tilt"]
+        return cls(kind="spot", **own | {"intensity": found.intensity * found.tilted(tilt)})
 
     @classmethod
     def point(cls, intensity: float | None = None, power_w_sr: float | None = None) -> "Lamp":
@@ -330,6 +352,8 @@ class Lamp:
             x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
             places[:, 0, 3] = (x.ravel() / columns - 0.5) * width
             places[:, 1, 3] = (y.ravel() / rows - 0.5) * height
+        if self.web == "up":
+            places[:, :3, 1:3] *= -1
         return places
 
     @property
@@ -352,7 +376,8 @@ class Lamp:
         """Arguments of the constructor that differ from its defaults, ready for JSON."""
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         own = {each.name: own[each.name] for each in fields(self) if own[each.name] != each.default}
-        return own | {name: list(own[name]) for name in ("size", "profile") if name in own}
+        arrays = ("size", "profile", "planes")
+        return own | {name: list(own[name]) for name in arrays if name in own}
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -551,10 +576,16 @@ def points_of(lamps: Lamps, chosen: BoolArray, world: FloatArray | None = None) 
     return Poses.of(places, camera=lamp)
 
 
-def intensities_of(lamp: Lamp, cosine: FloatArray) -> FloatArray:
-    """Intensities of a point of a lamp at angles from its axis, by their cosines, in its unit."""
+def intensities_of(lamp: Lamp, cosine: FloatArray, rays: FloatArray) -> FloatArray:
+    """Intensities of a point of a lamp along rays, (N, 3) in its frame, in its unit.
+
+    `cosine` is that of their angles to its axis, which is enough for lamps without planes.
+    """
+    if lamp.planes:
+        shares = shares_of_planes(lamp.profile, lamp.planes, lamp.web, rays)
+        return lamp.intensity_of_point * shares
     if lamp.profile:
-        return lamp.intensity_of_point * share_at(table_of(lamp.profile), cosine)
+        return lamp.intensity_of_point * shares_of(lamp.profile, cosine)
     if lamp.exponent == 0:
         return np.full(cosine.shape, lamp.intensity_of_point)
     return lamp.intensity_of_point * np.maximum(cosine, 0.0) ** lamp.exponent
@@ -586,8 +617,9 @@ def illuminances(
         d = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
         cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)
         height = np.abs(np.einsum("ni,ni->n", away, normals))
+        intensity = intensities_of(lamps.lamps[row], cosine, -(away @ pose[:3, :3]))
         with np.errstate(over="ignore"):
-            found += np.where(own, intensities_of(lamps.lamps[row], cosine) * height / d**3, 0.0)
+            found += np.where(own, intensity * height / d**3, 0.0)
     return found
 
 
@@ -614,4 +646,23 @@ def _checked(profile: object) -> Profile:
     ):
         wanted = f"shares of 0 to {LARGEST_NUMBER:g}, of angles that {ASCEND}"
         raise CameraError(f"expected profile to have {wanted}, got others; correct it")
+    return found
+
+
+def _checked_planes(planes: object, n_angles: int) -> Planes:
+    """Planes as numbers."""
+    words = "an angle and shares each"
+    rows = members("planes", planes, (tuple, list), words, CameraError)
+    found = tuple(
+        tuple(
+            number("share of a plane", each)
+            for each in members("plane", row, object, words, CameraError)
+        )
+        for row in rows
+    )
+    if found and not are_planes(found, n_angles):
+        raise CameraError(
+            "expected planes to be angles that ascend over 360 degrees, with a share of 0 to "
+            f"{LARGEST_NUMBER:g} for each angle of the profile, got others; correct them"
+        )
     return found

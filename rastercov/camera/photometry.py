@@ -1,108 +1,43 @@
-"""Intensities of luminaires by the angle from their axis, of IES files.
+"""Intensities of luminaires by direction: shares of the largest at the angles of a web.
 
-IES LM-63: IES Standard File Format for the Electronic Transfer of Photometric Data. 2019. Type C
-with TILT=NONE; vertical angle 0 is along the axis of the lamp, which points down where it hangs. A
-luminaire that is not the same around its axis is refused, since a profile is of one angle.
+A web is a grid of angles from its pole and around it; shares are linear in both between them, as in
+lighting programs. A profile is of one angle, the same all around. The engine takes the profile as
+cubics in the cosine, within `TABLE_TOLERANCE` of it.
 """
 
-import re
+from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 
 Profile = tuple[tuple[float, float], ...]
 """Angles from the axis, degrees, ascending from 0, and intensities relative to the largest."""
+Planes = tuple[tuple[float, ...], ...]
+"""Angle around the axis of each plane, degrees, ascending over 360, then shares at the angles of a
+profile; the first and last plane coincide."""
 
-LARGEST_IES = 1 << 20
-"""Bytes of a file."""
 LARGEST_NUMBER = 1e12
 """Of a file; products and sums of them are finite."""
 LEAST_STEP = 1e-3
 """Degrees between angles of a profile, whose cosines then differ."""
 ASCEND = f"ascend from 0 to 180 at most, each {LEAST_STEP:g} degrees or more above the last"
-MOST_AROUND = 0.1
-"""Difference of intensities around the axis, relative to the largest, that is averaged."""
-_NUMBER = re.compile(r"[\s,]+")
+TABLE_TOLERANCE = 1e-6
+"""Of shares of a table, relative to the largest; more only within 1e-5 degrees of a pole where
+these change by more than the largest in a degree."""
+LEAST_WIDTH = 4e-15
+"""Cosines between knots of a table that are not divided."""
+WEBS = {
+    "C": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+    "up": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "B": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+}
+"""Directions of 0 and 90 degrees around a web, and of its pole, in the frame of a point of a lamp.
 
-
-def read_ies(path: StrPath) -> tuple[float, Profile]:
-    """Largest intensity, cd, and profile of an IES file; CameraError for one that has none."""
-    with errors_as(CameraError, printable(str(path)), (UnreadableError, CameraError)):
-        text = file_bytes(path, LARGEST_IES).decode("latin-1")
-        return _profile(text)
-
-
-def _profile(text: str) -> tuple[float, Profile]:
-    head, tilt, body = text.partition("TILT=")
-    kind, _, numbers = body.partition("\n")
-    if not tilt or not head.lstrip().upper().startswith("IES"):
-        raise CameraError(
-            "expected an IES LM-63 file, with IES at its start and a line TILT=, got another file; "
-            "name one"
-        )
-    if kind.strip().upper() != "NONE":
-        raise CameraError(
-            f"expected TILT=NONE, got TILT={printable(kind.strip()[:20])}; export it without tilt"
-        )
-    try:
-        values = np.array([float(each) for each in _NUMBER.split(numbers.strip()) if each])
-        values[~(np.abs(values) <= LARGEST_NUMBER)] = np.nan  # which no whole number is
-        n_down, n_around, type_c = (int(values[at]) for at in (3, 4, 5))
-        factor = float(values[2] * values[10])
-        down, around = values[13 : 13 + n_down], values[13 + n_down : 13 + n_down + n_around]
-        candela = values[13 + n_down + n_around :].reshape(n_around, n_down)
-    except (ValueError, IndexError):
-        raise CameraError(
-            "expected as many numbers as declared, got fewer, or words; the file is damaged"
-        ) from None
-    if type_c != 1:
-        raise CameraError(f"expected photometric type C (1), got {type_c}; export it as type C")
-    if not are_angles(down):
-        raise CameraError(f"expected vertical angles that {ASCEND}, got others; correct the file")
-    weights = _weights(around)
-    if not (candela >= 0).all() or not factor > 0:
-        raise CameraError(
-            f"expected intensities of 0 or more, within {LARGEST_NUMBER:g}, got others; correct "
-            "the file"
-        )
-    largest = float(candela.max())
-    if not largest > 0:
-        raise CameraError("expected intensities above zero, got all zero; correct the file")
-    differs = float(np.ptp(candela, axis=0).max()) / largest
-    if differs > MOST_AROUND:
-        raise CameraError(
-            f"expected an intensity that varies by at most {100 * MOST_AROUND:.0f} % around its "
-            f"axis, got {100 * differs:.0f} %; use a lamp with size instead"
-        )
-    mean = weights @ candela
-    share = mean / mean.max()
-    return factor * float(mean.max()), tuple(zip(down.tolist(), share.tolist(), strict=True))
-
-
-def _weights(around: FloatArray) -> FloatArray:
-    """(N,) shares of planes at horizontal angles, degrees, in the mean around the axis.
-
-    The trapezoidal rule, so that the planes at both ends, which are of a mirror or the same one,
-    count half. A circle may leave out its end; CameraError for angles that are none of type C.
-    """
-    if len(around) == 1:
-        return np.ones(1)
-    gaps = np.diff(around)
-    span = float(around[-1] - around[0])
-    rest = 360 - span
-    if np.isclose(span, (90, 180, 360), rtol=0, atol=LEAST_STEP).any():
-        gaps = np.r_[0.0, gaps, 0.0]
-    elif rest <= gaps.max() + LEAST_STEP:
-        gaps = np.r_[rest, gaps, rest]
-    if len(gaps) <= len(around) or not (np.diff(around) >= LEAST_STEP).all():
-        raise CameraError(
-            "expected horizontal angles that ascend over 90, 180 or 360 degrees, each by "
-            f"{LEAST_STEP:g} degrees or more, got others; correct the file"
-        )
-    return (gaps[1:] + gaps[:-1]) / (gaps[1:] + gaps[:-1]).sum()
+C: planes counterclockwise seen from above where the lamp hangs, whose frame is clockwise. up: those
+of one that shines upwards, whose points look up. B: V + 90 from the pole, which is below, and H to
+the right of one that looks along H = V = 0.
+"""
 
 
 def are_angles(degrees: FloatArray) -> bool:
@@ -111,35 +46,97 @@ def are_angles(degrees: FloatArray) -> bool:
     return bool(is_ascending and degrees[0] == 0 and degrees[-1] <= 180)
 
 
+def are_planes(planes: Planes, n_angles: int) -> bool:
+    """True for planes of a profile of that many angles."""
+    if {len(plane) for plane in planes} != {n_angles + 1} or len(planes) < 2:
+        return False
+    around, shares = np.array(planes)[:, 0], np.array(planes)[:, 1:]
+    is_circle = (np.diff(around) >= LEAST_STEP / 2).all() and abs(np.ptp(around) - 360) < 1e-9
+    return bool(is_circle and ((shares >= 0) & (shares <= LARGEST_NUMBER)).all())
+
+
+def shares_of(profile: Profile, cosine: FloatArray) -> FloatArray:
+    """(N,) shares of a profile at angles from the axis by their cosines, linear in the angle."""
+    angle, share = np.array(profile, np.float64).T
+    return np.interp(np.degrees(np.arccos(cosine)), angle, share)
+
+
+def shares_of_planes(profile: Profile, planes: Planes, web: str, rays: FloatArray) -> FloatArray:
+    """(N,) shares along rays, (N, 3) in the frame of a point, linear in both angles."""
+    grid, angle = np.array(planes), np.array(profile)[:, 0]
+    around, grid = grid[:, 0], grid[:, 1:]
+    along_0, along_90, along_pole = np.array(WEBS[web]) @ rays.T
+    from_pole = np.degrees(np.arctan2(np.hypot(along_0, along_90), along_pole))
+    turn = around[0] + (np.degrees(np.arctan2(along_90, along_0)) - around[0]) % 360
+    i, u = _between(around, turn)
+    j, v = _between(angle, from_pole)
+    low = (1 - v) * grid[i, j] + v * grid[i, j + 1]
+    high = (1 - v) * grid[i + 1, j] + v * grid[i + 1, j + 1]
+    return np.asarray((1 - u) * low + u * high)
+
+
+def _between(knots: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Interval of knots that each value is in, and its place there, 0 to 1."""
+    row = np.clip(np.searchsorted(knots, at, "right") - 1, 0, len(knots) - 2)
+    return row, np.clip((at - knots[row]) / (knots[row + 1] - knots[row]), 0.0, 1.0)
+
+
+@lru_cache(maxsize=64)
 def table_of(profile: Profile) -> FloatArray:
     """(K, 4) rows of a profile by ascending cosine: cosine, share, and slope before and after.
 
-    Monotone cubics between, so that no share is negative. F. N. Fritsch, R. E. Carlson. Monotone
-    Piecewise Cubic Interpolation. 1980; slopes are harmonic means. Beyond the last angle the share
-    stays, and the cone of the lamp cuts it.
+    Cubics between knots with the shares and slopes of the profile, so dense that they are within
+    `TABLE_TOLERANCE` of what is linear in the angle. The slope by the cosine is infinite at the
+    poles, where it is a secant's. Beyond the last angle the share stays, and the cone of the lamp
+    cuts it.
     """
-    angle, share = np.array(profile, np.float64).T[:, ::-1]
-    cosine = np.cos(np.radians(angle))
-    cosine[-1] = 1.0
-    if cosine[0] > -1:
-        cosine, share = np.concatenate([[-1.0], cosine]), np.concatenate([share[:1], share])
-    secant = np.diff(share) / np.diff(cosine)
-    slope = np.zeros(len(share))
-    product = secant[1:] * secant[:-1]
-    rises = product > 0
-    total = np.where(rises, secant[1:] + secant[:-1], 1.0)
-    slope[1:-1] = np.where(rises, 2 * product / total, 0.0)
-    slope[0], slope[-1] = secant[0], secant[-1]
-    return np.stack([cosine, share, slope, slope], axis=1)
+    angle, share = np.array(profile, np.float64).T
+    angle = np.radians(angle)
+    if angle[-1] < np.pi:
+        angle, share = np.append(angle, np.pi), np.append(share, share[-1])
+    slope = np.diff(share) / np.diff(angle)
+    tolerance = TABLE_TOLERANCE * max(float(share.max()), np.finfo(float).tiny)
+    low, high, row = angle[:-1], angle[1:], np.arange(len(slope))
+    done = []
+    while len(low):  # halves, some twenty times at a pole
+        is_close = np.abs(slope[row]) * _error(low, high) <= tolerance
+        is_close |= np.cos(low) - np.cos(high) < LEAST_WIDTH
+        done.append((low[is_close], high[is_close], row[is_close]))
+        low, high, row = (each[~is_close] for each in (low, high, row))
+        middle = (low + high) / 2
+        low, high, row = np.r_[low, middle], np.r_[middle, high], np.r_[row, row]
+    low, high, row = (np.concatenate(each) for each in zip(*done, strict=True))
+    order = np.argsort(-low)  # by ascending cosine
+    low, high, row = low[order], high[order], row[order]
+    before, after = _slopes(low, high)  # at `high`, and at `low`
+    value = share[row] + slope[row] * (high - angle[row])
+    cosine = np.append(np.cos(high), 1.0)
+    cosine[0] = -1.0
+    at_start = np.append(slope[row] * before, slope[row[-1]] * after[-1])
+    at_end = np.insert(slope[row] * after, 0, slope[row[0]] * before[0])
+    found = np.stack([cosine, np.append(value, share[0]), at_end, at_start], axis=1)
+    found.setflags(write=False)
+    return found
 
 
-def share_at(table: FloatArray, cosine: FloatArray) -> FloatArray:
-    """Shares of a `table_of` at cosines."""
-    at = np.clip(np.searchsorted(table[:, 0], cosine, "right") - 1, 0, len(table) - 2)
-    low, high = table[at], table[at + 1]
-    width = high[..., 0] - low[..., 0]
-    t = np.clip((cosine - low[..., 0]) / width, 0.0, 1.0)
+def _slopes(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes of angles by their cosines at the high and low ends; at a pole of secants."""
+    secant = (low - high) / (np.cos(low) - np.cos(high))
+    sine_high, sine_low = np.sin(high), np.sin(low)
+    with np.errstate(divide="ignore"):
+        at_high = np.where(high < np.pi, -1 / sine_high, secant)
+        at_low = np.where(low > 0, -1 / sine_low, secant)
+    return at_high, at_low
+
+
+def _error(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Greatest difference of cubics of angles by their cosines from the angles, radians."""
+    first, last = np.cos(high), np.cos(low)
+    width = (last - first)[:, None]
+    at_high, at_low = (each[:, None] * width for each in _slopes(low, high))
+    t = np.linspace(0, 1, 17)[1:-1]
     rest = 1 - t
-    found: FloatArray = rest**2 * ((1 + 2 * t) * low[..., 1] + t * width * low[..., 3])
-    found += t**2 * ((1 + 2 * rest) * high[..., 1] - rest * width * high[..., 2])
-    return np.maximum(found, 0.0)
+    cubic = rest**2 * ((1 + 2 * t) * high[:, None] + t * at_high)
+    cubic += t**2 * ((1 + 2 * rest) * low[:, None] - rest * at_low)
+    angle = np.arccos(np.clip(first[:, None] + t * width, -1, 1))
+    return 1.1 * np.abs(cubic - angle).max(axis=1)  # of the greatest between the samples

@@ -134,7 +134,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Exposure.band": {"unit": "W/m2"},
     "Exposure.in_words": {"unit": "lx"},
     "Task.exposed": {"exposure": rc.Exposure(**OF_SENSOR), "unit": "lx"},
-    "Lamp.from_ies": {"path": FOLDER / "lamp.ies"},
+    "Lamp.from_ies": {"path": FOLDER / "lamp.ies", "tilt_deg": 10.0},
     "Lamps.carried_by": {"cameras": ["a", "b"]},
     "Lamp": {"intensity": 5.0, "size": (0.0, 0.0), "points": 1},
     "Lamp, of size": {

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.threads import Once
@@ -127,6 +128,7 @@ class Light:
         find: Callable[[Poses], Regions],
         finder: Finder | None = None,
     ) -> None:
+        _check_planes(task, lamps)
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
         self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
@@ -288,7 +290,7 @@ class Light:
         task, ambient = self.task, self.lamps.ambient
         matrices = poses.world_from_camera.reshape(-1, n, 4, 4)
         own = [self.lamps.lamps[lamp] for lamp in poses.camera[:n].tolist()]
-        profiles = [lamp.profile for lamp in own if lamp.profile]
+        profiles = [table_of(lamp.profile) for lamp in own if lamp.profile]
         numbers = np.cumsum([bool(lamp.profile) for lamp in own])
         table = [at - 1 if lamp.profile else -1 for at, lamp in zip(numbers, own, strict=True)]
         for limit, is_least in ((task.min_illuminance, True), (task.max_illuminance, False)):
@@ -299,7 +301,7 @@ class Light:
                     [lamp.intensity_of_point for lamp in own],
                     matrices[:, :, :3, 2],
                     [lamp.exponent for lamp in own],
-                    list(map(table_of, profiles)),
+                    profiles,
                     table,
                     is_least=is_least,
                 )
@@ -329,11 +331,22 @@ def check_light(task: Task, lamps: Lamps | None) -> None:
         return
     for name in OF_LIGHT[:2]:
         check_unit(name, getattr(task, name), lamps.unit)
+    _check_planes(task, lamps)
     if task.max_illuminance is not None and task.max_illuminance <= lamps.ambient:
         raise ConfigError(
             f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
             f"{task.max_illuminance:g}; increase it, or nothing is covered"
         )
+
+
+def _check_planes(task: Task, lamps: Lamps) -> None:
+    """Raise ConfigError for limits of illuminance of lamps with planes, which are not cut."""
+    for lamp, name in zip(lamps.lamps, lamps.names, strict=True):
+        if lamp.planes and (task.min_illuminance > 0 or task.max_illuminance is not None):
+            raise ConfigError(
+                f"expected a lamp that is the same around its axis for limits of illuminance, got "
+                f"{shown(name)}; leave them out, and read the map of illuminance"
+            )
 
 
 def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, reason: int) -> str:

@@ -45,13 +45,15 @@ class LampSection(Entry):
     share: Annotated[float, Field(gt=0, le=1)] | None = None
     """Share of its sample points that a point must see to count as lit."""
     ies: File | None = None
-    """IES LM-63 file, instead of all entries above."""
+    """IES LM-63 or EULUMDAT (.ldt) file, instead of all entries above."""
     position: Triple | None = None
     """Position, m; on the rig for a lamp that a rig carries."""
     positions: Some[Triple] | None = None
     """Positions, m; a lamp at each."""
     aim: Triple | None = None
     """Point that it is aimed at; by default straight down, or along the axis of its rig."""
+    spin_deg: float | None = None
+    """Rotation about its axis, degrees counterclockwise seen from behind it."""
     rig: bool | Name = False
     """Rig or camera that carries it; true for a lamp on each of them."""
     cost: NotNegative | None = None
@@ -66,7 +68,11 @@ class LampSection(Entry):
     @property
     def places(self) -> list[str]:
         """Entries given that are of its place."""
-        return [name for name in ("position", "positions", "aim", "rig") if getattr(self, name)]
+        return [
+            name
+            for name in ("position", "positions", "aim", "spin_deg", "rig")
+            if getattr(self, name)
+        ]
 
     def entries(self, *, is_placed: bool = False) -> dict[str, Any]:
         """Entries of a file of lamps; with a place at the origin where it has none."""
