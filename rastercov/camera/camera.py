@@ -49,7 +49,7 @@ from rastercov.mesh.groups import listed
 OF_LENS = ("principal_point", "f_number")
 OPTICS = (
     *("near", "focal_length", "pixel_size", "aperture", "f_number", "focus_distance"),
-    *("max_blur", "focus_range"),
+    *("max_blur", "focus_range", "max_angle_deg"),
 )
 """Entries that a calibration lacks, and that are accepted beside `file`."""
 ANGLES = ("hfov_deg", "vfov_deg")

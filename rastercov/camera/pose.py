@@ -23,12 +23,13 @@ DRIFT_TOLERANCE, ROUNDING = 1e-6, 1e-14
 """A rotation further than the first from orthonormal is refused; nearer, and further than the
 second, it is made orthonormal."""
 LIMITS = LARGEST_COORDINATE, DRIFT_TOLERANCE, ROUNDING
+OF_LAST_ROW = "does not end in the row 0 0 0 1"
 FAULTS = (
     *(
         "",
         "is not finite",
         f"is beyond ±{LARGEST_COORDINATE:g} m",
-        "does not end in the row 0 0 0 1",
+        OF_LAST_ROW,
     ),
     *("is not a rotation (scaled, sheared or drifted)", "is a reflection, not a rotation"),
 )
@@ -49,6 +50,9 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     if not found.any():
         return out, {}
     faults = {row: FAULTS[at] for row, at in enumerate(found.tolist()) if 0 < at < DRIFTED}
+    for row, text in faults.items():
+        if text == OF_LAST_ROW and np.array_equal(out[row, :, 3], (0, 0, 0, 1)):
+            faults[row] = f"{text}, but its transpose does"
     drifted = np.flatnonzero(found == DRIFTED)
     if len(drifted):
         u, _, vt = np.linalg.svd(out[drifted, :3, :3])

@@ -1,4 +1,4 @@
-"""Pose files: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...], "camera": [...]}`.
+"""Pose files: `.npy` or JSON of (P, 4, 4), or `{"world_from_camera": [...], "camera": [...]}`.
 
 `camera`, the name of the camera of each pose, may be left out.
 """
@@ -84,6 +84,8 @@ def _read_npy(path: StrPath) -> NDArray[Any]:
 
 def _read_json(path: StrPath) -> NDArray[Any]:
     content = read_json(path, LARGEST_ARRAY)
+    if isinstance(content, list) and content:
+        return real_numbers("poses", content, "(P, 4, 4)")
     if not isinstance(content, dict) or "world_from_camera" not in content:
         raise PoseError(
             'expected {"world_from_camera": [4 x 4, ...]}, got other entries; correct the file'

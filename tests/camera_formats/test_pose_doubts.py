@@ -1,5 +1,7 @@
 """Poses in another convention than their own have a line that names theirs."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -33,3 +35,20 @@ def test_nothing_is_said_where_no_convention_helps_or_most_cameras_look_at_the_m
     inside = rc.look_at(eyes=(1, 2, 3), targets=(2, 2, 3))
     for given in (away, some, np.zeros((0, 4, 4)), inside):
         assert convention_doubts(MESH, CAMERA, given) == []
+
+
+def test_a_json_list_of_matrices_is_read_as_an_array_is(tmp_path):
+    path = tmp_path / "poses.json"
+    path.write_text(json.dumps(poses().tolist()))
+    np.testing.assert_array_equal(rc.read_poses(path), poses())
+    np.testing.assert_array_equal(rc.read_views(path).poses.world_from_camera, poses())
+    turned = rc.read_views(path, conventions=rc.Conventions(pose_convention="opengl"))
+    np.testing.assert_array_equal(turned.poses.world_from_camera, poses() @ OPENGL_AXES)
+    path.write_text("[[1, 2], 3]")
+    with pytest.raises(rc.PoseError, match="poses"):
+        rc.read_poses(path)
+
+
+def test_transposed_poses_are_said_to_be_so():
+    with pytest.raises(rc.PoseError, match="0 0 0 1, but its transpose does"):
+        rc.Poses.of(poses().transpose(0, 2, 1))

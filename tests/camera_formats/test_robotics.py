@@ -12,6 +12,7 @@ from view_files import (
     motion,
     pixels,
     projects,
+    refused,
     same,
 )
 
@@ -133,8 +134,8 @@ distortion_model: "{model}"
 D: {data}
 K: [616.77, 0.0, 322.28, 0.0, 617.28, 241.43, 0.0, 0.0, 1.0]
 P: [610.0, 0.0, 320.0, 0.0, 0.0, 612.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-binning_x: 2
-roi: {{width: 3}}
+binning_x: 1
+roi: {{width: 0}}
 ---
 """
 INFO = {
@@ -154,10 +155,53 @@ def test_camera_info_projects_as_cv2_does_and_is_written_as_it_was(tmp_path, mod
     k = np.array([[616.77, 0, 322.28], [0, 617.28, 241.43], [0, 0, 1]])
     projects(views.camera(), cv_pixels(RAYS, k, values, fisheye=model == "equidistant"))
     assert has_note(views, "raw image")
-    for name in ("binning_x", "roi"):
-        assert has_note(views, f"{name} is not applied") == (form is MESSAGE)
     write_views(out, views, format="ros")
     assert yaml.safe_load(out.read_text())["distortion_model"] == model
     again = read_views(out)
     assert again.camera() == views.camera()
     assert again.rig.names == (("narrow_stereo",) if form is CAMERA_INFO else ("camera",))
+
+
+@pytest.mark.parametrize(
+    ("model", "n", "values", "kept"),
+    [
+        ("plumb_bob", 8, [-0.03, 0.03, -0.0001, -0.0001, -0.01, 0, 0, 0], 5),  # as Orbbec writes
+        ("plumb_bob", 8, [-0.03, 0.03, -0.0001, -0.0001, -0.01, 0.02, 0.01, 0.003], 8),
+        ("rational_polynomial", 5, [-0.03, 0.03, -0.0001, -0.0001, -0.01], 5),
+        ("plumb_bob", 5, [0, 0, 0, 0, 0], 0),
+    ],
+)
+def test_the_number_of_coefficients_decides_as_in_opencv(tmp_path, model, n, values, kept):
+    path = tmp_path / "info.yaml"
+    path.write_text(MESSAGE.format(model=model, n=n, data=values))
+    views = read_views(path)
+    k = np.array([[616.77, 0, 322.28], [0, 617.28, 241.43], [0, 0, 1]])
+    projects(views.camera(), cv_pixels(RAYS, k, values))
+    assert len(views.camera().distortion) == kept
+    assert has_note(views, "is rational_polynomial") == (kept == 8)
+
+
+def test_binning_and_a_region_of_interest_give_the_pixels_of_the_image_that_was_taken(tmp_path):
+    path = tmp_path / "info.yaml"
+    values = INFO["plumb_bob"]
+    text = MESSAGE.format(model="plumb_bob", data=values)
+    roi = "roi: {x_offset: 100, y_offset: 40, width: 401, height: 300, do_rectify: false}"
+    text = text.replace("binning_x: 1", "binning_x: 4\nbinning_y: 2").replace(
+        "roi: {width: 0}", roi
+    )
+    path.write_text(text)
+    views = read_views(path)
+    camera = views.camera()
+    assert (camera.width, camera.height) == (100, 150)
+    assert has_note(views, "100 x 150 px, of 640 x 480")
+    k = np.array([[616.77, 0, 322.28], [0, 617.28, 241.43], [0, 0, 1]])
+    rays = RAYS / (2, 2, 1) - (0.1, 0.1, 0)
+    projects(camera, (cv_pixels(rays, k, values) - (100, 40)) / (4, 2), rays)
+    path.write_text(text.replace("x_offset: 100", "x_offset: 300"))
+    refused(path, "expected roi to be within 640 x 480 px")
+
+
+def test_one_camera_on_an_imu_is_in_the_frame_of_the_imu(tmp_path):
+    place = motion([0.2, 0, 0.1], [1, -0.1, 0.3])
+    views = read_views(camchain(tmp_path / "c.yaml", (*LENSES[0], {"T_imu_cam": place.tolist()})))
+    same(views.poses.world_from_camera, [place])

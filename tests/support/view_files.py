@@ -150,7 +150,58 @@ SCENE = {
     "nodes": [{"camera": 0}],
     "cameras": [{"type": "perspective", "perspective": {"yfov": 1.0, "aspectRatio": 4 / 3}}],
 }
+OPEN3D = {"width": 640, "height": 480, "intrinsic_matrix": [500, 0, 0, 0, 501, 0, 319.5, 239.5, 1]}
+BASALT = {
+    "T_imu_cam": [{"px": 1.0, "py": 2.0, "pz": 3.0, "qx": 0.0, "qy": 0.0, "qz": 0.6, "qw": 0.8}],
+    "intrinsics": [{"camera_type": "ds", "intrinsics": {"fx": 500.0, "fy": 501.0, "cx": 319.5,
+                                                         "cy": 239.5, "xi": -0.2, "alpha": 0.6}}],
+    "resolution": [[640, 480]],
+}  # fmt: skip
+VINS = """%YAML:1.0
+---
+model_type: KANNALA_BRANDT
+camera_name: front
+image_width: 640
+image_height: 480
+projection_parameters: {k2: -0.02, k3: 0.06, k4: -0.03, k5: -0.03, mu: 277.3, mv: 277.4, u0: 308.8,
+                        v0: 247.5}
+"""
+ORB_SLAM = """%YAML:1.0
+---
+Camera.type: "KannalaBrandt8"
+Camera1.fx: 190.9
+Camera1.fy: 190.8
+Camera1.cx: 254.9
+Camera1.cy: 256.8
+Camera1.k1: 0.0034
+Camera2.fx: 190.4
+Camera2.fy: 190.3
+Camera2.cx: 252.5
+Camera2.cy: 255.0
+Camera.width: 512
+Camera.height: 512
+Stereo.T_c1_c2: !!opencv-matrix
+  rows: 4
+  cols: 4
+  dt: f
+  data: [1, 0, 0, 0.1, 0, 1, 0, 0.02, 0, 0, 1, 0, 0, 0, 0, 1]
+ORBextractor.nFeatures: 1500
+"""
+EUROC = """sensor_type: camera
+T_BS: {rows: 4, cols: 4, data: [0, -1, 0, -0.02, 1, 0, 0, -0.06, 0, 0, 1, 0.01, 0, 0, 0, 1]}
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.6, 457.3, 367.2, 248.4]
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28, 0.07, 0.0002, 0.00002]
+"""
 TEXTS = {
+    "open3d": ("open3d.json", json.dumps(OPEN3D)),
+    "basalt": ("basalt.json", json.dumps({"value0": BASALT})),
+    "camodocal": ("vins.yaml", VINS),
+    "orbslam": ("orb.yaml", ORB_SLAM),
+    "euroc": ("sensor.yaml", EUROC),
+    "tum": ("tum.txt", "# time tx ty tz qx qy qz qw\n1.5 1 2 3 0 0 0.6 0.8\n2 1 2 3 0 0 0 1\n"),
     "kalibr": ("k.yaml", KALIBR),
     "metashape": ("m.xml", METASHAPE),
     "opensfm": ("o.json", json.dumps(OPENSFM)),

@@ -22,16 +22,22 @@ from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
+    basalt,
     bundler,
+    camodocal,
     colmap,
+    euroc,
     gltf,
     kalibr,
     metashape,
+    open3d,
     opencv,
     opensfm,
+    orbslam,
     own,
     ros,
     transforms,
+    tum,
 )
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
@@ -44,10 +50,10 @@ Reader = Callable[[Source, Border], Views]
 
 
 def _own(source: Source, border: Border) -> Views:
-    if source.path.suffix.lower() == ".npy":
+    suffix = source.path.suffix.lower()
+    if suffix == ".npy" or (suffix == ".json" and isinstance(source.json, list)):
         return own.of_matrices(read_poses(source.path), border)
-    is_toml = source.path.suffix.lower() == ".toml"
-    content = source.toml if is_toml else source.json
+    content = source.toml if suffix == ".toml" else source.json
     if isinstance(content, Mapping) and "file" in content:
         return read_with_optics(source.path.parent, content, border)
     if isinstance(content, list):  # bare matrices, as a script writes them
@@ -86,10 +92,16 @@ READERS: Mapping[str, Reader] = {
     "colmap": lambda source, border: colmap.read(source.path, border),
     "nerfstudio": transforms.read,
     "opencv": opencv.read_source,
-    "ros": lambda source, border: ros.read(source.yaml, border),
-    "kalibr": lambda source, border: kalibr.read(source.yaml, border),
+    "ros": ros.read,
+    "kalibr": kalibr.read,
+    "euroc": euroc.read,
+    "camodocal": camodocal.read,
+    "orbslam": orbslam.read,
+    "basalt": basalt.read,
+    "open3d": open3d.read,
+    "tum": tum.read,
     "metashape": lambda source, border: metashape.read(source.xml, border),
-    "opensfm": lambda source, border: opensfm.read(source.json, border),
+    "opensfm": opensfm.read,
     "bundler": lambda source, border: bundler.read_bundler(source.text, border),
     "bal": lambda source, border: bundler.read_bal(source.text, border),
     "gltf": gltf.read,
@@ -101,6 +113,11 @@ TABLES: Mapping[str, Any] = {
     "opensfm": opensfm,
     "gltf": gltf,
     "kalibr": kalibr,
+    "euroc": euroc,
+    "camodocal": camodocal,
+    "orbslam": orbslam,
+    "basalt": basalt,
+    "open3d": open3d,
     "ros": ros,
     "opencv": opencv,
     "rastercov": own,
@@ -239,12 +256,15 @@ def _of_content(source: Source) -> str:
     suffix = source.path.suffix.lower()
     if source.is_xml:
         return "metashape" if metashape.is_mine(source.xml) else "opencv"
-    is_json = suffix == ".json" or start.startswith(b"{")
-    if is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
-        return _of_table(source.json if is_json else source.yaml, is_json=is_json)
+    if source.is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
+        return _of_table(source.table, is_json=source.is_json)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
-    for name, is_mine in (("mvsnet", bundler.is_mvsnet), ("bal", bundler.is_bal)):
+    for name, is_mine in (
+        ("mvsnet", bundler.is_mvsnet),
+        ("bal", bundler.is_bal),
+        ("tum", tum.is_mine),
+    ):
         if is_mine(source.text):
             return name
     raise CameraError(

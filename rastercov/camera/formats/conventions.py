@@ -265,6 +265,26 @@ class Border:
             frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
         )
 
+    def views_of_rig(
+        self,
+        cameras: Sequence[Camera],
+        names: Sequence[str],
+        places: FloatArray,
+        frame: str,
+        metres: float | None = 1.0,
+    ) -> Views:
+        """Views of cameras at their places (N, 4, 4) in a frame, whose name is noted."""
+        self.note(f"poses are in the frame of {frame}")
+        return self.views(
+            cameras,
+            names,
+            world_from_camera=places,
+            camera=range(len(cameras)),
+            images=names,
+            rig_from_camera=places,
+            metres=metres,
+        )
+
     def views_of_images(
         self, cameras: Sequence[Camera], images: Sequence[str], **others: Any
     ) -> Views:
@@ -396,6 +416,11 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
     fields: dict[str, Any] = {name: p[name] for name in ("cx", "cy", "skew") if name in p}
     fields |= {name: p[name] if name in p else p["f"] for name in ("fx", "fy")}
     return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
+
+
+def centred_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camera:
+    """`lens_camera` of a file that counts pixels from their centres."""
+    return lens_camera(ours, size, {**p, "cx": p["cx"] + 0.5, "cy": p["cy"] + 0.5})
 
 
 def forms_of(camera: Camera) -> dict[str, dict[str, float]]:

@@ -77,7 +77,8 @@ def unit_doubts(
     if poses is None or not has_poses:
         return []
     if nearest > UNLIKELY_RATIO * size:
-        return [f"{words}, and the nearest camera is {size_in_words(nearest)} away: check --unit"]
+        away = size_in_words(nearest)
+        return [f"{words}, and the nearest camera is {away} away: check --unit and --pose-unit"]
     focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
     sides = np.array([min(each.width, each.height) for each in cameras])[poses.camera]
     half = np.arctan(sides / 2 / focal)

@@ -17,8 +17,8 @@ import numpy as np
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, inverse_of, lens_camera
-from rastercov.camera.formats.source import Entries, checked
+from rastercov.camera.formats.conventions import Border, centred_camera, inverse_of
+from rastercov.camera.formats.source import Entries, Source, checked
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 
@@ -48,8 +48,13 @@ def is_mine(content: object) -> bool:
     )
 
 
-def read(content: Mapping[str, Any], border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras of a chain, with their places."""
+    return of_chain(source.table, border)
+
+
+def of_chain(content: Mapping[str, Any], border: Border) -> Views:
+    """Cameras of the table of a chain."""
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]
     names = [f"cam{row}" for row in range(len(found))]
@@ -69,11 +74,12 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
         border.unknown.look(each.where, each.names(), KNOWN, HARMLESS)
     cameras = [_camera(each) for each in entries]
     border.note("pixels are taken to be counted from their centres, as Kalibr's detectors do")
-    if all("T_cn_cnm1" in each for each in entries[1:]):
+    on_imu = all(each.any_of("T_cam_imu", "T_imu_cam") for each in entries)
+    if all("T_cn_cnm1" in each for each in entries[1:]) and not (on_imu and len(entries) == 1):
         places, frame = [np.eye(4)[None]], "cam0"
         for each in entries[1:]:
             places.append(places[-1] @ inverse_of(_motion(each, "T_cn_cnm1")))
-    elif all(each.any_of("T_cam_imu", "T_imu_cam") for each in entries):
+    elif on_imu:
         key = "T_cam_imu"
         places = [
             inverse_of(_motion(each, key)) if key in each else _motion(each, "T_imu_cam")
@@ -85,16 +91,7 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
             "read cameras without poses on the rig: T_cn_cnm1 or T_cam_imu of some is missing"
         )
         return border.views(cameras, names)
-    border.note(f"poses are in the frame of {frame}")
-    return border.views(
-        cameras,
-        names,
-        world_from_camera=np.concatenate(places),
-        camera=np.arange(len(names)),
-        images=names,
-        rig_from_camera=np.concatenate(places),
-        metres=1.0,
-    )
+    return border.views_of_rig(cameras, names, np.concatenate(places), frame)
 
 
 def _motion(entries: Entries, name: str) -> Any:
@@ -112,8 +109,7 @@ def _camera(entries: Entries) -> Camera:
     p = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
     p |= _named(entries, "intrinsics", f"{intrinsics} cy".split())
     p |= _named(entries, "distortion_coeffs", coefficients.split())
-    p |= {"cx": p["cx"] + 0.5, "cy": p["cy"] + 0.5}
-    return lens_camera(foreign.ours, entries.array("resolution", (2,)).tolist(), p)
+    return centred_camera(foreign.ours, entries.array("resolution", (2,)).tolist(), p)
 
 
 def _named(entries: Entries, name: str, names: Sequence[str]) -> dict[str, float]:

@@ -341,15 +341,7 @@ def _views(
                 )
             second = inverse_of(motions([rotation], [translation.ravel()]))
             places = np.concatenate([np.eye(4)[None], second])
-            border.note("poses are in the frame of the first camera")
-            return border.views(
-                cameras,
-                names,
-                world_from_camera=places,
-                camera=[0, 1],
-                images=names,
-                rig_from_camera=places,
-            )
+            return border.views_of_rig(cameras, names, places, "the first camera", metres=None)
         border.note(
             "left out R and T, from the first camera to the second: the file does not say "
             f"whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to 1 and 2"

@@ -22,7 +22,7 @@ from rastercov.camera.formats.conventions import (
     lens_camera,
     shared_frames,
 )
-from rastercov.camera.formats.source import Entries
+from rastercov.camera.formats.source import Entries, Source
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 
@@ -57,8 +57,9 @@ def _is_table_of_cameras(content: dict[str, Any]) -> bool:
     )
 
 
-def read(content: object, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the first reconstruction."""
+    content = source.json
     if isinstance(content, list):
         if len(content) > 1:
             border.note(f"read the first of {len(content)} reconstructions, which share no frame")

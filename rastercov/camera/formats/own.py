@@ -1,4 +1,4 @@
-"""Our own files: a camera or a pose file as they always were, and both with names in one JSON.
+"""Our own files: a camera, poses or a list of them, and both with names in one JSON.
 
     {"cameras": [{"name": "left", "width": 1280, ...}], "rig_from_camera": [...],
      "world_from_camera": [...], "camera": [0, 1, ...], "images": ["left/0.png", ...],

@@ -7,6 +7,7 @@ Sources: ROS sensor_msgs/CameraInfo; REP 104; camera_calibration_parsers.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,28 +15,28 @@ import numpy as np
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, model_in, yaml_matrix
-from rastercov.camera.formats.source import Entries, checked
+from rastercov.camera.formats.source import Entries, Source, checked
 from rastercov.camera.rig import Views
 
+BROWN = (0, 4, 5, 8, 12, 14)
 COUNTS = {
     "": (0,),
     "none": (0,),
-    "plumb_bob": (0, 4, 5),
-    "rational_polynomial": (8, 12, 14),
+    "plumb_bob": BROWN,
+    "rational_polynomial": BROWN,
     "thin_prism": (12, 14),
     "equidistant": (4,),
     "fisheye": (4,),
 }
-"""Numbers of coefficients by distortion_model."""
+"""Numbers of coefficients by distortion_model; ROS hands them to OpenCV, where only it counts."""
 
 
 HARMLESS = frozenset(
     {"camera_name", "header", "R", "r", "rectification_matrix", "P", "p", "projection_matrix"}
-    | {"binning_x", "binning_y", "roi"}
 )
 KNOWN = HARMLESS | {
     *("image_width", "image_height", "width", "height", "camera_matrix", "K", "k"),
-    *("distortion_model", "distortion_coefficients", "D", "d"),
+    *("distortion_model", "distortion_coefficients", "D", "d", "binning_x", "binning_y", "roi"),
 }
 """Entries of a camera_info."""
 
@@ -49,9 +50,9 @@ def is_mine(content: object) -> bool:
     )
 
 
-def read(content: object, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """The camera of a camera_info."""
-    info = Entries(content, "camera_info")
+    info = Entries(source.table, "camera_info")
     border.unknown.look("camera_info", info.names(), KNOWN, HARMLESS)
     is_file = "camera_matrix" in info
     width, height = ("image_width", "image_height") if is_file else ("width", "height")
@@ -60,23 +61,51 @@ def read(content: object, border: Border) -> Views:
     model = info.choice("distortion_model", COUNTS, "")
     coefficients = _numbers(info, key, *COUNTS[model]) if key else np.zeros(0)
     is_fisheye = model in ("equidistant", "fisheye")
+    if not is_fisheye:
+        coefficients = coefficients[: next(n for n in BROWN if not coefficients[n:].any())]
+        if model == "plumb_bob" and len(coefficients) > 5:
+            border.note(f"plumb_bob with {len(coefficients)} coefficients is rational_polynomial")
     camera = Camera.from_opencv(
         matrix,
         info.side(width),
         info.side(height),
-        coefficients.tolist() if is_fisheye or coefficients.any() else (),
+        coefficients.tolist(),
         fisheye=is_fisheye,
     )
-    applied = [name for name in ("binning_x", "binning_y") if info.number(name, 0.0) > 1]
-    applied += ["roi"] if "roi" in info and info.table("roi").number("width", 0.0) else []
-    for name in applied:
-        border.note(f"{name} is not applied: the camera is that of the full image")
     if "projection_matrix" in info or info.any_of("P", "p"):
         border.note(
             "rectification_matrix and projection_matrix are not needed: the camera is that of the "
             "raw image"
         )
+    camera = _part(camera, info, border)
     return border.views([camera], [info.text("camera_name", "camera") or "camera"])
+
+
+def _part(camera: Camera, info: Entries, border: Border) -> Camera:
+    """Camera of the region of interest, in pixels of the full image, with its pixels binned."""
+    x, y, width, height = 0.0, 0.0, camera.width, camera.height
+    if "roi" in info and (roi := info.table("roi")).number("width", 0.0):
+        x, y = (roi.number(name, 0.0) for name in ("x_offset", "y_offset"))
+        width, height = roi.side("width"), roi.side("height")
+        if not (0 <= x <= camera.width - width and 0 <= y <= camera.height - height):
+            raise info.wrong("roi", f"within {camera.width} x {camera.height} px", info.get("roi"))
+    across, down = (max(1.0, info.number(f"binning_{axis}", 0.0)) for axis in "xy")
+    part = replace(
+        camera,
+        width=max(1, int(width // across)),
+        height=max(1, int(height // down)),
+        fx=camera.fx / across,
+        fy=camera.fy / down,
+        cx=(camera.cx - x) / across,
+        cy=(camera.cy - y) / down,
+        skew=camera.skew / across,
+    )
+    if part != camera:
+        border.note(
+            f"binning and roi applied: {part.width} x {part.height} px, of {camera.width} x "
+            f"{camera.height}"
+        )
+    return part
 
 
 def _numbers(info: Entries, name: str, *counts: int) -> Any:

@@ -79,6 +79,17 @@ class Source:
         return parsed_yaml(self.text)
 
     @cached_property
+    def is_json(self) -> bool:
+        """True for JSON rather than YAML, by the name or the start."""
+        start = self.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
+        return self.path.suffix.lower() == ".json" or start.startswith(b"{")
+
+    @cached_property
+    def table(self) -> Any:
+        """Content of JSON or YAML."""
+        return self.json if self.is_json else self.yaml
+
+    @cached_property
     def xml(self) -> Element:
         """Root element of XML."""
         with errors_as(CameraError, caught=MeshError):
