@@ -290,3 +290,22 @@ def test_mvsnet_asks_for_size_and_pixel_centre_and_reads_a_folder(tmp_path):
         assert views.images == ("00000000", "00000001")
         same(views.poses.world_from_camera[0], np.linalg.inv(extrinsic))
         assert len(read_views(tmp_path / "cams" / "00000000_cam.txt", conventions=answers).poses)
+
+
+def test_every_image_of_a_metashape_rig_is_placed_by_its_sensor(tmp_path):
+    mount = motion([0.1, -0.4, 1.2], [0.5, 0.1, -0.2])
+    sensor = FRAME[FRAME.index("<sensor ") : FRAME.index("</sensor>")]
+    further = sensor.replace('<sensor id="0"', '<sensor id="7" master_id="0"')
+    further += (
+        f"<rotation>{words(mount[:3, :3])}</rotation><location>{words(mount[:3, 3])}</location>"
+    )
+    changes = ["</sensor>", f"</sensor>{further}</sensor>"]
+    changes += ['sensor_id="0" label="IMG_2"', 'sensor_id="7" label="IMG_2" master_id="0"']
+    views = metashape(tmp_path, *changes)
+    assert views.images == ("IMG_0", "IMG_1", "IMG_2")
+    assert views.frames[0] == views.frames[2] != views.frames[1]
+    first, _, third = views.poses.world_from_camera
+    scaled = mount.copy()
+    scaled[:3, 3] *= 0.5  # the chunk's scale
+    same(third, first @ scaled)
+    same(views.rig.rig_from_camera, [np.eye(4), scaled])

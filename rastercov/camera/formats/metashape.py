@@ -1,8 +1,9 @@
 """Cameras of Agisoft Metashape: the XML of "Export Cameras", and calibrations by themselves.
 
-Poses are chunk_from_camera with our axes; a chunk, or each of its components, has a transform with
-a scale, to metres. Principal points are counted from the middle of the image. Metashape's P1 and P2
-are OpenCV's p2 and p1, and B1, B2 are affinity and skew.
+Poses are chunk_from_camera with our axes, and further sensors of a rig have master_from_camera. A
+chunk, or each of its components, has a transform with a scale, to metres. Principal points are
+counted from the middle of the image. Metashape's P1 and P2 are OpenCV's p2 and p1, and B1, B2 are
+affinity and skew.
 
 Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; its files.
 """
@@ -18,7 +19,13 @@ from rastercov.base.errors import CameraError
 from rastercov.base.files import Vocabulary
 from rastercov.base.memory import FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, lens_camera, panorama
+from rastercov.camera.formats.conventions import (
+    Border,
+    lens_camera,
+    motions,
+    panorama,
+    shared_frames,
+)
 from rastercov.camera.formats.source import Words
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
@@ -34,7 +41,8 @@ TERM = re.compile(r"[a-z][0-9]|c[xy]")
 NAMES = Vocabulary(
     "document chunk sensors sensor cameras camera group components component transform "
     "calibration sensor_id component_id effective active_id",
-    "reference rotation translation scale text orientation resolution projection width height",
+    "reference rotation translation location scale text orientation resolution projection width "
+    "height",
     "version id label type enabled active class date date_time fx fy skew name settings meta "
     "markers markers_groups scalebars frames images shapes model depth_maps point_cloud next_id "
     "next_group_id property properties bands covariance params data_type black_level sensitivity "
@@ -64,27 +72,34 @@ def read(root: Element, border: Border) -> Views:
         which = "the first" if enabled[0] is chunks[0] else "the first enabled one"
         border.note(f"{which} of {len(chunks)} chunks; each has its own frame")
     chunk = enabled[0]
-    sensors, places = _sensors(chunk, border), _places(chunk)
+    sensors, places, mounts = _sensors(chunk, border), _places(chunk), _mounts(chunk)
     row_of = {key: row for row, key in enumerate(sensors)}
-    index, images, matrices, scales = [], [], [], set()
+    index, images, matrices, scales, frames = [], [], [], set(), []
     left_out: Counter[str] = Counter()
-    for element in _each(chunk, "cameras", "camera"):
-        own = Words(element, f"camera {element.get('label', '')[:60]}")
-        sensor = own.text("sensor_id", "")
+    elements = _each(chunk, "cameras", "camera")
+    by_id = {each.get("id"): _words(each) for each in elements}
+    for element in elements:
+        own = _words(element)
+        sensor, master = own.text("sensor_id", ""), own.text("master_id", "")
+        # A further camera of a rig has its place in the frame of the master, by its sensor.
+        mount = mounts.get(sensor) if "transform" not in own and master else np.eye(4)
+        if mount is not None and "transform" not in own:
+            own = by_id.get(master, own)
         if not _is_enabled(element):
             left_out["left out: they are disabled"] += 1
-        elif "transform" not in own and "master_id" in own:
-            left_out["of further cameras of a rig left out: only their master has a transform"] += 1
+        elif mount is None:
+            left_out["of further cameras of a rig left out: their sensors have no location"] += 1
         elif "transform" not in own or sensor not in row_of:
             left_out["left out: they have no transform, or no calibrated sensor"] += 1
         else:
-            matrix = own.array("transform", (16,)).reshape(4, 4)
+            matrix = own.array("transform", (16,)).reshape(4, 4) @ mount
             place, scale = places.get(own.get("component_id"), places[None])
             matrix[:3, 3] *= 1.0 if scale is None else scale
             matrices.append(place @ matrix)
             scales.add(scale)
             index.append(row_of[sensor])
-            images.append(own.text("label", f"camera {own.get('id', '')}"))
+            images.append(element.get("label", f"camera {element.get('id', '')}"))
+            frames.append(master or element.get("id"))
     for why, count in left_out.items():
         border.note(f"{count} images {why}")
     if None in scales and len(scales) > 1:
@@ -92,15 +107,36 @@ def read(root: Element, border: Border) -> Views:
     reference = Words(chunk, "chunk").text("reference", "")
     if reference.startswith(("GEO", "PROJ", "COMPD")) and None not in scales:
         border.note("the chunk is georeferenced: poses are geocentric, in metres")
+    shared = shared_frames(frames, images)
+    on_rig = np.array([mounts.get(key, np.eye(4)) for key in sensors])
+    on_rig[:, :3, 3] *= next(iter(scales), None) or 1.0
     return border.views(
         [camera for _, camera in sensors.values()],
         [label for label, _ in sensors.values()],
         world_from_camera=np.array(matrices).reshape(-1, 4, 4),
         camera=index,
         images=images,
+        frames=shared,
+        rig_from_camera=on_rig if shared and len(scales) == 1 else None,
         # Scale bars and coordinates of Metashape are in metres.
         metres=1.0 if matrices and None not in scales else None,
     )
+
+
+def _words(element: Element) -> Words:
+    return Words(element, f"camera {element.get('label', '')[:60]}")
+
+
+def _mounts(chunk: Element) -> dict[str, FloatArray]:
+    """Master_from_camera of the further sensors of a rig by id, in the unit of the chunk."""
+    found = {}
+    for sensor in _each(chunk, "sensors", "sensor"):
+        own = Words(sensor, f"sensor {sensor.get('label', '')[:60]}")
+        key = own.any_of("location", "translation")
+        if "master_id" in own and "rotation" in own and key is not None:
+            rotation = own.array("rotation", (9,)).reshape(1, 3, 3)
+            found[sensor.get("id", "")] = motions(rotation, own.array(key, (3,)))[0]
+    return found
 
 
 def _is_enabled(element: Element) -> bool:
