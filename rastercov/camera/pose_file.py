@@ -48,7 +48,7 @@ def read_poses(path: StrPath) -> FloatArray:
     (3, 4, 4)
     """
     try:
-        array = _read_npy(path) if _is_npy(path) else _read_json(path)
+        array = read_npy(path) if _is_npy(path) else _read_json(path)
         return as_matrices(array[None] if array.shape == (4, 4) else array)
     except MemoryError:
         raise ResourceError(
@@ -68,7 +68,8 @@ def _is_npy(path: StrPath) -> bool:
     return suffix == ".npy"
 
 
-def _read_npy(path: StrPath) -> NDArray[Any]:
+def read_npy(path: StrPath) -> NDArray[Any]:
+    """Array of real numbers of a `.npy` file, in any shape."""
     # Not np.load, which opens a zip archive or a pickle whatever its name.
     with open_file(path, LARGEST_ARRAY) as file:
         try:

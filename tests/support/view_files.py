@@ -195,7 +195,75 @@ intrinsics: [458.6, 457.3, 367.2, 248.4]
 distortion_model: radial-tangential
 distortion_coefficients: [-0.28, 0.07, 0.0002, 0.00002]
 """
+AZURE = {
+    "Intrinsics": {"ModelParameterCount": 14, "ModelType":
+                   "CALIBRATION_LensDistortionModelBrownConrady", "ModelParameters":
+                   [0.5, 0.51, 0.48, 0.64, 0.58, -2.49, 1.36, 0.46, -2.33, 1.3, 0, 0, 1e-4, -2e-4]},
+    "Location": "CALIBRATION_CameraLocationPV0",
+    "MetricRadius": 1.7,
+    "Rt": {"Rotation": [1, 0, 0, 0, 0, -1, 0, 1, 0], "Translation": [-0.032, -0.002, 0.004]},
+    "SensorWidth": 4096,
+    "SensorHeight": 3072,
+}  # fmt: skip
+REALSENSE = """Device info:
+    Name                          : \tIntel RealSense D405
+
+ Intrinsic of "Depth" / 640x480 / {Z16}
+  Width:      \t640
+  Height:     \t480
+  PPX:        \t324.5
+  PPY:        \t233.5
+  Fx:         \t390.25
+  Fy:         \t390.5
+  Distortion: \tBrown Conrady
+  Coeffs:     \t0.1  \t0  \t0.01  \t0  \t0
+  FOV (deg):  \t78.7 x 63.17
+
+ Intrinsic of "Color" / 1280x720 / {YUYV/RGB8}
+  Width:      \t1280
+  Height:     \t720
+  PPX:        \t641.5
+  PPY:        \t369.5
+  Fx:         \t912.75
+  Fy:         \t912.5
+  Distortion: \tInverse Brown Conrady
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+  FOV (deg):  \t70.07 x 43.05
+
+Extrinsic from "Color"\t  To\t  "Depth" :
+ Rotation Matrix:
+   0.999749        -0.021599        -0.00590855
+"""
+ZIVID = """__version__: {serializer: 1, data: 2}
+CameraIntrinsics:
+  CameraMatrix: {CX: 957.25, CY: 594.5, FX: 2765.0, FY: 2767.0}
+  Distortion: {K1: -0.27, K2: 0.12, K3: -0.03, P1: 0.0001, P2: -0.0002}
+"""
+PIX4D = """fileName imageWidth imageHeight
+camera matrix K [3x3]
+radial distortion [3x1]
+tangential distortion [2x1]
+camera position t [3x1]
+camera rotation R [3x3]
+camera model m = K [R|-Rt] X
+
+DJI 0954.JPG 4608 3456
+3952.5 0 2233.25
+0 3953.5 1667.75
+0 0 1
+0.038 -0.017 0.02
+0.0024 0.0029
+21.5 -29.5 30.75
+0 -1 0
+-1 0 0
+0 0 -1
+"""
+LLFF = np.array([[0, 1, 0, 4, 480, 0, 0, -1, 5, 640, -1, 0, 0, 6, 500, 0.5, 9]], np.float64)
 TEXTS = {
+    "azure": ("azure.json", json.dumps({"CalibrationInformation": {"Cameras": [AZURE]}})),
+    "realsense": ("realsense.txt", REALSENSE),
+    "zivid": ("zivid.yml", ZIVID),
+    "pix4d": ("p_calibrated_camera_parameters.txt", PIX4D),
     "open3d": ("open3d.json", json.dumps(OPEN3D)),
     "basalt": ("basalt.json", json.dumps({"value0": BASALT})),
     "camodocal": ("vins.yaml", VINS),
@@ -239,7 +307,8 @@ def good_files(folder):
     write_views(folder / "binary", two_views(), format="colmap")
     for name, text in TEXTS.values():
         (folder / name).write_text(text)
-    files = {form: folder / name for form, name in written.items()}
+    np.save(folder / "poses_bounds.npy", LLFF)
+    files = {form: folder / name for form, name in (written | {"llff": "poses_bounds.npy"}).items()}
     files |= {form: folder / name for form, (name, _) in TEXTS.items()}
     for part in ("cameras", "images"):
         files[f"text {part}"] = folder / "text" / f"{part}.txt"

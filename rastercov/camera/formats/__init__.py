@@ -22,6 +22,7 @@ from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
+    azure,
     basalt,
     bundler,
     camodocal,
@@ -29,15 +30,19 @@ from rastercov.camera.formats import (
     euroc,
     gltf,
     kalibr,
+    llff,
     metashape,
     open3d,
     opencv,
     opensfm,
     orbslam,
     own,
+    pix4d,
+    realsense,
     ros,
     transforms,
     tum,
+    zivid,
 )
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
@@ -99,6 +104,11 @@ READERS: Mapping[str, Reader] = {
     "orbslam": orbslam.read,
     "basalt": basalt.read,
     "open3d": open3d.read,
+    "azure": azure.read,
+    "realsense": realsense.read,
+    "zivid": zivid.read,
+    "llff": llff.read,
+    "pix4d": pix4d.read,
     "tum": tum.read,
     "metashape": lambda source, border: metashape.read(source.xml, border),
     "opensfm": opensfm.read,
@@ -118,11 +128,20 @@ TABLES: Mapping[str, Any] = {
     "orbslam": orbslam,
     "basalt": basalt,
     "open3d": open3d,
+    "azure": azure,
+    "realsense": realsense,
+    "zivid": zivid,
     "ros": ros,
     "opencv": opencv,
     "rastercov": own,
 }
 """Formats of JSON and YAML, each recognised by `is_mine`, in this order."""
+NAMED = {
+    "sfm_data_version": ("OpenMVG", "convert it with openMVG_main_openMVG2Colmap"),
+    "featuresFolders": ("Meshroom", "export it with its node ExportColmap"),
+    "features": ("ODM", "name opensfm/reconstruction.json of the project"),
+}
+"""Programs whose files are not read, and what to do instead, by an entry of the files."""
 WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
 """Formats that are written."""
 BY_SUFFIX = dict.fromkeys((".json", ".npy", ".toml"), "rastercov") | {
@@ -137,7 +156,11 @@ OF_ONE_CAMERA = ("opencv", "ros")
 """Formats that hold one camera and no pose."""
 PARTS_OF_COLMAP = ("images", "rigs", "frames", "points3D")
 """Files of a model beside its cameras; the whole model is read where one is named."""
-IN_FOLDERS = {"transforms.json": "nerfstudio", "reconstruction.json": "opensfm"}
+IN_FOLDERS = {
+    "transforms.json": "nerfstudio",
+    "reconstruction.json": "opensfm",
+    llff.NAME: "llff",
+}
 """Files by which a folder of a project is recognised."""
 
 
@@ -230,6 +253,8 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
             f"expected cameras, got a project of {PROJECTS[suffix]}; export cameras as COLMAP, "
             "Bundler or XML"
         )
+    if path.name == llff.NAME:
+        return path, "llff"
     if suffix in (".npy", ".toml", ".glb", ".gltf"):
         return path, "gltf" if suffix.startswith(".gl") else "rastercov"
     if stem == "cameras" and suffix in (".bin", ".txt"):
@@ -263,6 +288,8 @@ def _of_content(source: Source) -> str:
     for name, is_mine in (
         ("mvsnet", bundler.is_mvsnet),
         ("bal", bundler.is_bal),
+        ("pix4d", pix4d.is_mine),
+        ("realsense", realsense.is_mine),
         ("tum", tum.is_mine),
     ):
         if is_mine(source.text):
@@ -277,6 +304,9 @@ def _of_table(content: object, *, is_json: bool) -> str:
     for name, module in TABLES.items():
         if module.is_mine(content):
             return name
+    for entry, (program, way) in NAMED.items():
+        if isinstance(content, Mapping) and entry in content:
+            raise CameraError(f"expected a format that is read, got a file of {program}; {way}")
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
     return "opencv" if has_lists or not is_json else "rastercov"

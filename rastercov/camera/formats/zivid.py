@@ -1,0 +1,26 @@
+"""Intrinsics of a Zivid camera, as its SDK saves them: OpenCV's matrix and coefficients by name.
+
+Pixels are counted from their centres. There is no image size, and no pose.
+
+Source: Zivid SDK, CameraIntrinsics; its article "Camera Intrinsics".
+"""
+
+from collections.abc import Mapping
+
+from rastercov.camera.formats.conventions import Border, centred_camera
+from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.rig import Views
+
+
+def is_mine(content: object) -> bool:
+    """True for camera intrinsics."""
+    return isinstance(content, Mapping) and "CameraIntrinsics" in content
+
+
+def read(source: Source, border: Border) -> Views:
+    """The camera."""
+    file = Entries(source.table, "the file").table("CameraIntrinsics")
+    matrix, lens = file.table("CameraMatrix"), file.table("Distortion")
+    p = {name.lower(): matrix.number(name) for name in ("FX", "FY", "CX", "CY")}
+    p |= {name.lower(): lens.number(name) for name in ("K1", "K2", "P1", "P2", "K3")}
+    return border.views([centred_camera("opencv", border.image_size(), p)])
