@@ -130,3 +130,13 @@ def test_a_converter_ends_at_its_limits_in_one_line(name, limit, value, words, l
         MeshError, match=rf"^[^\n]*expected an? \w+ file that [\w ]+ reads,? ?{words}; export"
     ):
         load(name, crate() if name == "a.step" else bungalow())
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_cascadio")
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_names_of_products_are_read_in_either_encoding(encoding, load):
+    mesh = load("a.step", crate(name="Überbau–1").decode().encode(encoding))
+    assert mesh.groups[0].name == "Überbau–1/face 1"
+    noted = any("taken for Windows-1252" in note for note in mesh.notes)
+    assert noted == (encoding == "cp1252")

@@ -260,3 +260,19 @@ def test_strips_with_restarts_after_a_confidence_are_read(load):
     mesh = load("a.ply", f"{head}{rows}8 0 1 2 3 -1 2 3 4\n".encode())
     assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 3, 4]]
     np.testing.assert_array_equal(mesh.normals, [[0, 0, 1]] * 3)
+
+
+def test_lines_and_points_of_obj_are_noted(load):
+    mesh = load("a.obj", TRIANGLE + b"f 1 2 3\nl 1 2 3\np 1\np 2 3\n")
+    assert mesh.n_faces == 1
+    wanted = ["ignored 1 polyline: no surface", "ignored 2 point elements: no surface"]
+    assert [note.partition("a.obj: ")[2] for note in mesh.notes] == wanted
+
+
+@pytest.mark.parametrize("order", ["", "<"])
+def test_spaces_in_the_header_of_ply_are_passed_over(order, load):
+    data = ply([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], order)
+    head, end, body = data.partition(b"end_header\n")
+    spaced = head.replace(b"\nformat ", b"\n  format  ") + b"\t " + end.replace(b"\n", b" \n")
+    assert spaced + body != data
+    assert load("a.ply", spaced + body).areas.tolist() == [0.5]

@@ -247,6 +247,17 @@ def test_an_object_of_another_part_is_read(load):
         ({"inside": MESH.replace("<triangle v1", "<triangel v1", 1)}, "not read: triangel"),
         ({"build": f"{ITEM}item"}, "not read: text"),
         ({"objects": object_of(2, MESH)}, "ignored 1 objects"),
+        (
+            {"build": ITEM.replace("<item", '<item printable="0"')},
+            "read 1 item of the build not to",
+        ),
+        (
+            {
+                "inside": MESH + "</object><object id='2' type='support'>" + MESH,
+                "build": ITEM + "<item objectid='2'/>",
+            },
+            "read 1 support object, as part of the mesh",
+        ),
     ],
 )
 def test_elements_of_3mf_that_are_not_read_are_noted(changes, text, load):

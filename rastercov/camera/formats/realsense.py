@@ -50,13 +50,14 @@ def read(source: Source, border: Border) -> Views:
 def _camera(entries: Entries) -> Camera:
     given = entries.get("distortion", entries.get("model", "none"))
     model = str(given).rpartition(".")[2].replace("_", " ").lower()
-    coefficients = entries.array("coeffs", (5,)) if "coeffs" in entries else []
+    has_lens = "coeffs" in entries
+    coefficients: list[float] = entries.array("coeffs", (5,)).tolist() if has_lens else []
     if "brown" in model and not any(coefficients):
         model = "none"
     if model not in LENSES:
         raise entries.wrong("distortion", f"one of {', '.join(LENSES)}", given)
     ours, names = LENSES[model]
-    p = dict(zip(names, map(float, coefficients), strict=False))
+    p = dict(zip(names, coefficients, strict=False))
     p |= {"fx": entries.number("fx"), "fy": entries.number("fy")}
     p |= {"cx": entries.number("ppx"), "cy": entries.number("ppy")}
     return centred_camera(ours, (entries.side("width"), entries.side("height")), p)

@@ -186,7 +186,14 @@ def read_step(data: bytes, budget: int) -> Polygons:
 
     `budget` are the bytes that reading the triangles may need; that of Open CASCADE is not limited.
     """
+    encoding_notes = []
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        data = data.decode("cp1252", "replace").encode()
+        encoding_notes = ["names are not UTF-8: taken for Windows-1252"]
     header, binary, notes = chunks(_converted(data))
+    notes += encoding_notes
     polygons = _scene_polygons(header, [binary], budget, notes, by_cad_face=True)
     note = (
         f"triangulated by Open CASCADE to within {DEFLECTION_MM:g} mm, which does not report "

@@ -92,7 +92,7 @@ Columns = dict[tuple[str, int], Column]
 def read(data: bytes, budget: int) -> Polygons:
     """Polygons of a PLY file; each triangle of a strip is a polygon."""
     data = data.removeprefix(BYTE_ORDER_MARK)
-    end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
+    end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\r|\n)", data[: 1 << 20])
     if not data.startswith(b"ply") or end is None:
         raise MeshError("expected 'ply' ... 'end_header' at the start, got none; name a PLY file")
     lines = Lines(data[: end.end()], budget)

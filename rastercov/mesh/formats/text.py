@@ -14,6 +14,7 @@ Geomview Manual, section OFF Files. 3D Systems. StereoLithography Interface Spec
 import io
 import re
 from array import array
+from collections import Counter
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.format import plural
 from rastercov.mesh.formats.polygons import (
     PEAK_BYTES_PER_VERTEX,
     Polygons,
@@ -175,12 +177,14 @@ def trailing_lines(lines: Lines) -> list[str]:
 
 
 IGNORED = frozenset(
-    b"vt vn vp s p l mg bevel c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj "
+    b"vt vn vp s mg bevel c_interp d_interp lod usemtl mtllib usemap maplib shadow_obj "
     b"trace_obj".split()
 )
 """Keywords of the format without influence on the shape of polygons."""
 
 
+WITHOUT_SURFACE = {b"l": "polyline", b"p": "point element"}
+"""Elements by their keywords."""
 FACE = (b"f", b"fo")
 """Keywords of a face; version 2.11 of the format wrote fo, which readers take as f."""
 EXTRA_NUMBERS = (1, 3, 4)
@@ -200,6 +204,7 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     groups, face_line, current = array("q"), array("q"), 0
     doubtful = array("q")  # lines that are a face with one bit changed
     number_of: dict[str | None, int] = {None: 0}
+    n_without: Counter[bytes] = Counter()
     most_coordinates = 3 * (budget // PEAK_BYTES_PER_VERTEX)
     for words in lines:
         keyword = words[0]
@@ -220,6 +225,8 @@ def read_obj(data: bytes, budget: int) -> Polygons:
                 doubtful.append(lines.number)
             name = b" ".join(words[1:]).decode("utf-8", "replace") or None
             current = number_of.setdefault(name, len(number_of))
+        elif keyword in WITHOUT_SURFACE:
+            n_without[keyword] += 1
         elif keyword not in IGNORED:
             raise lines.error("a keyword of polygonal OBJ files", words)
     n_vertices = len(coordinates) // 3
@@ -234,6 +241,8 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     if doubtful:
         more = f" (and {len(doubtful) - 1} others)" if len(doubtful) > 1 else ""
         notes.append(f"ignored line {doubtful[0]}{more}, which may be a face: its keyword is not f")
+    for keyword, n in n_without.items():
+        notes.append(f"ignored {plural(n, WITHOUT_SURFACE[keyword])}: no surface")
     polygons = fan_polygons(coordinates, corners, n_corners, budget, notes)
     face_group = np.asarray(groups, dtype=np.int64)[polygons.source_face]
     return replace(polygons, face_group=face_group, group_names=list(number_of))

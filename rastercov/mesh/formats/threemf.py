@@ -21,6 +21,7 @@ import numpy as np
 
 from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames, Vocabulary, printable
+from rastercov.base.format import plural
 from rastercov.base.memory import FloatArray
 from rastercov.mesh.formats.polygons import (
     Assembly,
@@ -122,7 +123,10 @@ class _Model:
         check(items, "expected an object in the build, got none", "put one on the plate")
         roots = [(_transform(item), self._key(item, path)) for item in items]
         polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
-        return replace(polygons, notes=self._notes())
+        notes = self._notes()
+        if n := sum(attribute(item, "printable") in ("0", "false") for item in items):
+            notes.append(f"read {plural(n, 'item')} of the build not to be printed")
+        return replace(polygons, notes=notes)
 
     def _key(self, reference: Element, path: str) -> _Key:
         """Object that an item or a component names, in this part unless it names another one."""
@@ -135,6 +139,9 @@ class _Model:
         left = [key for key, owner in self._objects.items() if children(owner, "mesh")]
         if n_unused := sum(key not in self._read for key in left):
             notes.append(f"ignored {n_unused} objects, which are not in the build")
+        n_supports = sum(self._objects[key].get("type") == "support" for key in self._read)
+        if n_supports:
+            notes.append(f"read {plural(n_supports, 'support object')}, as part of the mesh")
         return notes + self._unknown.notes()
 
     def _model_path(self) -> str:
