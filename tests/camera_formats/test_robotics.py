@@ -205,3 +205,10 @@ def test_one_camera_on_an_imu_is_in_the_frame_of_the_imu(tmp_path):
     place = motion([0.2, 0, 0.1], [1, -0.1, 0.3])
     views = read_views(camchain(tmp_path / "c.yaml", (*LENSES[0], {"T_imu_cam": place.tolist()})))
     same(views.poses.world_from_camera, [place])
+
+
+def test_what_a_calibration_lacks_stands_beside_it_for_each_of_its_cameras(tmp_path):
+    camchain(tmp_path / "c.yaml", *[(*LENSES[4], {})] * 2)
+    (tmp_path / "c.toml").write_text('file = "c.yaml"\nmax_angle_deg = 40\nnear = 0.25\n')
+    for camera in read_views(tmp_path / "c.toml").cameras():
+        assert (camera.max_angle_deg, camera.near, camera.model) == (40, 0.25, "fov")

@@ -10,9 +10,11 @@ By Cauchy's estimate a bound M of |u - u0| within R of a point bounds the deriva
 second is at most 2 M / R^2. By Bernstein's, it bounds the error of a quadrature (`edge_rule`).
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import FloatArray
@@ -164,12 +166,35 @@ def _atan2(y: Any, x: Any) -> Ball:
     return _smaller(right, side)
 
 
+def _polynomial(coefficients: Sequence[float], x: Any) -> Ball:
+    """Polynomial of a ball by its expansion at the centre, so that no root near it is lost."""
+    x, term = Ball.of(x), Polynomial(coefficients)
+    centre, radius, scale = term(x.centre), np.zeros_like(x.radius), 1.0
+    for k in range(1, len(coefficients)):
+        term, scale = term.deriv(), scale * k
+        radius = radius + np.abs(term(x.centre)) / scale * x.radius**k
+    return Ball(centre, radius)
+
+
+def _radial_factor(p: Any, q: Any) -> Ball:
+    numerator = _polynomial([1.0, *p[formulas.K1 : formulas.K6 + 1]], q)
+    return numerator / _polynomial([1.0, *p[formulas.D1 : formulas.D3 + 1]], q)
+
+
 _PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
 _project = formulas.project_on(_PLAIN)
+_project_near_pole = formulas.project_on(_PLAIN | {"radial_factor": _radial_factor})
 
 
 def reach(
-    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
+    code: int,
+    params: FloatArray,
+    frame: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    radius: Any,
+    *,
+    is_near_pole: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Bounds of |u - u0| and |v - v0|, px, over complex points near points of an ideal plane.
 
@@ -183,6 +208,8 @@ def reach(
         Points of the plane, X / Z and Y / Z.
     radius : float or (N,) float64
         Both coordinates of a complex point are within it of those of its (x, y).
+    is_near_pole : bool
+        Bound a rational lens by expansions, which are narrower where its denominator is small.
 
     Returns
     -------
@@ -192,7 +219,8 @@ def reach(
     zero = np.zeros(np.shape(x))
     X, Y = Ball(x, radius + zero), Ball(y, radius + zero)
     rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
+    project = _project_near_pole if is_near_pole else _project
     with np.errstate(all="ignore"):
-        pixels = (Ball.of(each).radius + zero for each in _project(code, params, *rays))
+        pixels = (Ball.of(each).radius + zero for each in project(code, params, *rays))
         across, down = (np.where(r < np.inf, r * ROUNDING, np.inf) for r in pixels)
     return across, down

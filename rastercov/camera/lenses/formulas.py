@@ -160,8 +160,11 @@ EQUATIONS = (based, radial_factor, distorted, imaged, project)
 
 
 def project_on(primitives: dict[str, Any]) -> Callable[..., Any]:
-    """`project` on another arithmetic, given `sqrt`, `atan2` and `angle_over_r` on it."""
+    """`project` on another arithmetic, given `sqrt`, `atan2` and `angle_over_r` on it.
+
+    `primitives` may have an equation as well, in a form with narrower bounds.
+    """
     space = {**globals(), **primitives}
-    for equation in EQUATIONS:
+    for equation in (each for each in EQUATIONS if each.__name__ not in primitives):
         space[equation.__name__] = FunctionType(equation.__code__, space, equation.__name__)
     return space["project"]

@@ -265,6 +265,10 @@ DEEPEST_CELL = 6
 """Divisions of a cell that is too large for a bound."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
+RADII_NEAR_POLE = tuple(np.geomspace(3e-5, 1e-2, 12).tolist())
+"""Those of a rational lens whose denominator comes near 0, where the others give no bound."""
+REACH_NEAR_POLE = 1e4
+"""Pixels below which its cells are not divided further."""
 
 CUBE: tuple[tuple[tuple[int, int, int], ...], ...] = (
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -320,7 +324,7 @@ class IdealPlane:
                 break
         return [part for part in found if len(part) >= 3]
 
-    def reach(self, radius: float) -> tuple[float, float]:
+    def reach(self, radius: float, *, is_near_pole: bool = False) -> tuple[float, float]:
         """Bounds of |u - u0| and |v - v0|, px, of complex points near a real one of the region.
 
         Parameters
@@ -328,6 +332,8 @@ class IdealPlane:
         radius : float
             Both coordinates are within it of those of the real point, in units of the plane; of a
             plane with a pole, in units of the distance of the real point from the pole.
+        is_near_pole : bool
+            As for `balls.reach`.
 
         Returns
         -------
@@ -335,7 +341,8 @@ class IdealPlane:
             Infinite where the lens has a pole or a branch that near.
         """
         x, y, half = self.cells(CELLS)
-        reach_at = partial(balls.reach, self.code, self.params, self.frame)
+        lens_of_plane = (self.code, self.params, self.frame)
+        reach_at = partial(balls.reach, *lens_of_plane, is_near_pole=is_near_pole)
         if self.has_pole:
             # Longitude does not change with the distance from the pole, and latitude changes less
             # and less: the ring from 1/2 outwards bounds all smaller ones, and a few are tried.
@@ -350,7 +357,8 @@ class IdealPlane:
         most_u = most_v = 0.0
         for depth in range(DEEPEST_CELL + 1):
             across, down = reach_at(x, y, radius + max(half))
-            is_good = np.maximum(across, down) < math.inf
+            most = REACH_NEAR_POLE if is_near_pole and depth < DEEPEST_CELL else math.inf
+            is_good = np.maximum(across, down) < most
             most_u = max(most_u, float(across[is_good].max(initial=0.0)))
             most_v = max(most_v, float(down[is_good].max(initial=0.0)))
             if is_good.all():
@@ -372,12 +380,15 @@ class IdealPlane:
     @cached_property
     def reaches(self) -> tuple[tuple[float, float, float], ...]:
         """Radii with their reach, those at which it is finite."""
-        found = []
-        for radius in RADII:
-            across, down = self.reach(radius)
-            if not max(across, down) < math.inf:
-                break  # a larger radius meets the same pole
-            found.append((radius, across, down))
+        for radii, is_near_pole in ((RADII, False), (RADII_NEAR_POLE, True)):
+            found = []
+            for radius in radii:
+                across, down = self.reach(radius, is_near_pole=is_near_pole)
+                if not max(across, down) < math.inf:
+                    break  # a larger radius meets the same pole
+                found.append((radius, across, down))
+            if found or not self.params[lens.D1 : lens.D3 + 1].any():
+                break
         return tuple(found)
 
     def cells(self, counts: int | FloatArray) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
