@@ -53,10 +53,7 @@ def cameras(
     mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S or E.")] = None,
     max_price: Annotated[
         float,
-        typer.Option(
-            min=0,
-            help="Maximum price, USD in the built-in catalogue; entries without a price are kept.",
-        ),
+        typer.Option(min=0, help="Maximum price, USD if built in; entries without one are kept."),
     ] = math.inf,
     own: Annotated[
         Path | None, typer.Option("--catalogue", help="Your own catalogue file.")

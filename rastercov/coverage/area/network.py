@@ -214,6 +214,10 @@ class AreaNetwork:
         """(F,) area that no camera can see, m^2; None where that of the `Network` holds."""
         return None
 
+    def never_seen(self) -> tuple[FloatArray, FloatArray] | None:
+        """(F,) areas that no camera can see here and anywhere, where bodies move; else None."""
+        return None
+
     def of_time(self) -> dict[str, Any]:
         """Entries of a summary on time, whose figures are then the only ones; often none."""
         return {}

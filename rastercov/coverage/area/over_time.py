@@ -569,6 +569,10 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime`."""
         return self.over_time.unseeable
 
+    def never_seen(self) -> tuple[FloatArray, FloatArray]:
+        """As of `AreaNetwork`."""
+        return self._unseeable(), never_seeable(self.over_time.motion)
+
     def of_time(self) -> dict[str, Any]:
         """As of `AreaNetwork`."""
         return {"over_time": self.over_time.summary()}

@@ -268,13 +268,10 @@ def seeable_areas(
     """
     if plan.task.weight_by != "seeable":
         return None
-    from rastercov.coverage.area.over_time import TimeAreas, never_seeable
     from rastercov.mesh.unseeable import unseeable_areas
 
-    if isinstance(areas, TimeAreas):
-        hidden, proved = areas.over_time.unseeable, never_seeable(areas.over_time.motion)
-    else:
-        hidden, proved = network.unseeable_areas, unseeable_areas(network.mesh)
+    over_time = areas.never_seen() if areas is not None else None
+    hidden, proved = over_time or (network.unseeable_areas, unseeable_areas(network.mesh))
     if not hidden.any() and proved.any():
         raise ConfigError(
             'expected cameras outside closed bodies for weight_by = "seeable", got some '

@@ -271,8 +271,7 @@ class PlanMotion(MotionQuery):
         n_elements = dict.fromkeys(("n_faces", "n_task_faces"), n_frames * n_cells)
         own = {name: header[name] for name in header.keys() - {"cells", "mounts"}}
         matrix = VisibilityMatrix(placed=poses, header=own | n_elements, parts=(pairs,))
-        is_seeable = plan.task.weight_by == "seeable"
-        hidden = never_seeable(motion) if is_seeable else None
+        hidden = never_seeable(motion) if plan.task.weight_by == "seeable" else None
         weights = weights_of(cells, plan.task.weight_by, hidden)
         if not is_of_cells:
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
