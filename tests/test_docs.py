@@ -205,8 +205,8 @@ def test_pages_keep_to_the_time_of_their_reader():
     assert {page: count for page, count in prose.items() if count > 1000} == {}
     assert sum(everything.values()) <= 29_800
     appendix = (path.read_text(encoding="utf-8") for path in (DOCS / "appendix").glob("*.md"))
-    assert sum(everything.values()) + sum(map(words, appendix)) <= 45_500
-    assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 1_550
+    assert sum(everything.values()) + sum(map(words, appendix)) <= 46_100
+    assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 1_650
 
 
 def test_links_of_the_first_pages_lead_somewhere():
