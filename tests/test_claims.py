@@ -17,7 +17,7 @@ CLAIMS = {
         "If you have no mesh": "test_shapes every_name_gives_the_same_sound_mesh_twice",
         "`evaluate` writes": "report/test_pages by_area_dead_zones_are_listed_and_drawn",
         "`view` opens": "viewer/test_browser a_slider_changes_the_summary_to_what",
-        "Measured with two": "test_comparison the_command_compares_first_and_rewrites",
+        "The ranges are": "test_comparison the_command_compares_first_and_rewrites",
         "The [comparison]": "test_comparison errors_are_those_of_numbers_by_hand",
         "- Certified visible": "exact/test_certificate no_certificate_is_wrong_on_a_built_in_mesh",
         "Every other figure": "test_observer the_bound_holds_for_nearly_all_partly_hidden_faces",
