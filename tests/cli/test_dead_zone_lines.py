@@ -19,7 +19,9 @@ outputs = {{ page = false }}
 [camera]
 {CAMERA}
 """
-LINE = re.compile(r"dead zone .* m² at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) m in group mesh: back-facing")
+LINE = re.compile(
+    r"dead zone .* m² at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) m in group mesh: back-facing"
+)
 
 
 @pytest.fixture(autouse=True)
