@@ -13,6 +13,7 @@ that matters, and that is missing, is an error; any other is a note.
 import json
 import math
 import os
+import re
 import stat
 import tomllib
 from collections import Counter
@@ -73,7 +74,8 @@ class UnparsedError(UnreadableError):
 
     def __init__(self, form: str, reason: str) -> None:
         super().__init__(reason)
-        self.args = (f"expected valid {form}, got: {reason}",)
+        got = re.sub(r"^Expect\w+ ", "no ", reason)
+        self.args = (f"expected valid {form}, got: {got}",)
 
 
 def suffix_of(path: StrPath) -> str:

@@ -106,7 +106,7 @@ def lamps_of(entries: Mapping[str, Any], folder: Path = Path()) -> Lamps:
     ):
         raise CameraError(
             "expected a table [lamps.NAME] per lamp, ambient and exposure, got "
-            f"{shown(sorted(map(str, entries)))}"
+            f"{shown(dict(entries))}"
         )
     lamps, places, names, rides = [], [], [], []
     for name, own in entries["lamps"].items():

@@ -151,7 +151,7 @@ class Evaluation(Coverage):
         Covered area, where the result is by area, over time where bodies move; see `covered` and
         `over_time`.
     apart : ByCamera
-        Figures of each of several cameras alone.
+        Figures per camera, of several.
     pairs : str
         Pairs of pose and face that went to a table, `n_rows` of them.
     is_kept : bool

@@ -242,7 +242,7 @@ class AuditPage(NetworkPage):
             f"with fewer than {zones['views']} views",
             f"within {zones['angle_deg']:.3g}° of each other",
         )
-        parts = zip(zones["by_kind"].values(), (few, narrow, "coarse"), strict=True)
+        parts = zip(zones["by_kind"].values(), (few, narrow, "at low resolution"), strict=True)
         kinds = ", ".join(
             f"{percent(share / 100)} {word}" for share, word in parts if share > LEAST_PERCENT
         )

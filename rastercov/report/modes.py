@@ -35,7 +35,7 @@ OCCLUDER_OF_REASONS = len(NAMES)
 MOST_VIEWS = 12
 """Views from which the colour is the same."""
 OCCLUDER_LABEL = "occluder"
-WEAK_LABELS = ("too few views", "small angle between views", "coarse")
+WEAK_LABELS = ("too few views", "small angle between views", "low resolution")
 """Of the kinds of weakness in `rastercov.placement.reconstruction`."""
 
 
@@ -287,7 +287,7 @@ MODES: dict[str, Mode] = {
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
     "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),
     "weak": Mode(
-        "Weak zones", "Parts with too few views, small angles or coarse sampling.", by_weakness
+        "Weak zones", "Parts with too few views, small angles or low resolution.", by_weakness
     ),
     "uncertainty": Mode(
         "Uncertainty", "Largest standard deviation of measured points on each part.", by_deviation

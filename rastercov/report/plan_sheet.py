@@ -577,7 +577,7 @@ def _tables(
         for row, index in enumerate(dict.fromkeys(found.poses.camera.tolist()))
     }
     ends = ((2, "start"), (40, "start"), *((x, "end") for x in (57, 70, 84, 104, 121, 138)))
-    heads = ("camera", "type", "x", "y", "height", "heading", "tilt", "roll")
+    heads = ("camera", "type", "x, m", "y, m", "height, m", "heading", "tilt", "roll")
     lines = [_cells(heads, ends, True)]
 
     def placed(name: str, kind: str, pose: FloatArray) -> list[Cell]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import area, percent, plural, with_bound
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -568,7 +568,7 @@ def _of_station(
         words = f"occluded by {by}: {percent(occluder['share'])} of its image"
     visible, bound = found["visibility"], found["visibility_bound"]
     entries = {
-        "visible fraction": f"{percent(visible)} ± {100 * bound:.1g} %",
+        "visible fraction": with_bound(100 * visible, 100 * bound),
         "coverage": f"{found['coverage']:.3g}",
         "pixels without occlusion": f"{rounded(found['drawn_pixels'])} px",
         "angle of incidence": f"{math.degrees(found['incidence']):.3g}°",

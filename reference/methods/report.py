@@ -292,12 +292,12 @@ def comparison_table(comparison: Comparison) -> Table:
     title = f"Against {comparison.against}, {plural(comparison.poses_done, 'pose')}"
     table = Table(title=title, title_justify="left")
     table.add_column("method", overflow="fold")
-    for name in ("faces", "partial", "rms error", "worst", "missed", "held, %", "ms/pose"):
+    for name in ("faces", "partial", "rms error", "worst", "missed", "within\nbound", "ms/pose"):
         table.add_column(name, justify="right", no_wrap=True)
     for score in comparison.scores:
         row = score_row(score)
         time = row[8].removesuffix(" ms")
-        table.add_row(Text(score.name), *row[1:6], row[6].removesuffix(" %"), time)
+        table.add_row(Text(score.name), *row[1:7], time)
     seconds = milliseconds(comparison.truth_seconds_per_pose).removesuffix(" ms")
     table.add_row(f"reference: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
     return table

@@ -33,7 +33,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of a device at the full size of their sensors, in the frame of the depth camera."""
-    device = Entries(source.json, "the file").table("CalibrationInformation")
+    device = Entries(source.json).table("CalibrationInformation")
     tables = [each for _, each in device.tables("Cameras")]
     border.note("cameras have the full sensor; a mode of the device may crop and bin it")
     names = [each.text("Location", "camera").removeprefix("CALIBRATION_Camera") for each in tables]

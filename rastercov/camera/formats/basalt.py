@@ -38,7 +38,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of a calibration, in the frame of the IMU."""
-    file = Entries(source.json, "the file").table("value0")
+    file = Entries(source.json).table("value0")
     sizes = dict(enumerate(file.need("resolution")))
     cameras = [
         _camera(each, checked(sizes.get(row), f"{each.where}: resolution", (2,)).tolist())

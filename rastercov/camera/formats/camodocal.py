@@ -36,7 +36,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """The camera of a calibration, or those of VINS-Fusion's configuration beside their files."""
-    file = Entries(source.yaml, "the file")
+    file = Entries(source.yaml)
     if "model_type" in file:
         name = file.text("camera_name", "camera")
         rotation, shift = (f"extrinsic{name}" for name in ("Rotation", "Translation"))
@@ -70,7 +70,7 @@ def _camera(file: Entries) -> Camera:
     for name in TABLES:
         if name in file:
             values |= file.get(name)
-    table = Entries(values, f"{file.where}, {', '.join(name for name in TABLES if name in file)}")
+    table = Entries(values, file.part(", ".join(name for name in TABLES if name in file)))
     numbers = map(table.number, (theirs or order).split())
     p = dict(zip(order.split(), numbers, strict=True))
     return centred_camera(ours, (file.side("image_width"), file.side("image_height")), p)

@@ -56,12 +56,12 @@ def is_mine(content: object) -> bool:
 
 def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
     """Views of bare poses."""
-    return _views(matrices, border, Entries({}, "the file"), None, [])
+    return _views(matrices, border, Entries({}), None, [])
 
 
 def read(content: Mapping[str, Any], border: Border) -> Views:
     """Views of a JSON or TOML table."""
-    entries = Entries(content, "the file")
+    entries = Entries(content)
     if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
         return border.views([Camera.from_dict(content)], metres=1.0)
     border.unknown.look("the file", entries.names(), KNOWN, UNUSED)

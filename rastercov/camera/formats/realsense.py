@@ -33,7 +33,7 @@ def is_mine(content: object) -> bool:
 def read(source: Source, border: Border) -> Views:
     """Cameras of the streams."""
     if source.is_json:
-        return border.views([_camera(Entries(source.json, "the file"))])
+        return border.views([_camera(Entries(source.json))])
     found: dict[str, Camera] = {}
     for name, block in BLOCK.findall(source.text):
         table: dict[str, object] = {}

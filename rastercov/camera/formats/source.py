@@ -97,11 +97,14 @@ class Source:
 
 
 class Entries:
-    """A table of a file; `where` names it in errors."""
+    """A table of a file; `where` names it in errors, and is empty for all of the file."""
 
-    def __init__(self, value: object, where: str) -> None:
+    def __init__(self, value: object, where: str = "") -> None:
+        self._start = where and f"{where}: "
         if not isinstance(value, Mapping):
-            raise CameraError(f"{where}: expected a table of names and values, got {shown(value)}")
+            raise CameraError(
+                f"{self._start}expected a table of names and values, got {shown(value)}"
+            )
         self._table, self.where = value, where
 
     def __contains__(self, name: str) -> bool:
@@ -123,13 +126,13 @@ class Entries:
     def need(self, name: str) -> Any:
         """The value, which must be there."""
         if name not in self:
-            raise CameraError(f"{self.where}: expected {name}, got none; export the file again")
+            raise CameraError(f"{self._start}expected {name}, got none; export the file again")
         return self._table[name]
 
     def wrong(self, name: str, wanted: str, got: object) -> CameraError:
         """Error of an entry that is not what was wanted."""
         return CameraError(
-            f"{self.where}: expected {name} to be {wanted}, got {shown(got)}; correct it"
+            f"{self._start}expected {name} to be {wanted}, got {shown(got)}; correct it"
         )
 
     def number(self, name: str, default: float | None = None) -> float:
@@ -157,7 +160,7 @@ class Entries:
     def side(self, name: str) -> int:
         """Width or height of an image; some programs write 640.0."""
         found = self.number(name)
-        with errors_as(CameraError, self.where):
+        with errors_as(CameraError, self.where or None):
             return image_side(name, found)
 
     def text(self, name: str, default: str | None = None) -> str:
@@ -182,9 +185,13 @@ class Entries:
             raise self.wrong(name, "true or false", value)
         return bool(value)
 
+    def part(self, name: str) -> str:
+        """Where a part of it is."""
+        return f"{self.where}, {name}".removeprefix(", ")
+
     def table(self, name: str) -> "Entries":
         """A table within."""
-        return Entries(self.need(name), f"{self.where}, {name}")
+        return Entries(self.need(name), self.part(name))
 
     def tables(self, name: str) -> Iterator[tuple[str, "Entries"]]:
         """Tables of a list or a table within, with their names or numbers."""
@@ -192,11 +199,11 @@ class Entries:
         if not isinstance(value, Mapping | list):
             raise self.wrong(name, "a list or table", value)
         for key, each in value.items() if isinstance(value, Mapping) else enumerate(value):
-            yield str(key), Entries(each, f"{self.where}, {name} {str(key)[:60]}")
+            yield str(key), Entries(each, self.part(f"{name} {str(key)[:60]}"))
 
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers of one of these shapes, as a list or a list of rows."""
-        return checked(self.need(name), f"{self.where}: {name}", *shapes)
+        return checked(self.need(name), f"{self._start}{name}", *shapes)
 
 
 class Words(Entries):
@@ -216,7 +223,7 @@ class Words(Entries):
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers, as many as one of these lengths."""
         words = self.text(name).split()[:100]
-        return checked([*map(number_of, words)], f"{self.where}: {name}", *shapes)
+        return checked([*map(number_of, words)], f"{self._start}{name}", *shapes)
 
 
 def checked(value: object, what: str, *shapes: tuple[int, ...]) -> FloatArray:

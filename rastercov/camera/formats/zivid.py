@@ -19,7 +19,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """The camera."""
-    file = Entries(source.table, "the file").table("CameraIntrinsics")
+    file = Entries(source.table).table("CameraIntrinsics")
     matrix, lens = file.table("CameraMatrix"), file.table("Distortion")
     p = {name.lower(): matrix.number(name) for name in ("FX", "FY", "CX", "CY")}
     p |= {name.lower(): lens.number(name) for name in ("K1", "K2", "P1", "P2", "K3")}

@@ -37,7 +37,7 @@ def cameras_apart(camera: Cameras, poses: Poses) -> list[int]:
 
 
 class ByCamera:
-    """Figures of each camera alone; of none if there is one camera, or too many.
+    """Figures per camera; of none if there is one camera, or too many.
 
     A point, or a face, counts for a camera where any of its poses covers it, however many views the
     task requires of all cameras together.

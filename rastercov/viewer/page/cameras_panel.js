@@ -152,21 +152,22 @@ function poseSection(session, { view, tools, jobs }) {
   const values = () => {
     const pose = session.poseOf(session.station());
     const [x, y, z] = scale(centreOf(pose), perField);
-    return { x, y, z, ...anglesOf(pose, up) };
+    const { heading, elevation, roll } = anglesOf(pose, up);
+    return { x, y, z, heading, tilt: -elevation, roll };
   };
   const fields = [
     ...["x", "y", "z"].map((key) => [key, lengths]),
-    ...["heading", "elevation", "roll"].map((key) => [key, "°"]),
+    ...["heading", "tilt", "roll"].map((key) => [key, "°"]),
   ].map(([key, unit]) => {
     const limits =
-      key === "elevation" ? { low: -90, high: 90 } : key.length > 1 ? { low: -360, high: 360 } : {};
+      key === "tilt" ? { low: -90, high: 90 } : key.length > 1 ? { low: -360, high: 360 } : {};
     const box = numberBox({ label: labelOf(key), value: 0, unit, ...limits }, (value) => {
       const next = { ...values(), [key]: value };
       const centre = scale([next.x, next.y, next.z], 1 / perField);
       session.act({
         do: "pose",
         station: session.chosen,
-        pose: poseFromAngles(next.heading, next.elevation, next.roll, up, centre),
+        pose: poseFromAngles(next.heading, -next.tilt, next.roll, up, centre),
       });
     });
     return {
@@ -208,7 +209,7 @@ function poseSection(session, { view, tools, jobs }) {
     element(
       "p.soft",
       {},
-      "Heading from +x towards +y; elevation above the horizon. Drag the arrows and rings in the view, or press the arrow keys.",
+      "Heading from +x towards +y; tilt down from level. Drag the arrows and rings in the view, or press the arrow keys.",
     ),
   );
   const root = section("Selected camera", [body]);

@@ -133,7 +133,7 @@ export function summary(session) {
     const why = now.by_face_because ? `: ${now.by_face_because}` : "";
     const of = `of the area${session.state.goal ? ` of goal ${session.state.goal}` : ""}`;
     rest.textContent = exact ? of : `${of} in whole faces${why}`;
-    root.title = exact ? `${exact.percent.toFixed(4)} ± ${figure(exact.bound_percent, 2)} %` : rest.textContent;
+    root.title = exact ? `${exact.percent.toFixed(4)} ± ${(Math.ceil(1e4 * exact.bound_percent + 0.5) / 1e4).toFixed(4)} %` : rest.textContent;
   });
   return root;
 }
