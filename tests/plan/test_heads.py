@@ -562,7 +562,7 @@ def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
     # The camera alone would cover a zone from many of the places, and is no candidate.
     zones = told()["dead_zones"]
     assert not any(each["tried"] for each in zones)
-    assert "places within" in zones[0]["advice"]
+    assert "positions within" in zones[0]["advice"]
 
 
 def test_a_baseline_that_is_too_short_is_named():

@@ -398,8 +398,8 @@ def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
     tab.page.wait_for_function("document.querySelector('dialog.large img').naturalWidth == 640")
     tab.keys("Escape")
     width = tab.js("rastercov.view.canvas.clientWidth")
-    tab.button("fold Why")
-    tab.button("fold Panels")
+    tab.button("hide Why")
+    tab.button("hide Panels")
     tab.page.reload()
     tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
     assert tab.js("rastercov.view.canvas.clientWidth") > width + 400

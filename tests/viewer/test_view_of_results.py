@@ -50,7 +50,7 @@ def made_report(capsys, name):
 
 
 def line_of(capsys, report, *more):
-    return ["view", str(report), *map(str, more), "--export", "page.html"]
+    return ["view", str(report), *map(str, more), "--export", "page.html", "--still"]
 
 
 def seen(capsys, report, *more):

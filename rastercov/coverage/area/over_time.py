@@ -359,13 +359,16 @@ class OverTime(InOneLine):
             found.append(_said(NAMES[winner], motion.names[hiding], motion.names[hiding]))
         return found, of_frames
 
-    def dead_zones(self, places: Places | None = None, kind: int = 0) -> dict[str, Any]:
+    def dead_zones(self) -> dict[str, Any]:
         """Dead zones, the largest first, each with the body that hides it most, ready for JSON.
 
         The world, which never moves, is no such body. Advice is a camera that covers half of the
-        zone for as long as asked: for the first zones, where no body carries cameras; `places` and
-        `kind` as for `summary_of`.
+        zone for as long as asked: for the first zones, where no body carries cameras.
         """
+        return self._advised(None, 0)
+
+    def _advised(self, places: Places | None, kind: int) -> dict[str, Any]:
+        """As `dead_zones`, with advice of places and a camera as for `summary_of`."""
         rows, n = self._entries(), min(self.zones.listed(), MOST_LINES)
         n_pairs = len(self.motion) * self.motion.mesh.n_faces
         is_carried = (carriers(self.asked, self.camera, self.poses) != np.eye(4)).any()
@@ -583,7 +586,7 @@ class TimeAreas(AreaNetwork):
 
     def dead_zones(self, *asked: object, **named: object) -> dict[str, Any]:
         """As of `OverTime`; kept like its zones."""
-        make = partial(self.over_time.dead_zones, self.places, self.kind)
+        make = partial(self.over_time._advised, self.places, self.kind)
         return self._once(self.over_time.zones, make)
 
     def zones(self, *asked: object, **named: object) -> DeadZones:

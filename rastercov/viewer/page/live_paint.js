@@ -92,7 +92,7 @@ function byViews(own, { views }) {
 
 function byCamera(own, { bestRow, stations }) {
   const colours = stations.slice(0, LAST - FIRST + 1).map(({ row }) => own.cameraColours[row % own.cameraColours.length]);
-  const words = { [NOTHING]: "covered by none", [OCCLUDER]: "occluder" };
+  const words = { [NOTHING]: "not covered", [OCCLUDER]: "occluder" };
   stations.slice(0, LAST - FIRST + 1).forEach(({ name }, at) => (words[FIRST + at] = name));
   return classes(own, cycled(own, bestRow), paletteOf([own.uncovered, own.occluder, ...colours]), words);
 }
