@@ -307,10 +307,7 @@ def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):
         return seen, empty - 1
 
     monkeypatch.setattr(rasterizer._strategy, name, lossy)
-    with pytest.raises(
-        DeviceError,
-        match=r"expected correct results of llvmpipe \(LLVM 15\.0\.6, 256 bits\), got a fault: it",
-    ):
+    with pytest.raises(DeviceError, match="got a fault: it counted 4799 samples of 4800; see"):
         rasterizer.count(POSES)
 
 
