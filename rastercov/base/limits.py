@@ -20,7 +20,7 @@ def limited(what: str, seconds: float) -> Iterator[None]:
 
 
 def time_limit_in_words() -> str:
-    """What has a limit now, and the time left until it; "" for nothing."""
+    """Name of the work that has a time limit and the seconds left, or ""."""
     if not _LIMITED:
         return ""
     what, end = _LIMITED[-1]

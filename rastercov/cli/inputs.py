@@ -79,17 +79,17 @@ class SceneOptions(NamedTuple):
             "--occluder",
             help="Mesh file or group (wildcards allowed) that occludes but is not evaluated.",
         ),
-    ] = []  # noqa: RUF012 - the same
+    ] = []  # noqa: RUF012 - typer copies it
     two_sided: Annotated[
         list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
-    ] = []  # noqa: RUF012 - the same
+    ] = []  # noqa: RUF012 - typer copies it
     drop_invalid: Annotated[bool, typer.Option(help="Drop non-finite faces with a warning.")] = (
         False
     )
     targets: Annotated[
         list[str],
         typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
-    ] = []  # noqa: RUF012 - the same
+    ] = []  # noqa: RUF012 - typer copies it
 
     def read(self, meshes: list[Path]) -> Mesh:
         """Scene of these files; an occluder or target may be a further file or a group of these.

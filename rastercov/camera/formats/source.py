@@ -186,7 +186,7 @@ class Entries:
         return bool(value)
 
     def part(self, name: str) -> str:
-        """Where a part of it is."""
+        """Path of an entry in the file, for messages."""
         return f"{self.where}, {name}".removeprefix(", ")
 
     def table(self, name: str) -> "Entries":
