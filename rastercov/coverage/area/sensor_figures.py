@@ -156,3 +156,6 @@ class OfRules(Feature):
     """Rules of rigs, see `rastercov.camera.rule`."""
 
     figures = RigFigures
+
+
+HOOKS = OfRules()
