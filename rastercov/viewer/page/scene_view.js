@@ -74,7 +74,7 @@ export class SceneView {
       this.request();
     });
     this.session.on("state chosen face poses", () => this.request());
-    this.session.on("time", () => {
+    this.session.on("phase", () => {
       this.#framing = () => {}; // cameras that ride, and the legend, would move the view
       if (!this.isLost) this.mesh.setCorners(this.session.corners);
       this.request();

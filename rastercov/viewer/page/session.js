@@ -6,12 +6,12 @@
  * answers.
  *
  * Events: "state" (rig or task), "frame" (levels and figures), "chosen" (station), "face" (picked),
- * "connection", "restarted", "idle", "fault" (one line for the user), "notice" (one line), "mode", "time".
+ * "connection", "restarted", "idle", "fault" (one line for the user), "notice" (one line), "mode", "phase".
  */
 
 import { Gone, bytesOf } from "rastercov/api.js";
+import { FEATURES } from "rastercov/features.js";
 import { centreOf, multiply } from "rastercov/maths.js";
-import { cornersAt } from "rastercov/time.js";
 
 const PING_EVERY = 2000;
 /** Name of the rig and the time of a state, which figures are of. */
@@ -34,8 +34,7 @@ export class Session {
     this.reloads = 0; // how often the state of another tab was taken: gestures begun before are void
     this.localPoses = new Map(); // station -> pose that is not the server's yet
     this.options = {}; // mode -> values of its fields
-    this.frame = 0; // of bodies that move
-    this.joints = []; // of robots
+    this.phases = null; // of a scene, see `features.js`
     this.goal = ""; // of the plan, "" for its task
   }
 
@@ -60,7 +59,8 @@ export class Session {
     ]);
     Object.assign(this, { scene, corners: soup.corners, origin: soup.origin, faceGroups: groups, state });
     this.cornersAtRest = soup.corners;
-    this.#takeTime(state.at ?? []);
+    this.features = FEATURES.map((of) => of(this)).filter(Boolean);
+    this.phases?.show(state.at);
     this.goal = state.goal ?? "";
     const modes = scene.modes.filter((mode) => this.server.hasMode?.(mode.id) ?? true);
     scene.modes = modes;
@@ -149,32 +149,9 @@ export class Session {
     this.refresh();
   }
 
-  /** Frame, and joints of robots where they are not those of the frame. */
+  /** Numbers that name the phase of the scene that is shown. */
   get at() {
-    if (!this.scene.motion) return [];
-    const own = this.scene.joints?.frames[this.frame] ?? [];
-    return [this.frame, ...(this.joints.every((each, row) => each === own[row]) ? [] : this.joints)];
-  }
-
-  #takeTime([frame = 0, ...joints], placed = null) {
-    const { motion, joints: known } = this.scene;
-    if (!motion) return;
-    this.frame = this.server.frame = frame;
-    this.joints = joints.length ? joints : (known?.frames[frame] ?? []).slice();
-    if (!joints.length || placed) this.corners = cornersAt(this, frame, placed);
-    this.emit("time", frame);
-  }
-
-  /** Shows a frame of bodies that move; ends with its figures. */
-  async setFrame(frame) {
-    this.#takeTime([frame]);
-    if (this.server.hasFrames?.(this.mode) ?? true) await this.refresh();
-  }
-
-  /** Shows robots with other joints, which the server moves. */
-  setJoints(joints, isDrag = false) {
-    this.joints = joints;
-    return this.act({ do: "none" }, { isDrag });
+    return this.phases?.at ?? [];
   }
 
   /** Shows the task, "", or a goal of the plan. */
@@ -274,7 +251,7 @@ export class Session {
     if (!isLater) this.localPoses.clear();
     const known = new Set(this.state.stations.map((station) => station.id));
     this.state = state;
-    if (bodies && String(state.at) === String(this.at)) this.#takeTime(state.at, bodies);
+    if (bodies && String(state.at) === String(this.at)) this.phases.show(state.at, bodies);
     const added = state.stations.find((station) => !known.has(station.id));
     const isChosenGone = this.chosen !== null && !this.device();
     this.figures = figures;
@@ -299,7 +276,7 @@ export class Session {
     try {
       this.reloads += 1;
       this.state = await this.server.state();
-      this.#takeTime(this.state.at ?? []);
+      this.phases?.show(this.state.at);
       this.goal = this.state.goal ?? "";
       this.localPoses.clear();
       if (this.chosen !== null && !this.device()) this.chosen = this.state.stations[0]?.id ?? null;
