@@ -1,24 +1,28 @@
-"""Features that can be deleted: a line each, with the modules in which it adds to a package.
+"""Features that can be deleted: a line each, with the modules in which it adds to the others.
 
-Such a module has an instance of the hooks of its package, `HOOKS`; what calls them is in the
-package, and knows no feature. To delete a feature, delete its line, its files and its tests.
+Hooks are a class of a package, which calls them and knows no feature; a module of a feature has an
+instance, `HOOKS`. To delete a feature, delete its line, its files and its tests.
 """
 
 from importlib import import_module
 from typing import TypeVar
 
 Hooks = TypeVar("Hooks")
-
-FEATURES: dict[str, tuple[str, ...]] = {
-    "rules": ("coverage.area.sensor_figures",),
-    "lamps": ("coverage.area.light_points",),
+FEATURES: dict[str, dict[str, str]] = {
+    "rules": {"Feature": "coverage.area.sensor_figures"},
+    "lamps": {"Feature": "coverage.area.light_points"},
+    "motion": {
+        "Phased": "coverage.moving",
+        "PlanPhased": "placement.plan.over_time",
+        "FeatureModes": "report.time_modes",
+        "ReportHooks": "report.over_time",
+        "SceneFile": "cli.motion",
+    },
 }
-"""Modules by the name of the feature."""
+"""Modules of each feature, by the class of their hooks."""
 
 
-def hooks_of(package: str, kind: type[Hooks]) -> tuple[Hooks, ...]:
-    """Hooks of all features in modules of a package, such as "coverage.area"."""
-    names = [name for own in FEATURES.values() for name in own]
-    own = [name for name in names if name.rpartition(".")[0] == package]
-    found = [import_module(f"rastercov.{name}").HOOKS for name in own]
-    return tuple(each for each in found if isinstance(each, kind))
+def hooks_of(kind: type[Hooks]) -> tuple[Hooks, ...]:
+    """Hooks of a class, of all features that have some."""
+    modules = [own[kind.__name__] for own in FEATURES.values() if kind.__name__ in own]
+    return tuple(import_module(f"rastercov.{name}").HOOKS for name in modules)

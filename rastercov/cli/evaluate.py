@@ -31,12 +31,14 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
+from rastercov.cli.scene_files import SceneFiles
 from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.shards import Tally, Workers
 
 if TYPE_CHECKING:
+    from rastercov.coverage.phases import Phases
     from rastercov.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder
@@ -85,6 +87,7 @@ def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
     scene: SceneOptions,
+    files: SceneFiles,
     conventions: Conventions,
     task: Task,
     report: ReportOptions,
@@ -94,12 +97,6 @@ def evaluate(
     out: options.Out = Path("report"),
     level: options.Level = None,
     sheet: options.Sheet = None,
-    motion: Annotated[
-        Path | None,
-        typer.Option(
-            help="Motion file: TOML with [[bodies]] and [motion], or a pose table (JSON or CSV)."
-        ),
-    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and write a report: table, figures, pictures, coloured mesh.
@@ -121,21 +118,16 @@ def evaluate(
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(*eyes.notes)
-    kept = scene.entries(out, meshes, motion=motion, lamps=lamps)
+    kept = scene.entries(out, meshes, lamps=lamps, **files)
     skips = conventions.skip_bad_poses
     title = read_sheet(sheet)
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title)
     assert eyes.rig is not None
     rig = with_lamps(eyes.rig, lamps)
     task = narrowed(rig, task)
-    moving = None
-    if motion is not None:
-        from rastercov.placement.plan.scene import read_timed
-
-        moving = read_timed(motion, mesh, report.method)
-        mesh = moving.motion.mesh
+    phases = files.phases(mesh, report.method)
     run_and_print(
-        mesh,
+        mesh if phases is None else phases.mesh,
         rig,
         eyes.poses,
         task,
@@ -145,7 +137,7 @@ def evaluate(
         workers,
         level,
         eyes.images,
-        moving,
+        None if phases is None else phases.asked,
     )
 
 
@@ -160,7 +152,7 @@ def run_and_print(
     workers: "Workers | None" = None,
     level: int | None = None,
     names: tuple[str, ...] = (),
-    moving: object = None,
+    phases: "Phases | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
@@ -183,7 +175,7 @@ def run_and_print(
             staff,
             level=level,
             names=names,
-            moving=moving,
+            phases=phases,
         )
     warn(*summary["doubts"])
     if as_json:

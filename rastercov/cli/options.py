@@ -16,6 +16,7 @@ from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
+from rastercov.cli.scene_files import SceneFiles, scene_files
 from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
 from rastercov.shards import Workers
@@ -147,8 +148,8 @@ CONVENTIONS = {
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
     """Replace parameters of a command that are several options together by these options.
 
-    They are of type `Conventions`, `Task`, or a named tuple of options. With `--thesis` the fields
-    that `Task.thesis` sets keep its values.
+    They are of type `Conventions`, `Task`, `SceneFiles`, or a named tuple of options. With
+    `--thesis` the fields that `Task.thesis` sets keep its values.
     """
     signature = inspect.signature(command)
     parameters: list[inspect.Parameter] = []
@@ -160,15 +161,16 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
             own, make = _of_conventions(), _conventions
         elif kind is Task:
             own, make = _of_task(), _task
+        elif kind is SceneFiles:
+            own, make = _of_files(), SceneFiles
         elif hasattr(kind, "_fields"):
             own, make = _of_tuple(kind), functools.partial(_tuple, kind)
         else:
             parameters.append(each)
             continue
         for option in own:
-            option.annotation.__metadata__[0].rich_help_panel = kind.__name__.removesuffix(
-                "Options"
-            )
+            panel = kind.__name__.removesuffix("Options").removesuffix("Files")
+            option.annotation.__metadata__[0].rich_help_panel = panel
         parameters += own
         made[each.name] = [option.name for option in own], make
 
@@ -195,6 +197,13 @@ def _of_tuple(kind: type[NamedTuple]) -> list[inspect.Parameter]:
 
 def _tuple(kind: Callable[..., object], values: dict[str, Any]) -> object:
     return kind(**values)
+
+
+def _of_files() -> list[inspect.Parameter]:
+    return [
+        _parameter(each.word, None, Annotated[Path | None, typer.Option(help=each.help)])
+        for each in scene_files()
+    ]
 
 
 def _of_conventions() -> list[inspect.Parameter]:

@@ -1,4 +1,4 @@
-"""The answer to a `Query`: poses are measured batch by batch and added up, and so are frames.
+"""The answer to a `Query`: poses are measured batch by batch and added up, then phases.
 
 `answer` gives it to `rastercov.evaluate`, which keeps the figures of every pair of pose and face,
 and to the commands, which write chosen pairs to a table while it runs.
@@ -113,15 +113,15 @@ def evaluate(
     """
     check_scene(mesh, camera)
     accepted, engine = Poses.of(poses), Engine.of(method)
-    camera, task, motion = asked(mesh, camera, task, given)
-    query = Query(mesh, camera, accepted, task, engine, motion, by)
+    camera, task, phases = asked(mesh, camera, task, given)
+    query = Query(mesh, camera, accepted, task, engine, phases, by)
     folder, workers = shards if isinstance(shards, tuple) else (shards, None)
     if folder is not None:
         if fields:
             raise ConfigError("expected fields or a folder for shards, got both; leave one out")
         fields = ()
-    elif query.asked is not None:
-        query.asked._check_held(accepted)
+    elif phases is not None:
+        phases.check_held(accepted)
     names = checked_fields(fields)
     each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
     size = each * len(accepted) * mesh.n_faces
@@ -236,10 +236,10 @@ def answer(
     folder: Path | None = None,
     staff: Staff = ALONE,
 ) -> Evaluation:
-    """Measure all poses and add them up; then all frames of a motion.
+    """Measure all poses and add them up; then all phases of the scene.
 
     An interrupt ends the poses after the current batch; what was finished is the result. Before the
-    first is done, and in the frames, the interrupt is raised.
+    first is done, and in phases, the interrupt is raised.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def answer(
                 interrupted = True
         seconds, info = time.perf_counter() - began, observer.info
     of_run = {
-        "areas": query.over_time(sums.poses, folder, staff) or sums.areas,
+        "areas": query.of_phases(sums.poses, folder, staff) or sums.areas,
         "options": options,
         "pairs": pairs,
         "n_rows": 0 if table is None else table.n_rows,

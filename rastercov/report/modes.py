@@ -16,6 +16,7 @@ from PIL import Image
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
+from rastercov.base.features import hooks_of
 from rastercov.base.format import percent, plural
 from rastercov.base.memory import FloatArray
 from rastercov.coverage.densities import DORI
@@ -121,12 +122,15 @@ class Mode(NamedTuple):
         Faces of a mesh in their colours, from the values of the mode.
     panel : str
         Panel of the viewer that offers it: "network", "camera" or "object".
+    of : str
+        What the viewer has values of: a "rig", all "phases" of a scene, or "" for none.
     """
 
     label: str
     words: str
     paint: Callable[[Mesh, Any], Painted]
     panel: str = "network"
+    of: str = "rig"
 
 
 def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
@@ -275,6 +279,11 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
     return replace(found, legend=[each | {"percent": None} for each in found.legend])
 
 
+class FeatureModes(dict[str, Mode]):
+    """Hooks of a feature: modes by the names of their values."""
+
+
+OF_FEATURES = {name: mode for each in hooks_of(FeatureModes) for name, mode in each.items()}
 MODES: dict[str, Mode] = {
     "reason": Mode("Reason", "Failed criterion of each face, or covered.", by_reason),
     "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
@@ -287,7 +296,10 @@ MODES: dict[str, Mode] = {
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
     "device": Mode("Missing sensor", "Sensor of a rig that fails at each part.", by_camera),
     "weak": Mode(
-        "Weak zones", "Parts with too few views, small angles or low resolution.", by_weakness
+        "Weak zones",
+        "Parts with too few views, small angles or low resolution.",
+        by_weakness,
+        of="",
     ),
     "uncertainty": Mode(
         "Uncertainty", "Largest standard deviation of measured points on each part.", by_deviation
@@ -295,12 +307,7 @@ MODES: dict[str, Mode] = {
     "lux": Mode(
         "Illuminance", "Illuminance by the lamps at the centroid of each face.", by_illuminance
     ),
-    "time": Mode("Share of time", "Share of the time in which each part is covered.", by_share),
-    "now": Mode(
-        "Covered now",
-        "Share of each part that is covered in the frame.",
-        by_share,
-    ),
+    **OF_FEATURES,
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
     "single": Mode(
         "One camera",

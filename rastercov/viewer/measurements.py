@@ -68,7 +68,7 @@ MOST_PAIRS = 4_000_000
 """Pairs of a face and a camera whose regions are kept: 1 GB with their union."""
 LIVE_PAIRS = 1_000_000
 """Pairs up to which the exact area follows a drag: half a second."""
-MOVING = "exact at rest"
+ROUGH = "exact at rest"
 """Reason for which figures are of whole faces during a drag."""
 NOTHING_FAILS = np.uint8(255)
 """In place of `Reason.COVERED` where reasons of light, which are greater, are compared with it."""

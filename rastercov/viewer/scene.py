@@ -33,10 +33,10 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.carrier import Timed
 from rastercov.placement.plan.file import plan_of, read_plan
 from rastercov.placement.plan.goals import OwnGoal, goals_apart
-from rastercov.placement.plan.scene import candidate_pool, named_scene, timed_of
+from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
+from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.placement.plan.sections import BestSelection, Constraints, SheetSection
 from rastercov.report.modes import MODES
 from rastercov.report.pages import (
@@ -80,8 +80,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = tuple(
         ("beta_deg", 10.0, "Maximum angle between segments to merge, (6.3)."),
     )
 )
-OF_A_RIG = tuple(name for name in MODES if name not in ("weak", "now"))
-"""Modes that a rig has values of; weak zones are of an audit, frames of a result over time."""
+OF_A_RIG = tuple(name for name, mode in MODES.items() if mode.of)
+"""Modes that the viewer has values of."""
 MOST_REACH = 100.0
 """Distance of cameras from a part without constraints at most, in sizes of the part."""
 PLACES = {
@@ -128,8 +128,8 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
-    moving : Timed or None
-        Motion of its bodies, and its question.
+    phases : PlanPhases or None
+        Where it has several.
     sheet, constraints : SheetSection, Constraints
         Title block and limits of the plan, or of that of a result.
     task_mesh : Mesh or None
@@ -146,7 +146,7 @@ class Scene:
     pool: "CandidatePool | None" = None
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
-    moving: Timed | None = None
+    phases: PlanPhases | None = None
     sheet: SheetSection = field(default_factory=SheetSection)
     constraints: Constraints = field(default_factory=Constraints)
     task_mesh: Mesh | None = None
@@ -181,25 +181,25 @@ class Scene:
     def placed(
         self, at: Sequence[float], goal: OwnGoal | None = None
     ) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
-        """The mesh at a time, the face at rest of each of its faces, and poses of bodies by name.
+        """The mesh in a phase, the face at rest of each of its faces, and poses of bodies by name.
 
-        Times, and errors, as of `Timed.placed`. Of a goal, and of the task beside goals, its groups
-        alone are to cover.
+        Phases, and errors, as of `PlanPhases.placed`. Of a goal, and of the task beside goals, its
+        groups alone are to cover.
         """
-        if self.moving is None:
+        if self.phases is None:
             mesh = goal.mesh if goal else self.task_mesh or self.mesh
             is_there = np.isin(self.mesh.face_group, np.unique(mesh.face_group))
             return mesh, np.flatnonzero(is_there), {}
-        return self.moving.placed(at)
+        return self.phases.placed(at)
 
     def carriers(self, cameras: Iterable[str]) -> dict[str, str]:
         """Body of each camera that is fixed to one."""
-        own = {} if self.moving is None else {name: self.moving.body_of(name) for name in cameras}
+        own = {} if self.phases is None else {name: self.phases.body_of(name) for name in cameras}
         return {name: body for name, body in own.items() if body != "world"}
 
-    def moving_with(self, rig: Rig) -> Timed | None:
-        """The motion and its question for the cameras of a rig."""
-        return None if self.moving is None else self.moving.carrying(rig.names)
+    def phases_with(self, rig: Rig) -> PlanPhases | None:
+        """The phases for the cameras of a rig."""
+        return None if self.phases is None else self.phases.carrying(rig.names)
 
     @property
     def has_constraints(self) -> bool:
@@ -225,7 +225,7 @@ class Scene:
         known = {"level": has_levels, "device": bool(gates), "uncertainty": is_certain}
         lamps = self.start.whole.lamps
         known["lux"] = lamps is not None and not all(lamps.rides)
-        known["time"] = self.moving is not None
+        known |= {name: self.phases is not None for name in OF_A_RIG if MODES[name].of == "phases"}
         return tuple(name for name in OF_A_RIG if known.get(name, True))
 
     @property
@@ -288,7 +288,7 @@ class Scene:
             "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
-            **({} if self.moving is None else self.moving.described()),
+            **({} if self.phases is None else self.phases.described()),
         }
 
     def _sold(self) -> list[tuple[str, str]]:
@@ -490,12 +490,12 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
     notes += rule_notes(cameras or (rig.rig if rig is not None else None))
-    moving = timed_of(plan, mesh)
+    phases = phases_of(plan, mesh)
     task_mesh, goals = goals_apart(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: dict[str, Any] = {"task_mesh": task_mesh, "goals": goals, "by": by}
     of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints}
-    return Scene(plan.name, mesh, start, plan, pool, notes=notes, moving=moving, **of_plan)
+    return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
@@ -531,8 +531,8 @@ def run_of(folder: Path) -> Mapping[str, Any]:
     return run
 
 
-Shown = tuple[Mesh | Timed, object]
-"""Mesh of a result, or its motion, and its lamps or their file, None without."""
+Shown = tuple[Mesh | PlanPhases, object]
+"""Mesh of a result, or its phases, and its lamps or their file, None without."""
 
 
 def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
@@ -566,7 +566,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
     found, lamps = load(files)
-    moving = None if isinstance(found, Mesh) else found
+    phases = None if isinstance(found, Mesh) else found
     mesh = _with_roles(found, run["scene"]) if isinstance(found, Mesh) else found.mesh
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f", or the plan with --poses {quote(str(rig_file))}" if kind == "place" else ""
@@ -601,7 +601,7 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         start,
         result=result,
         notes=notes,
-        moving=moving,
+        phases=phases,
         sheet=sheet,
         constraints=limits,
         by=by,
@@ -616,15 +616,16 @@ def scene_of_place(folder: Path) -> Shown | None:
     try:
         # Cameras and candidates may have files that are there no more.
         needed = told["plan"].keys() & {"meshes", "targets", "rooms", *OF_LAMPS}
-        if told["plan"].get("motion"):
-            needed |= told["plan"].keys() & {"bodies", "motion", "task", *OF_CAMERAS}
+        for each in hooks():
+            if told["plan"].get(each.sections[0]):
+                needed |= told["plan"].keys() & {*each.sections, *OF_CAMERAS}
         of_lamps = [entry for entry in told["plan"].get("candidates", ()) if entry.get("lamp")]
         entries = {name: told["plan"][name] for name in needed} | {"candidates": of_lamps}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = named_scene(plan)
         chosen = read_views(folder / "poses.json").rig if of_lamps else None
         lamps = lamps_of(chosen) if chosen else plan.built_lamps(plan.folder)
-        return timed_of(plan, mesh) or mesh, lamps
+        return phases_of(plan, mesh) or mesh, lamps
     except RastercovError:  # such as a file that was moved
         return None
 

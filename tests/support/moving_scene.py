@@ -34,7 +34,7 @@ def moving_scene(folder, *, lamps=None, steps=STEPS):
     moving = replace(moving, body=["world", "arm/head"], cameras=["fixed", "carried"])
     rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])._lit(lamps)
     state = RigState.of(rig, rc.Poses.of(POSES, camera=[0, 1]), task=TASK)
-    return Scene("cell", moving.motion.mesh, state, moving=moving), robot, rows
+    return Scene("cell", moving.motion.mesh, state, phases=moving), robot, rows
 
 
 def by_hand(robot, joints):

@@ -323,7 +323,7 @@ def test_a_report_of_a_lit_scene_that_moves_is_over_time(tmp_path):
     session = Session(scene)
     Saving(session, tmp_path / "out").save({"what": "report"})
     said = json.loads((tmp_path / "out" / "report" / "summary.json").read_text())["over_time"]
-    moving = scene.moving
+    moving = scene.phases
     rig = rc.Rig([CAMERA, CAMERA], ["fixed", "carried"])
     found = evaluate_over_time(
         moving.motion, rig, rc.Poses.of(POSES, camera=[0, 1]), TASK, body=["world", "arm/head"],

@@ -31,7 +31,7 @@ def tab(context, tmp_path):
     names = names_of_poses(found.poses)
     values = {"time": found.share_of_time()}
     page = view_page(
-        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, moving=shown(found)
+        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, phases=shown(found)
     )
     path = tmp_path / "view.html"
     path.write_text(page, encoding="utf-8")

@@ -10,7 +10,7 @@ from rastercov.coverage.area.feature import Faces, Feature, PointCondition
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FEATURES = hooks_of("coverage.area", Feature)
+FEATURES = hooks_of(Feature)
 
 
 def narrowed(camera: Cameras, task: Task) -> Task:

@@ -33,6 +33,7 @@ from rastercov.coverage.area.regions import GAP_REL, RegionPass
 from rastercov.coverage.area.rows import gated, tasks_of
 from rastercov.coverage.area.table import Finder, Regions, any_of, joined, taken
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.phases import MOST_IMAGES
 from rastercov.coverage.surface import key_of
 from rastercov.coverage.task import Task
 from rastercov.exact.surface import surface_of
@@ -40,8 +41,6 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.bodies import corners_of, moved_boxes
 from rastercov.mesh.motion import Motion
 
-MOST_PICTURES = 10_000
-"""Frames times cameras whose regions are held at once."""
 BESIDE_REL = 1e-9
 """Margin of boxes of bodies that are compared in an image, relative to the greatest diagonal."""
 PARALLEL = 1e-12
@@ -113,10 +112,9 @@ class MotionQuery(InOneLine):
 
     def _check_held(self, placed: Poses) -> None:
         """Raise `ConfigError` for regions of more images than are held at once."""
-        n_frames = len(self.motion)
-        if n_frames * len(placed) > MOST_PICTURES:
+        if len(self.motion) * len(placed) > MOST_IMAGES:
             raise ConfigError(
-                f"expected at most {MOST_PICTURES:,} images, got {n_frames:,} frames of "
+                f"expected at most {MOST_IMAGES:,} images, got {len(self.motion):,} frames of "
                 f"{len(placed):,} cameras; use fewer frames, or evaluate with a folder for shards"
             )
 

@@ -57,8 +57,9 @@ from rastercov.placement.plan.network import (
     views_by_group,
     with_areas,
 )
+from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.scene import named_scene, places_of, timed_of
+from rastercov.placement.plan.scene import named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
@@ -237,8 +238,8 @@ class Checked(InOneLine, InNotebook):
 
     @cached_property
     def _regions(self) -> Regions | None:
-        """Regions of each camera by itself; None by face, and where bodies move."""
-        if self.cameras.areas is None or self.plan.motion is not None:
+        """Regions of each camera by itself; None by face, and of a scene of several phases."""
+        if self.cameras.areas is None or phases_of(self.plan, self.mesh) is not None:
             return None
         scene = self.mesh, self.plan.rig, self.task
         with closing(RegionPass(*scene, method=self.plan.task.method)) as finder:
@@ -386,7 +387,7 @@ def _checked(
     plan: Plan, mesh: Mesh, rig: Poses, limits: Limits, views: int | None, step: Step
 ) -> Checked:
     """Check of the task of a plan, without its goals."""
-    over_time = timed_of(plan, mesh)
+    phases = phases_of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -394,8 +395,8 @@ def _checked(
         with step("coverage") as progress:
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            if over_time is not None:
-                areas = over_time.areas(plan.rig, cameras.placed, task)
+            if phases is not None:
+                areas = phases.areas(plan.rig, cameras.placed, task)
                 cameras = replace(cameras, areas=areas)
             elif plan.unit_of_result()[0] == "area":
                 most = plan.build_task(most_views(plan, views))

@@ -326,20 +326,6 @@ class Plan(PlanModel):
             return float(np.diff(self.mounts.starts)[at])
         return sum(self.cost_of(each.camera, None) for each in rig.cameras)
 
-    def bodies_of_cameras(self) -> list[str]:
-        """Body that carries each of the cameras of `rig`."""
-        if self.camera is not None:
-            return [self.camera.body] * len(self.rig)
-        found = []
-        for name, first, last in zip(
-            self.mounts.names, self.mounts.starts, self.mounts.starts[1:], strict=False
-        ):
-            rig = self.rigs.get(name)
-            types = [name] if rig is None else [each.camera for each in rig.cameras or []]
-            own = [self.cameras[each].body for each in types if each in self.cameras]
-            found += own if len(own) == last - first else ["world"] * int(last - first)
-        return found
-
     def unit_of_result(self) -> tuple[str, str]:
         """Unit of results, "area" or "face"; and what makes it "face" if the plan does not."""
         rig = self.rig if self.has_cameras else None

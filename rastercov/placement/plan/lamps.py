@@ -34,7 +34,6 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.carrier import Moment, Timed
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import (
     goal_of,
@@ -44,6 +43,7 @@ from rastercov.placement.plan.network import (
     seeable_areas,
     views_by_group,
 )
+from rastercov.placement.plan.phases import Phase, PlanPhases
 from rastercov.placement.plan.run import Choice
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
 from rastercov.placement.plan.sections import SelectionSection
@@ -146,7 +146,7 @@ class Frame:
 
     def __init__(
         self,
-        moment: Moment,
+        moment: Phase,
         rig: Rig,
         task: Task,
         method: str,
@@ -206,8 +206,8 @@ class Lighting:
     cells : Cells
     placed : Poses
         Of the cameras of the plan.
-    timed : Timed or None
-        Where the scene changes; lamps stay.
+    phases : PlanPhases or None
+        Where the scene has several; lamps stay.
     reachable : AreaNetwork or None
         Area that shares of what can be reached are of; what the cameras see in any light unless
         given.
@@ -219,13 +219,13 @@ class Lighting:
         mesh: Mesh,
         cells: Cells,
         placed: Poses,
-        timed: Timed | None = None,
+        phases: PlanPhases | None = None,
         reachable: AreaNetwork | None = None,
     ) -> None:
         every = plan.built_lamps(plan.folder)
         assert every is not None
         assert plan.selection is not None
-        self.plan, self.mesh, self.cells, self.timed = plan, mesh, cells, timed
+        self.plan, self.mesh, self.cells, self.phases = plan, mesh, cells, phases
         self.selection: SelectionSection = plan.selection
         self.task, dark = plan.build_task(), plan.lit_as(None)
         check_light(self.task, every)
@@ -242,9 +242,9 @@ class Lighting:
         self._camera, self._placed = dark.rig, placed
         single = [each for row in range(n) if (each := self.lamps((row,)))]
         own = dark.rig, dark.build_task(), plan.task.method, single
-        moments: Iterable[Moment] = [Moment(mesh, placed, lambda found: found)]
-        if timed is not None:
-            moments = timed.moments(dark.rig, placed)
+        moments: Iterable[Phase] = [Phase(mesh, placed, lambda found: found)]
+        if phases is not None:
+            moments = phases.each(dark.rig, placed)
         self._frames = [Frame(moment, *own) for moment in moments]
         self.limits = limits_of(self.selection)
         self.reachable, self._weights = None, weights_of(cells, plan.task.weight_by)
@@ -276,13 +276,13 @@ class Lighting:
         return [*self._stay, *(self._kinds[self.pool.candidates.camera[row]] for row in rows)]
 
     def regions(self, lamps: Lamps | None, task: Task | None = None) -> Regions:
-        """Rows of the result, of each frame where bodies move, in the light of lamps, or in any."""
+        """Rows of the result, of each phase of the scene, in the light of lamps, or in any."""
         return joined([frame.regions(lamps, task or self.task) for frame in self._frames])
 
     def areas(self, regions: Regions) -> AreaNetwork:
         """Exact covered area, as of the network."""
-        if self.timed is not None:
-            return self.timed.areas(self._camera, self._placed, self.task, regions)
+        if self.phases is not None:
+            return self.phases.areas(self._camera, self._placed, self.task, regions)
         areas = AreaNetwork(self.mesh, self.plan.build_task(most_views(self.plan)))
         for row in range(len(regions.pose_ids)):
             areas.add(taken(regions, np.array([row])))
@@ -338,9 +338,9 @@ class Lighting:
         return found
 
     def _enough(self, regions: Regions) -> Regions:
-        """Parts that enough cameras cover, and long enough; one row."""
-        if self.timed is not None:
-            return self.timed.long_enough(regions, self.task.views)
+        """Parts that enough cameras cover, in enough phases; one row."""
+        if self.phases is not None:
+            return self.phases.long_enough(regions, self.task.views)
         needed, rows = views_of(self.mesh, self.plan.task.views), len(regions.pose_ids) * [0]
         parts = [
             regions._of_faces(needed == k).at_least(k, rows, one_side=False)

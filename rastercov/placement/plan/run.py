@@ -43,7 +43,6 @@ from rastercov.placement.plan.carrier import CarriedPoses, Carrier
 from rastercov.placement.plan.check import seen_by_cameras
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
-from rastercov.placement.plan.generators import OnArm
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
@@ -68,6 +67,7 @@ from rastercov.placement.plan.network import (
     whole_faces,
     with_areas,
 )
+from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import (
     Clock,
     Job,
@@ -81,7 +81,6 @@ from rastercov.placement.plan.scene import (
     CandidatePool,
     named_scene,
     places_of_candidates,
-    timed_of,
 )
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
 from rastercov.placement.plan.withheld import views_for_zones
@@ -162,7 +161,7 @@ class Placement(InOneLine, InNotebook):
         exact area.
     left_out : tuple of int
         Cameras or rigs of the selection, by their rows in it, that added nothing after refinement,
-        or without which the goal over time is met.
+        or without which a goal over phases of the scene is met.
     arm : CarriedPoses or None
         Joint angles of the network, where a robot carries the cameras.
     lamps : Choice or None
@@ -300,14 +299,8 @@ def _check_goals(plan: Plan) -> None:
     if not plan.goals:
         return
     lines = []
-    if (
-        plan.lamp_entries
-        or plan.motion is not None
-        or any(isinstance(each, OnArm) for each in plan.candidates)
-    ):
-        lines.append(
-            "goals: expected cameras alone, got lamps, a motion or an arm; leave goals out"
-        )
+    if plan.lamp_entries or not plan.is_still:
+        lines.append("goals: expected cameras alone in a still scene, got more; leave goals out")
     asked = plan.selection
     is_partial = getattr(asked, "of_reachable", False)
     for name, goal in plan.goals.items():
@@ -335,12 +328,12 @@ class Run:
         with self.clock("scene"):
             selection, cells = plan.selection, cells_of(plan, self.mesh)
             assert selection is not None
-            over_time = timed_of(plan, self.mesh)
+            phases = phases_of(plan, self.mesh)
         folder = None if self.folder is None else own_place(self.folder / "matrix")
-        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, over_time)
+        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
             prepared = prepare(job, objectives)
-            if objectives.cells is not None and over_time is None:
+            if objectives.cells is not None and phases is None:
                 prepared = _with_reachable(prepared, objectives.cells.finder, self.clock)
                 prepared = _with_shortfall(prepared, objectives.cells.finder, self.clock)
             if _is_lowered(prepared):
@@ -372,14 +365,14 @@ class Run:
         self, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
     ) -> Placement:
         """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
-        cells, timed = cells_of(plan, self.mesh), timed_of(plan, self.mesh)
+        cells, phases = cells_of(plan, self.mesh), phases_of(plan, self.mesh)
         selection = plan.selection
         assert selection is not None
         assert cells is not None  # light is by area
         placed = eyes if isinstance(eyes, Poses) else eyes.cameras.placed
         with self.clock("lamps") as progress:
             section = next(iter(plan.lamps.values()))
-            lighting = section.lighting(plan, self.mesh, cells, placed, timed, reachable)
+            lighting = section.lighting(plan, self.mesh, cells, placed, phases, reachable)
             choice: Choice = lighting.choose(progress)
         own = choice.plan
         lit: dict[str, Any] = {
@@ -402,7 +395,7 @@ class Run:
                     problem=choice.problem,
                     notes=(),
                     cells=cells,
-                    over_time=timed,
+                    phases=phases,
                     **lit,
                 )
                 cameras, required = _measured(prepared, placed, objectives)
@@ -500,14 +493,14 @@ def _by_area(
     arm: CarriedPoses | None = None
     if prepared.arm is not None:
         cameras, arm = _with_arm(placement, prepared.arm, on_cells.finder)
-    elif (timed := prepared.over_time) is None:
+    elif (phases := prepared.phases) is None:
         finder = on_cells.finder
         cameras = with_areas(plan, placement.cameras, finder, None, progress, has_curve=True)
     else:
         placed = placement.cameras.placed
-        areas = timed.areas(plan.rig, placed, plan.build_task())
+        areas = phases.areas(plan.rig, placed, plan.build_task())
         counts = range(1, len(led_by(plan.rig, placed)) + 1)
-        curve = [timed.first(areas, count).summary()["percent"] / 100 for count in counts]
+        curve = [phases.first(areas, count).summary()["percent"] / 100 for count in counts]
         cameras = replace(
             placement.cameras,
             areas=areas,
@@ -724,26 +717,26 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
     return best
 
 
-def _is_timed(placement: Placement) -> bool:
-    """True where cameras are chosen for a goal over time, and meet it."""
+def _is_met_in_phases(placement: Placement) -> bool:
+    """True where cameras are chosen for a goal over the phases of a scene, and meet it."""
     is_fewest = isinstance(placement.prepared.problem.goal, FewestCameras)
-    return placement.prepared.over_time is not None and is_fewest and placement.is_met
+    return placement.prepared.phases is not None and is_fewest and placement.is_met
 
 
 def _shortest(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    """The placement with the first cameras or rigs that meet its goal over time.
+    """The placement with the first cameras or rigs that meet its goal.
 
-    Cells in each frame are chosen on for the time as a whole: they may need more.
+    They are chosen on cells of each phase for all phases as a whole, which may need more.
     """
-    timed, areas = placement.prepared.over_time, placement.cameras.areas
-    assert timed is not None
+    phases, areas = placement.prepared.phases, placement.cameras.areas
+    assert phases is not None
     assert areas is not None
     owner, n = placement.cameras.owner, len(placement.cameras.mounted)
     limits = limits_of(placement.prepared.selection)
     reachable = placement.prepared.reachable
     of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
     for count in range(1, n):
-        first = timed.first(areas, int(np.count_nonzero(of_row < count)))
+        first = phases.first(areas, int(np.count_nonzero(of_row < count)))
         found = judge_areas(first, limits, 1, reachable)
         if all(each.status == HOLDS for each in found):
             rows = list(range(count))
@@ -915,7 +908,7 @@ def _explain_uncovered(
         covering[cells.source_face[is_covered]] = 1
         found = replace(found, n_covering=frozen(covering))
     areas, refused = placement.cameras.areas, prepared.pool.refused
-    if areas is None or prepared.over_time is not None or not prepared.plan.chooses_cameras:
+    if areas is None or prepared.phases is not None or not prepared.plan.chooses_cameras:
         return replace(placement, leftover=found)
     network = prepared.plan.rig, placement.cameras.placed
     zones = areas.zones(*network, views_by_group(prepared.plan, None))
@@ -949,7 +942,7 @@ STEPS: tuple[Improvement, ...] = (
         _selected_anew,
     ),
     ("limits of goals", _is_over, _within_limits),
-    ("fewer cameras", _is_timed, _shortest),
+    ("fewer cameras", _is_met_in_phases, _shortest),
     ("search", lambda found: found.prepared.selection.optimise, _optimise),
     ("refinement", lambda found: found.prepared.selection.refine, _refine),
     ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),

@@ -907,6 +907,11 @@ class PlanModel(Entry):
         """True where cameras are chosen, False where lamps alone are, for existing cameras."""
         return self.existing is None or len(self.lamp_entries) < len(self.candidates)
 
+    @property
+    def is_still(self) -> bool:
+        """True where nothing moves, neither a part of the scene nor what carries cameras."""
+        return self.motion is None and not any(isinstance(e, OnArm) for e in self.candidates)
+
     def _check_existing(self) -> None:
         """ValueError for what does not go with cameras that stay while others are chosen."""
         if self.existing is None:
@@ -917,7 +922,7 @@ class PlanModel(Entry):
                     "existing.move: expected cameras to choose, got lamps only; leave it out"
                 )
             return
-        if self.motion is not None or any(isinstance(each, OnArm) for each in self.candidates):
+        if not self.is_still:
             raise ValueError(
                 "existing: expected a still scene, got a motion or an arm; leave it out"
             )
