@@ -78,17 +78,12 @@ def evaluate(
         Folder for shards of some poses or frames each, so that an interrupted run continues there,
         with any number of frames, and perhaps the processes that make them: docs/scale.md.
     **given
-        `lamps`: `Lamps`, or a file of them, that must light what is covered, by area; see
-        docs/light.md. `motion`: a `Motion` or `MotionQuery`, frames of the mesh, and the share of
-        them in which a point must be covered: some frame, unless a `MotionQuery` is given. Areas
-        are over time then, see `Evaluation.over_time`; figures of faces and of single poses are
-        those of the mesh at rest.
+        Arguments that features add, which their guides describe: docs/guides.md.
 
     Raises
     ------
     ConfigError
-        For an unknown field or argument, a result by area where that is impossible, and a motion of
-        another mesh.
+        For an unknown field or argument, a result by area where that is impossible.
     PoseError
         For a pose that is not a rigid transform.
     ResourceError

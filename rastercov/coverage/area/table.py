@@ -169,6 +169,17 @@ class Regions(FacePolygons):
         """Regions of some of the faces, (F,) bool, in all poses."""
         return self._with(np.flatnonzero(chosen[self.face]), np.flatnonzero(chosen[self.pair_face]))
 
+    def _at_rest(self, mesh: Mesh, kept: IntArray) -> "Regions":
+        """The same on a mesh at rest, where neither sides nor conditions are known."""
+        return replace(
+            self,
+            mesh=mesh,
+            face=kept[self.face].astype(np.int32),
+            pair_face=kept[self.pair_face].astype(np.int32),
+            eyes=np.full_like(self.eyes, np.nan),
+            conditions=(),
+        )
+
     def at_least(self, k: int, of: ArrayLike | None = None, *, one_side: bool = True) -> "Regions":
         """Regions that at least k poses of each group cover, one row per group.
 

@@ -23,7 +23,6 @@ from rastercov.camera.rig import Cameras, led_by
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.motion import (
     MotionQuery,
-    at_rest,
     by_time,
     carried_by,
     carriers,
@@ -210,7 +209,7 @@ class PlanMotion(MotionQuery):
         carried = carriers(self, camera, placed)
         for row in range(len(self.motion)):
             mesh, kept = self.motion._at(row, of_occluders=False)
-            back = partial(at_rest, motion=self.motion, kept=kept)
+            back = partial(Regions._at_rest, mesh=self.motion.mesh, kept=kept)
             yield Phase(mesh, carried_by(carried[:, row], placed), back)
 
     def areas(

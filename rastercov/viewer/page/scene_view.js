@@ -328,7 +328,7 @@ export class SceneView {
     return [...found.subarray(0, 3)];
   }
 
-  /** Flies to a place of the view camera, at once where the user wants less motion, and opens the view to a face. */
+  /** Flies to a place of the view camera, at once where the user prefers that, and opens the view to a face. */
   flyTo(place, face = null) {
     this.#framing = () => {};
     this.camera.release();
