@@ -10,7 +10,18 @@ from typing import TypeVar
 Hooks = TypeVar("Hooks")
 FEATURES: dict[str, dict[str, str]] = {
     "rules": {"Feature": "coverage.area.sensor_figures"},
-    "lamps": {"Feature": "coverage.area.light_points"},
+    "lamps": {
+        "EquipmentKind": "camera.lamp_rig",
+        "Wording": "coverage.lamp_words",
+        "Feature": "coverage.area.light_points",
+        "PlanSections": "placement.plan.lamp_section",
+        "PlanFeature": "placement.plan.lamp_plan",
+        "Chooser": "placement.plan.lamps",
+        "FeatureModes": "report.lamp_modes",
+        "SheetDevices": "report.lamp_sheet",
+        "EquipmentView": "viewer.lamp_view",
+        "PointTwin": "reference.lamps",
+    },
     "motion": {
         "Phased": "coverage.moving",
         "PlanPhased": "placement.plan.over_time",

@@ -19,7 +19,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of_poses, with_lamps
+from rastercov.camera.rig import Cameras, names_of_poses, with_equipment
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -93,7 +93,7 @@ def evaluate(
     report: ReportOptions,
     processes: options.Processes,
     camera: options.CameraOptions,
-    lamps: options.LampsOption = None,
+    equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
     level: options.Level = None,
     sheet: options.Sheet = None,
@@ -104,8 +104,6 @@ def evaluate(
     Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
     Two cameras: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
-
-    With lamps: rastercov evaluate part.stl -c khepra -p poses.json --lamps lamps.toml
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
@@ -118,12 +116,12 @@ def evaluate(
         remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(*eyes.notes)
-    kept = scene.entries(out, meshes, lamps=lamps, **files)
+    kept = scene.entries(out, meshes, **files, **equipment)
     skips = conventions.skip_bad_poses
     title = read_sheet(sheet)
     settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept, sheet=title)
     assert eyes.rig is not None
-    rig = with_lamps(eyes.rig, lamps)
+    rig = with_equipment(eyes.rig, equipment)
     task = narrowed(rig, task)
     phases = files.phases(mesh, report.method)
     run_and_print(

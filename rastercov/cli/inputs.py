@@ -30,6 +30,7 @@ from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
 from rastercov.camera.camera import Camera
 from rastercov.camera.catalogue import is_head, is_name
+from rastercov.camera.equipment import equipment_words
 from rastercov.camera.formats import read_through, read_with_optics
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
@@ -129,7 +130,7 @@ class SceneOptions(NamedTuple):
 
 def further_files() -> list[str]:
     """Words of further files of a scene that a result may have."""
-    return [*(each.word for each in scene_files()), "lamps"]
+    return [*(each.word for each in scene_files()), *equipment_words()]
 
 
 def are_arguments(value: object) -> bool:
@@ -144,7 +145,7 @@ def are_arguments(value: object) -> bool:
 def read_again(
     result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
 ) -> "Shown":
-    """Scene of the entries in a result's folder, whose meshes have these names, and its lamps.
+    """Scene of the entries in a result's folder, whose meshes have these names, and its equipment.
 
     Files that are not where they were are looked for by their names in the working folder, in the
     result's and beside it; `given` ones, in the order of the names or with the same, come first.
@@ -181,7 +182,8 @@ def read_again(
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
     mesh = SceneOptions(**kept).read(meshes)
     read = SceneFiles({name: Path(now[file]) for name, file in others.items()})
-    return read.phases(mesh) or mesh, read.get("lamps")
+    equipment = {word: read[word] for word in equipment_words() if word in read}
+    return read.phases(mesh) or mesh, equipment
 
 
 def read_sheet(path: Path | None) -> dict[str, str] | None:

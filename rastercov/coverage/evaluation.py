@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.camera.equipment import equipment_words
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, led_by, with_equipment
 from rastercov.coverage.area.by_camera import ByCamera, doubts_of
-from rastercov.coverage.area.features import FEATURES, narrowed
+from rastercov.coverage.area.features import narrowed
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
 from rastercov.coverage.area.over_time import OverTime, TimeAreas
 from rastercov.coverage.area.regions import RegionPass
@@ -50,16 +51,14 @@ def asked(
     mesh: Mesh, camera: Cameras, task: Task | None, given: Mapping[str, object]
 ) -> tuple[Cameras, Task, Phases | None]:
     """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
-    left, phases = dict(given), None
-    for feature in FEATURES:
-        camera = feature.given(camera, left.pop(feature.word, None))
+    left, phases, words = dict(given), None, equipment_words()
+    camera = with_equipment(camera, {word: left.pop(word, None) for word in words})
     for each in phased():
         if (value := left.pop(each.word, None)) is not None:
             phases = each.asked(mesh, value)
     for name in left:
-        known = [*(each.word for each in phased()), *(each.word for each in FEATURES)]
-        words = ", ".join(filter(None, known))
-        raise ConfigError(f"unknown argument {shown(name)}; {RETIRED.get(name, f'give {words}')}")
+        known = ", ".join([*(each.word for each in phased()), *words])
+        raise ConfigError(f"unknown argument {shown(name)}; {RETIRED.get(name, f'give {known}')}")
     return camera, narrowed(camera, Task() if task is None else task), phases
 
 
@@ -70,7 +69,7 @@ class Query:
     Attributes
     ----------
     camera : Camera, Rig or sequence of Camera
-        With the lamps that must light what they see.
+        With equipment on which it depends what they see.
     phases : Phases or None
         Those of the scene, whose mesh is at rest.
     by : {"area", "face"} or None

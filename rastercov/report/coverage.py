@@ -39,8 +39,8 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import (
     Cameras,
     cameras_of,
+    equipment_on,
     gates_of,
-    lamps_of,
     led_by,
     names_of,
     names_of_poses,
@@ -305,8 +305,7 @@ def _write(
                 for name, columns in part.tables().items() if part else ():
                     write_columns(folder.file(f"{name}.parquet"), columns)
             additions = list(part.additions()) if part else []
-            if (lamps := lamps_of(camera)) is not None:
-                additions.append(lamps._to_gltf)
+            additions += [each._to_gltf for each in equipment_on(camera).values()]
             write_covered_mesh(folder.file("network.glb"), areas.covered, additions)
         write_rig(folder.file("rig.json"), camera, poses, names)
         write_json(folder.file("summary.json"), summary)

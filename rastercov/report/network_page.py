@@ -38,7 +38,7 @@ from rastercov.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import body_of
 from rastercov.report.feature import Part, hooks, part_of
-from rastercov.report.modes import MODES, OfCameras, OfLight, OfUnit, mode_picture, of_devices
+from rastercov.report.modes import MODES, OF_EQUIPMENT, OfCameras, OfUnit, mode_picture, of_devices
 from rastercov.report.overview import (
     Overview,
     Volume,
@@ -61,7 +61,7 @@ MOST_CLOSE_UPS = MOST_KINDS = 3
 """Zones with a picture of their own."""
 MOST_FACES = 32
 """Faces of a zone of whole faces on which advice is tried."""
-OF_SENSORS = ("uncertainty", "lux")
+OF_SENSORS = ("uncertainty", *OF_EQUIPMENT)
 """Modes with a picture of their own."""
 SMALL = 0.1
 """Largest coordinate of cameras that are in a table in millimetres, m."""
@@ -162,8 +162,7 @@ class NetworkPage:
         um = self.uncertainty_um
         deviation = None if um is None else OfUnit(um[0], "um")
         of_features = values_of_features(self.mesh, self.camera, self.network.task)
-        light = {name: OfLight(*own) for name, own in of_features.items()}
-        more = {"device": self._devices(), "uncertainty": deviation} | light
+        more = {"device": self._devices(), "uncertainty": deviation} | of_features
         return found | {name: own for name, own in more.items() if own is not None}
 
     @cached_property

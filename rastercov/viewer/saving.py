@@ -30,7 +30,6 @@ from rastercov.viewer.scene import OF_A_RIG
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
-LAMPS = "lamps.json"
 DRAWING = "viewer_drawing.json"
 """Drawing under the floor plan."""
 MODES = tuple(name for name in OF_A_RIG if name != "single")
@@ -88,8 +87,8 @@ class Saving:
             if state.stations or drawing is None:
                 for what, text in _texts(state).items():
                     write_bytes(self.out / NAMES[what], text.encode())
-                if state.whole.lamps is not None:
-                    write_json(self.out / LAMPS, state.whole.lamps.to_json())
+                for word, each in state.whole.equipment.items():
+                    write_json(self.out / f"{word}.json", each.to_json())
             if drawing is not None or not self.session.is_drawing_saved:
                 path = path if state.stations else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()

@@ -41,7 +41,7 @@ def unit_of_result(
     """Unit of a result, "area" or "face"; and the reason for "face" if it was not chosen.
 
     Without a choice it is "area", unless a threshold of the task applies to faces or to pairs of
-    poses, or the method counts samples. Rigs with a rule among the cameras, and lamps, need "area".
+    poses, or the method counts samples. Rigs with a rule or equipment need "area".
 
     Raises
     ------

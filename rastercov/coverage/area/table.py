@@ -104,7 +104,7 @@ class Regions(FacePolygons):
     eyes : (P, 3) float64
         Centre of the camera of each pose, metres; NaN where a row is of several.
     conditions : tuple of Condition
-        Conditions of features on what cameras see, such as light; pieces are not cut by them.
+        Conditions of features on what cameras see, pieces are not cut by them.
     devices : (N,) int64, optional
         Devices that see each piece, as bits, where criteria depend on them.
     columns : (P, 3) float64, optional
@@ -313,15 +313,15 @@ class Regions(FacePolygons):
         return np.searchsorted(keys, self.pose.astype(np.int64) * n_faces + self.face)
 
     def where(self, criterion: Criterion) -> "Regions":
-        """Parts where a criterion holds, such as `RayAngle`, `Illuminance` or `Highlight`.
+        """Parts where a criterion holds, such as `RayAngle`.
 
         Its borders are curves: area within 2e-5 of the diagonal of the mesh of them is undecided,
         and counts in the bounds.
 
         Parameters
         ----------
-        criterion : RayAngle, Illuminance, Highlight or BeamDensity
-            Of each row, or of all.
+        criterion : object
+            `RayAngle`, `BeamDensity`, `Uncertainty`, or one of a feature, of each row, or of all.
 
         Raises
         ------
@@ -334,8 +334,8 @@ class Regions(FacePolygons):
         >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
         >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
         >>> seen = rc.regions(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
-        >>> lit = seen.where(rc.Illuminance([(0, 0, 0.6)], limit=380, intensities=100))
-        >>> bool(lit.areas().sum() < seen.areas().sum())
+        >>> wide = seen.where(rc.RayAngle([(0, 0, 0.6), (0.1, 0, 0.6)], degrees=11))
+        >>> bool(wide.areas().sum() < seen.areas().sum())
         True
         """
         check_kind("criterion", criterion, Criterion, "a criterion, such as RayAngle", ConfigError)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
+from rastercov.base.features import hooks_of
 from rastercov.base.files import parsed_json
 from rastercov.base.format import InNotebook, InOneLine, first_of, plural
 from rastercov.base.memory import FloatArray
@@ -36,7 +37,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.baseline import Against, Told, compare
-from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import goals_apart
 from rastercov.placement.plan.network import (
     HOLDS,
@@ -355,13 +356,14 @@ def check(
         images = given.images
         plan, given = seen_by_cameras(plan, given)
     rig = renumbered(given)
-    if plan.lamp_entries:
-        if chosen is None or chosen.lamps is None:
-            raise PoseError(
-                f"{poses_file.name}: expected chosen lamps for {plan.name}, got none; give the "
-                "poses.json that place wrote"
-            )
-        plan = plan.lit_as(chosen)
+    for each in hooks_of(PlanFeature):
+        if each.is_chosen(plan):
+            if chosen is None or each.word not in chosen.equipment:
+                raise PoseError(
+                    f"{poses_file.name}: expected chosen {each.word} for {plan.name}, got none; "
+                    "give the poses.json that place wrote"
+                )
+            plan = each.with_chosen(plan, chosen)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
         whole, plan, names = named_scene(plan)

@@ -204,7 +204,7 @@ OF = {"area": "the area", "seeable": "the area that can be seen", "count": "the 
 
 
 def goal_of(selection: SelectionSection, what: str = "cameras") -> Goal:
-    """Goal of a plan, as `problem_of` takes it, for its cameras or its lamps."""
+    """Goal of a plan, as `problem_of` takes it, for its cameras or what else is chosen."""
     if isinstance(selection, FewestSelection):
         return value_of(selection, FewestCameras)
     return value_of(selection, BestCoverage, cameras=getattr(selection, what))

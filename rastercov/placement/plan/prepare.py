@@ -186,7 +186,7 @@ class Prepared:
     def measured(self) -> Poses:
         """Cameras of all candidates, without those that kill the process that measures them.
 
-        None of existing ones, whose candidates are of lamps.
+        None of existing ones, where the candidates are of something else.
         """
         if not self.plan.chooses_cameras:
             return Poses.of(np.zeros((0, 4, 4)))

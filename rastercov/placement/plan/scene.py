@@ -349,7 +349,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     parts: list[Part] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.candidates):
-        if isinstance(entry, PerCavity) or entry.lamp is not None:
+        if isinstance(entry, PerCavity) or not entry.is_of_cameras:
             continue
         try:
             for index, cost in mounts_of_entry(plan, entry):

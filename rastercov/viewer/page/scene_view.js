@@ -235,8 +235,8 @@ export class SceneView {
   look() {
     const size = this.#resize();
     const { session, camera } = this;
-    const lamps = session.shownLamps().map(({ pose }) => centreOf(pose));
-    const seen = camera.look(size.width, size.height, [...session.centres(), ...lamps]);
+    const others = session.shownDevices().map(({ pose }) => centreOf(pose));
+    const seen = camera.look(size.width, size.height, [...session.centres(), ...others]);
     const { origin } = session;
     const shift = [1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2], 0, 0, 0, 1];
     const eye = seen.isParallel ? scale(forwardOf(seen.pose), -1) : subtract(centreOf(seen.pose), origin);

@@ -83,19 +83,19 @@ export class Session {
     return this.state.stations.find((station) => station.id === id) ?? null;
   }
 
-  /** Lamps whose places may be changed. */
-  get lamps() {
-    return (this.state.lamps ?? []).filter((lamp) => lamp.pose);
+  /** Devices beside the cameras whose places may be changed. */
+  get devices() {
+    return this.state.devices.filter((device) => device.pose);
   }
 
-  /** What is chosen: a station, a lamp, or null. */
+  /** What is chosen: a station, a device, or null. */
   device(id = this.chosen) {
-    return this.station(id) ?? this.lamps.find((lamp) => lamp.id === id) ?? null;
+    return this.station(id) ?? this.devices.find((device) => device.id === id) ?? null;
   }
 
-  /** Puts a camera or a lamp at a pose. */
+  /** Puts a camera or a device at a pose. */
   place(device, pose, options = {}) {
-    const action = "row" in device ? { do: "lamp", lamp: device.row, pose } : { do: "pose", station: device.id, pose };
+    const action = "rides" in device ? { do: "device", device: device.id, pose } : { do: "pose", station: device.id, pose };
     return this.act(action, options);
   }
 
@@ -112,13 +112,13 @@ export class Session {
     return this.localPoses.get(station.id) ?? station.pose;
   }
 
-  /** Lamps as they are shown, {lamp, pose}: one that rides is on each camera that has it and is on. */
-  shownLamps() {
+  /** Devices as they are shown, {device, pose}: one that rides is on each camera that has it and is on. */
+  shownDevices() {
     const on = this.state.stations.filter((station) => station.is_on);
-    return (this.state.lamps ?? []).flatMap((lamp) => {
-      if (lamp.pose) return [{ lamp, pose: this.poseOf(lamp) }];
-      const carriers = on.filter((station) => lamp.rides[station.camera]);
-      return carriers.map((station) => ({ lamp, pose: multiply(this.poseOf(station), lamp.rides[station.camera]) }));
+    return this.state.devices.flatMap((device) => {
+      if (device.pose) return [{ device, pose: this.poseOf(device) }];
+      const carriers = on.filter((station) => device.rides[station.camera]);
+      return carriers.map((station) => ({ device, pose: multiply(this.poseOf(station), device.rides[station.camera]) }));
     });
   }
 
@@ -178,7 +178,7 @@ export class Session {
    */
   act(action, { isDrag = false } = {}) {
     if (isMove(action)) {
-      this.localPoses.set(action.do === "pose" ? action.station : `lamp ${action.lamp}`, action.pose);
+      this.localPoses.set(action.station ?? action.device, action.pose);
       this.emit("poses");
     }
     return new Promise((resolve) => {
@@ -344,7 +344,7 @@ export class Session {
       this.state = state;
       this.emit("state", state);
       for (const { action, resolve } of waiting) {
-        if (["pose", "lamp", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
+        if (["pose", "device", "camera", "task", "switch", "rename"].includes(action.do)) this.act(action);
         resolve(null);
       }
       this.refresh();
@@ -406,15 +406,15 @@ export class Session {
   }
 }
 
-/** Whether an act puts a camera or a lamp at a pose. */
-const isMove = (action) => action.do === "pose" || action.do === "lamp";
+/** Whether an act puts a camera or a device at a pose. */
+const isMove = (action) => action.do === "pose" || action.do === "device";
 
 /** Whether a newer act makes an older one that has not left pointless. */
 function replaces(newer, older) {
   const [a, b] = [newer.action, older.action];
   if (a.do === "none" && b.do === "none") return true;
   if (!older.isDrag || a.do !== b.do || a.station !== b.station) return false;
-  if (a.camera !== b.camera || a.lamp !== b.lamp) return false;
+  if (a.camera !== b.camera || a.device !== b.device) return false;
   const keys = (action) => Object.keys(action.changes ?? {}).join();
   return keys(a) === keys(b);
 }
